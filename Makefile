@@ -1,0 +1,60 @@
+# The ways in. Needs Python 3.11 or newer with venv, a C compiler and make; all else goes into .venv.
+
+PYTHON ?= python3
+UV     ?= uv
+
+VENV   := .venv
+BIN    := $(VENV)/bin
+# Two stamps: what the lock file pins, and the project itself on top of it.
+PINNED := $(VENV)/.pinned
+READY  := $(VENV)/.ready
+# -qq: errors only.
+PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help sil test check bench lock wheel clean venv preflight
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+sil: $(READY) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
+	@$(BIN)/codegen paper -o build
+
+test: $(READY) ## all tests
+	@$(BIN)/python -m pytest -n auto -q
+
+check: $(READY) ## lint, format and types, nothing changed
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+bench: $(READY) ## the benchmarks
+	@$(BIN)/python -m benchmarks
+
+lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions); needs uv
+	@command -v $(UV) >/dev/null || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }
+	@$(UV) pip compile pyproject.toml --quiet --universal --fork-strategy fewest --all-extras --generate-hashes \
+		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
+
+wheel: $(READY) ## sdist, and the wheel built from it, in dist/
+	@$(BIN)/python -m build --no-isolation --outdir dist
+
+clean: ## remove what was made, except .venv
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+venv: $(READY) ## .venv with the project and all its tools
+
+preflight:
+	@sh scripts/preflight.sh "$(PYTHON)"
+
+$(PINNED): requirements.lock | preflight
+	@echo "Making $(VENV): about 50 packages, a few minutes the first time."
+	@$(PYTHON) -m venv --clear $(VENV)
+	@$(PIP) --require-hashes -r requirements.lock
+	@touch $@
+
+$(READY): pyproject.toml $(PINNED) | preflight
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@

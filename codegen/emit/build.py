@@ -1,0 +1,234 @@
+"""One build: map, configuration and options in; the complete folder, in memory, out."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen import __version__
+from codegen.config import KM_H, Config, check_name
+from codegen.emit.controller_view import LAWS, controller_view
+from codegen.emit.dynamics_view import DynamicsView, dynamics_view
+from codegen.emit.map_view import MapView, map_view
+from codegen.emit.render import render
+from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
+from codegen.emit.write import Folder
+from codegen.errors import BuildError
+from codegen.refmap.extend import RULE_TEXT, Rule, TotalMap, extend
+from codegen.refmap.lookup import error_bound
+from codegen.refmap.map import ReferenceMap
+from codegen.vehicle.single_track import SingleTrack
+
+TOOLS = ("casadi", "jinja2", "numpy", "scipy")
+HEADERS = ("sections", "map", "controller", "dynamics")
+SOURCES = ("map", "controller", "dynamics")
+EXAMPLE_DURATION = 5.0
+EXAMPLE_SPEED = 42.5 * KM_H
+
+
+@dataclass(frozen=True)
+class BuildInputs:
+    """Where a build comes from, for the manifest: file names without folders, and SHA-256 of their bytes."""
+
+    map_file: str
+    map_sha256: str
+    config_source: str
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """What the user chose: name of the build, prefix of the C names, precision of the numbers."""
+
+    name: str
+    prefix: str = "ars"
+    precision: Precision = "single"
+
+    def __post_init__(self) -> None:
+        check_prefix(self.prefix)
+        try:
+            check_name(self.name)
+        except ValueError as error:
+            what, _, remedy = str(error).partition("; ")
+            raise BuildError(what, where="name of the build", remedy=f"rename the map or the output folder: {remedy}") from None
+
+
+@dataclass(frozen=True)
+class BuildView:
+    """What every template knows of the build."""
+
+    name: str
+    prefix: str
+    PREFIX: str
+    version: str
+    id: str
+    domain: str
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ExampleView:
+    """Numbers of `example_main.c`."""
+
+    speed: str
+    speed_text: str
+    front_angle: str
+    front_angle_text: str
+    yaw_gain: str
+    time_constant: str
+    samples: int
+    duration_text: str
+
+
+def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
+    """Render everything.
+
+    Args:
+        reference_map: solved or bare.
+        config: the car and controller to build for (the map's own where the user gave no other).
+
+    Raises:
+        BuildError, MapError: see `extend` and `check_prefix`.
+    """
+    total = extend(reference_map, config, config.steering.front_angle_stop)
+    real = c_type(options.precision)
+    identity = _build_id(config, options, inputs)
+    view = BuildView(
+        name=comment_text(options.name),
+        prefix=options.prefix,
+        PREFIX=options.prefix.upper(),
+        version=__version__,
+        id=f"0x{identity}u",
+        domain=_domain(total),
+        sources=tuple(f"src/{options.prefix}_{source}.c" for source in SOURCES),
+    )
+    table = map_view(total, options.precision)
+    dynamics = dynamics_view(config, options.precision)
+    context: dict[str, Any] = {
+        "build": view,
+        "map": table,
+        "controller": controller_view(config, total, options.prefix, options.precision, real),
+        "law": LAWS[config.controller.kind],
+        "dynamics": dynamics,
+        "example": _example_view(reference_map, config, options.precision),
+        "real": real,
+        "zero": literal(0.0, options.precision),
+    }
+    context["readme"] = _readme_facts(reference_map, config, options, inputs, total, table)
+    prefix = options.prefix
+    files = {
+        **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in HEADERS},
+        **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in SOURCES},
+        "example/example_main.c": render("example/example_main.c.j2", context),
+        "CMakeLists.txt": render("CMakeLists.txt.j2", context),
+        "README.md": render("README.md.j2", context),
+    }
+    return Folder(files=files, manifest=_manifest(reference_map, config, options, inputs, total, table, dynamics, identity))
+
+
+def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
+    """Eight hexadecimal digits that change with any input: headers and sources of one build carry the same ones."""
+    text = "\n".join((__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision))
+    return hashlib.sha256(text.encode()).hexdigest()[:8].upper()
+
+
+def _domain(total: TotalMap) -> str:
+    return (
+        f"road friction {total.friction:g}, 0 to {total.speed[-1] / KM_H:.4g} km/h, "
+        f"0 to {np.rad2deg(total.front_angle[-1]):.4g} deg at the front wheels"
+    )
+
+
+def _example_view(reference_map: ReferenceMap, config: Config, precision: Precision) -> ExampleView:
+    """A steady turn inside the map: the speed next to the paper's, half of the largest feasible front angle there."""
+    rows = np.flatnonzero(reference_map.feasible.any(axis=1) & (reference_map.speed > 0.0))
+    row = rows[np.argmin(np.abs(reference_map.speed[rows] - EXAMPLE_SPEED))]
+    speed = float(reference_map.speed[row])
+    front_angle = 0.5 * float(reference_map.front_angle[np.flatnonzero(reference_map.feasible[row])[-1]])
+    gain = float(SingleTrack.from_config(reference_map.config or config).yaw_gain(speed))
+    return ExampleView(
+        speed=literal(speed, precision),
+        speed_text=f"m/s, {speed / KM_H:.4g} km/h",
+        front_angle=literal(front_angle, precision),
+        front_angle_text=f"rad, {np.rad2deg(front_angle):.3g} deg to the left",
+        yaw_gain=literal(gain, precision),
+        time_constant=literal(0.2, precision),
+        samples=round(EXAMPLE_DURATION / config.controller.sampling_time_s),
+        duration_text=f"{EXAMPLE_DURATION:g} s",
+    )
+
+
+def rule_counts(total: TotalMap) -> dict[Rule, int]:
+    """How many cells of a total map come from which rule."""
+    counts = Counter(total.rule.ravel().tolist())
+    return {rule: counts[rule.value] for rule in Rule if counts[rule.value]}
+
+
+def _readme_facts(
+    reference_map: ReferenceMap,
+    config: Config,
+    options: BuildOptions,
+    inputs: BuildInputs,
+    total: TotalMap,
+    table: MapView,
+) -> dict[str, Any]:
+    flags = "" if options.prefix == "ars" else f" --prefix {options.prefix}"
+    flags += "" if options.precision == "single" else f" --precision {options.precision}"
+    flags += "" if inputs.config_source in ("map", "preset") else f" --config {comment_text(inputs.config_source)}"
+    return {
+        "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
+        "map_file": comment_text(inputs.map_file),
+        "flags": flags,
+        "precision": options.precision,
+        "kind": config.controller.kind,
+        "rules": [(rule.value, count, RULE_TEXT[rule]) for rule, count in rule_counts(total).items()],
+        "cells": total.yaw_rate.size,
+        "error_bound": f"{error_bound(total, numpy_type(options.precision)):.2g}",
+        "flash": table.flash_bytes,
+        "cap_share": f"{total.lateral_acceleration_cap / config.road.gravity_m_s2:.3g}",
+    }
+
+
+def _manifest(
+    reference_map: ReferenceMap,
+    config: Config,
+    options: BuildOptions,
+    inputs: BuildInputs,
+    total: TotalMap,
+    table: MapView,
+    dynamics: DynamicsView,
+    identity: str,
+) -> dict[str, Any]:
+    return {
+        "schema_version": 1,
+        "version": __version__,
+        "tools": {tool: importlib.metadata.version(tool) for tool in TOOLS},
+        "name": options.name,
+        "build_id": identity,
+        "options": {"prefix": options.prefix, "precision": options.precision, "kind": config.controller.kind},
+        "inputs": {
+            "map": {"file": inputs.map_file, "sha256": inputs.map_sha256, "case": reference_map.case},
+            "configuration": {
+                "source": inputs.config_source,
+                "sha256": hashlib.sha256(config.to_json().encode()).hexdigest(),
+            },
+        },
+        "configuration": config.model_dump(mode="json"),
+        "map": {
+            "solved": reference_map.solved,
+            "speed_m_s": [float(value) for value in total.speed],
+            "front_angle_rad": [float(value) for value in total.front_angle],
+            "lateral_acceleration_cap_m_s2": total.lateral_acceleration_cap,
+            "friction": total.friction,
+            "lookup_error_bound_rad_s": error_bound(total, numpy_type(options.precision)),
+            "flash_bytes": table.flash_bytes,
+            "checksum_crc32": f"{table.checksum_value:08x}",
+            "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
+            "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
+        },
+        "dynamics_library_functions": list(dynamics.library),
+    }

@@ -1,0 +1,87 @@
+"""A CasADi SX function as C99, by walking its instructions.
+
+CasADi's own generator prints double literals and double libm names whatever `casadi_real` is, which costs a soft-float
+library on a single-precision FPU. This printer emits straight-line code in one precision: each instruction becomes one constant, every
+literal carries its suffix, and minimum and maximum are comparisons, so that the only library functions are sin, cos, atan
+and sqrt. The CasADi virtual machine is the oracle in the tests.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from codegen.emit.text import Precision, c_type, literal
+
+_LIBRARY = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_ATAN: "atan", ca.OP_SQRT: "sqrt"}
+_BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+_COMPARISON = {ca.OP_LT: "<", ca.OP_LE: "<="}
+
+
+def function_body(function: Any, precision: Precision, indent: str = "    ") -> list[str]:
+    """Lines of C that evaluate an SX function.
+
+    The arguments are arrays named as the function's inputs (column-major where they are matrices); the results are written
+    to arrays named as its outputs. The lines declare one `const` for each intermediate result, so they need a block of
+    their own.
+
+    Raises:
+        ValueError: the function uses an operation that has no C here.
+    """
+    real = c_type(precision)
+    value: dict[int, str] = {}
+    lines: list[str] = []
+    stores: list[str] = []
+    count = 0
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        arguments = function.instruction_input(k)
+        results = function.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            stores.append(f"{indent}{function.name_out(results[0])}[{results[1]}] = {value[arguments[0]]};")
+            continue
+        if operation == ca.OP_CONST:
+            value[results[0]] = _constant(function.instruction_constant(k), precision)
+            continue
+        if operation == ca.OP_INPUT:
+            value[results[0]] = f"{function.name_in(arguments[0])}[{arguments[1]}]"
+            continue
+        expression = _expression(operation, [value[argument] for argument in arguments], precision)
+        name = f"t{count}"
+        count += 1
+        lines.append(f"{indent}const {real} {name} = {expression};")
+        value[results[0]] = name
+    return [*lines, *stores]
+
+
+def _constant(number: float, precision: Precision) -> str:
+    text = literal(number, precision)
+    return f"({text})" if text.startswith("-") else text
+
+
+def _expression(operation: int, arguments: list[str], precision: Precision) -> str:
+    suffix = "f" if precision == "single" else ""
+    zero, one, two = (literal(number, precision) for number in (0.0, 1.0, 2.0))
+    first = arguments[0]
+    second = arguments[1] if len(arguments) > 1 else ""
+    if operation in _BINARY:
+        return f"{first} {_BINARY[operation]} {second}"
+    if operation in _LIBRARY:
+        return f"{_LIBRARY[operation]}{suffix}({first})"
+    if operation in _COMPARISON:
+        return f"({first} {_COMPARISON[operation]} {second}) ? {one} : {zero}"
+    simple = {
+        ca.OP_ASSIGN: first,
+        ca.OP_NEG: f"-{first}",
+        ca.OP_SQ: f"{first} * {first}",
+        ca.OP_TWICE: f"{two} * {first}",
+        ca.OP_INV: f"{one} / {first}",
+        ca.OP_FMIN: f"({first} < {second}) ? {first} : {second}",
+        ca.OP_FMAX: f"({first} > {second}) ? {first} : {second}",
+        ca.OP_NOT: f"({first} > {zero}) ? {zero} : {one}",
+        ca.OP_IF_ELSE_ZERO: f"({first} > {zero}) ? {second} : {zero}",
+    }
+    if operation not in simple:
+        raise ValueError(f"CasADi operation {operation} has no C form here")
+    return simple[operation]

@@ -1,0 +1,222 @@
+"""View model of the controller: parameters with values, ranges and meaning; state; the law that the kind names.
+
+The kind of controller is chosen here and nowhere else: `LAWS` names its parameters and state, the template folder
+`law/<kind>/` holds its C.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.emit.text import Precision, literal, numpy_type
+from codegen.refmap.extend import TotalMap
+from codegen.refmap.lookup import Lookup
+
+RATE_OFF = 1000.0
+"""rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
+
+SELFTEST_TOLERANCE = 1e-5
+"""rad/s. Fusing multiply and add changes the lookup by some units in the last place; a wrong cell changes it by far more."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One field of the parameter struct, SI units, with its allowed range (None: any unsigned count)."""
+
+    name: str
+    value: float
+    comment: str
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class ParameterView:
+    """A parameter as C text."""
+
+    type: str
+    name: str
+    value: str
+    comment: str
+    low: str
+    high: str
+
+
+@dataclass(frozen=True)
+class FieldView:
+    """One field of the controller's state."""
+
+    type: str
+    name: str
+    comment: str
+
+
+@dataclass(frozen=True)
+class ControllerView:
+    """Everything that the controller's templates print."""
+
+    parameters: tuple[ParameterView, ...]
+    ranged: tuple[ParameterView, ...]
+    state: tuple[FieldView, ...]
+    sampling_time: str
+    period_text: str
+    actuator_angle_max: str
+    known: tuple[str, ...]
+    known_tolerance: str
+
+
+@dataclass(frozen=True)
+class Law:
+    """A kind of controller: its own parameters, its own state, and the template folder of the same name."""
+
+    kind: str
+    parameters: Callable[[Config], tuple[Parameter, ...]]
+    state: tuple[tuple[str, str], ...]
+
+
+def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
+    controller = config.controller
+    return (
+        Parameter(
+            "proportional_gain", controller.proportional_gain_s, "s: rad of rear angle for each rad/s of error", 0.0, 10.0
+        ),
+        Parameter("integral_gain", controller.integral_gain, "rad of rear angle for each rad of integrated error", 0.0, 100.0),
+        Parameter(
+            "rear_angle_error_max",
+            math.radians(controller.rear_angle_error_max_deg),
+            "rad, how far the demand may run ahead of the measured rear angle",
+            1e-4,
+            1.0,
+        ),
+    )
+
+
+LAWS = {
+    "pi": Law(
+        kind="pi",
+        parameters=_pi_parameters,
+        state=(("integral", "rad, of rear angle"),),
+    ),
+}
+
+
+def _common_parameters(config: Config) -> tuple[Parameter, ...]:
+    controller, inputs, fail_safe = config.controller, config.controller.inputs, config.controller.fail_safe
+    period = controller.sampling_time_s
+    rate = controller.rear_rate_max_deg_s
+    return (
+        Parameter("rear_angle_max", config.rear_actuator.angle_max, "rad, bound on the command", 1e-4, 1.0),
+        Parameter(
+            "rear_rate_max",
+            RATE_OFF if rate == "off" else math.radians(rate),
+            "rad/s, bound on the command's rate" + (" (off)" if rate == "off" else ""),
+            1e-4,
+            RATE_OFF,
+        ),
+        Parameter("friction_min", controller.friction_min, "a lower estimate counts as this", 0.01, 1.0),
+        Parameter("enable_speed", controller.enable_speed_km_h * KM_H, "m/s, control starts from here", 0.0, 100.0),
+        Parameter("disable_speed", controller.disable_speed_km_h * KM_H, "m/s, standby below", 0.0, 100.0),
+        Parameter("standby_rate", math.radians(controller.standby_rate_deg_s), "rad/s, return to zero in standby", 1e-5, 100.0),
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, input range", 1.0, 200.0),
+        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, input range", 0.01, 1.5),
+        Parameter("yaw_rate_max", math.radians(inputs.yaw_rate_max_deg_s), "rad/s, input range", 0.01, 20.0),
+        Parameter("rear_angle_input_max", math.radians(inputs.rear_angle_max_deg), "rad, input range", 1e-4, 1.5),
+        Parameter("friction_max", inputs.friction_max, "input range", 0.01, 2.0),
+        Parameter("wheelbase", config.vehicle.wheelbase, "m, for the plausibility of the yaw rate", 0.1, 20.0),
+        Parameter(
+            "yaw_rate_tolerance",
+            math.radians(inputs.yaw_rate_tolerance_deg_s),
+            "rad/s beyond what speed and steering explain",
+            1e-3,
+            20.0,
+        ),
+        Parameter("hold_speed", fail_safe.hold_above_km_h * KM_H, "m/s, fail-safe holds the rear angle from here", 0.1, 200.0),
+        Parameter(
+            "ramp_rate_standstill",
+            math.radians(fail_safe.rate_at_standstill_deg_s),
+            "rad/s, fail-safe ramp at rest",
+            1e-5,
+            100.0,
+        ),
+        Parameter(
+            "ramp_rate_hold_speed",
+            math.radians(fail_safe.rate_at_hold_speed_deg_s),
+            "rad/s, fail-safe ramp just below hold_speed",
+            1e-5,
+            100.0,
+        ),
+        Parameter(
+            "implausible_samples_max",
+            round(inputs.implausible_time_s / period),
+            "samples that an implausible yaw rate is believed",
+        ),
+        Parameter("degraded_samples_max", fail_safe.degraded_samples_max, "lost samples before the fail-safe"),
+        Parameter("recovery_samples", fail_safe.recovery_samples, "good samples that end the fail-safe"),
+    )
+
+
+_COMMON_STATE = (
+    ("real", "rear_angle", "rad, last command"),
+    ("real", "yaw_rate_reference", "rad/s, last reference"),
+    ("real", "speed", "m/s, last one in range"),
+    ("uint16_t", "bad_samples", "in a row"),
+    ("uint16_t", "good_samples", "in a row, counted in fail-safe"),
+    ("uint16_t", "implausible_samples", "in a row"),
+    ("bool", "enabled", "above the enabling speed, with hysteresis"),
+)
+
+
+def controller_view(config: Config, total: TotalMap, prefix: str, precision: Precision, real: str) -> ControllerView:
+    """The view of the configured controller around a total map."""
+    law = LAWS[config.controller.kind]
+    parameters = tuple(
+        _view(parameter, precision, real) for parameter in (*law.parameters(config), *_common_parameters(config))
+    )
+    state = [FieldView(real, name, comment) for name, comment in law.state]
+    state += [FieldView(real if kind == "real" else kind, name, comment) for kind, name, comment in _COMMON_STATE]
+    state.append(FieldView(f"{prefix}_status_t", "status", "of the last step"))
+    period = config.controller.sampling_time_s
+    return ControllerView(
+        parameters=parameters,
+        ranged=tuple(parameter for parameter in parameters if parameter.low),
+        state=tuple(state),
+        sampling_time=literal(period, precision),
+        period_text=f"{period * 1e3:g} ms",
+        actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
+        known=_known_values(total, precision),
+        known_tolerance=literal(SELFTEST_TOLERANCE, precision),
+    )
+
+
+def _view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
+    if parameter.low is None or parameter.high is None:
+        return ParameterView("uint16_t", parameter.name, f"{int(parameter.value)}u", parameter.comment, "", "")
+    low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
+    return ParameterView(real, parameter.name, literal(parameter.value, precision), parameter.comment, low, high)
+
+
+def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:
+    """Speed, front angle and yaw rate at the corners of the table, inside it, and beyond its edges, both signs."""
+    top_speed, top_angle = float(total.speed[-1]), float(total.front_angle[-1])
+    points = [
+        (0.0, 0.0),
+        (0.0, top_angle),
+        (top_speed, 0.0),
+        (top_speed, top_angle),
+        (top_speed, -top_angle),
+        (0.4 * top_speed, 0.1 * top_angle),
+        (0.4 * top_speed, -0.1 * top_angle),
+        (0.05 * top_speed, 0.5 * top_angle),
+        (1.5 * top_speed, 2.0 * top_angle),
+    ]
+    lookup = Lookup.from_map(total, numpy_type(precision))
+    rows = []
+    for speed, angle in points:
+        yaw_rate = lookup(np.array(speed), np.array(angle)).item()
+        rows.append(", ".join(literal(number, precision) for number in (speed, angle, yaw_rate)))
+    return tuple(rows)

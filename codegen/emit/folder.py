@@ -1,0 +1,216 @@
+"""What a generated folder holds, in memory and on disk: its files, its manifest, and what is ours and what is not.
+
+A folder is ours where its `manifest.json` says so; a file is ours where that manifest names it. What the files hold is the
+business of others. Imports only `errors`.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import re
+import stat
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from codegen.errors import BuildError
+
+MANIFEST = "manifest.json"
+BESIDE = ("verify.json", "verify.md")
+"""Files that verification writes into a build: ours, but about the build and so not named by its manifest."""
+
+MANIFEST_BYTES_MAX = 16 * 2**20
+GENERATOR = "codegen"
+
+Kind = Literal["file", "folder", "other"]
+"""What an entry of a folder is; a link, to whatever, is "other"."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A generated folder in memory.
+
+    Attributes:
+        files: content by relative POSIX path, without the manifest.
+        manifest: facts for the manifest, JSON values only; "files" and "generator" are added by `render_manifest`.
+
+    Raises:
+        ValueError: a path is not plain (relative, ASCII, no ".."), is reserved, or names both a file and a folder;
+            a fact has a reserved key. All are faults of the program, not of its user.
+    """
+
+    files: Mapping[str, bytes]
+    manifest: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        folders = folders_of(self.files)
+        for path in self.files:
+            if not _is_plain(path) or path in (MANIFEST, *BESIDE) or path in folders:
+                raise ValueError(f"{path!r} cannot be the path of a generated file")
+        if reserved := {"files", "generator"} & self.manifest.keys():
+            raise ValueError(f"reserved keys in the manifest: {sorted(reserved)}")
+
+    def content(self) -> dict[str, bytes]:
+        """Every file by path, the manifest first: a folder that is cut short still says what it was to hold."""
+        return {MANIFEST: render_manifest(self), **self.files}
+
+
+def render_manifest(folder: Folder) -> bytes:
+    """The manifest's JSON: the caller's facts, and size and SHA-256 of each file. The same folder gives the same bytes."""
+    files = {
+        path: {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)} for path, content in folder.files.items()
+    }
+    facts = {**folder.manifest, "generator": GENERATOR, "files": files}
+    text = json.dumps(facts, indent=1, sort_keys=True, allow_nan=False)
+    # A line break inside brackets can only come from `indent`: within a JSON string it would be escaped.
+    return (re.sub(r"\[\n( *)([-+.,\s\deE]+)\]", _number_rows, text) + "\n").encode("ascii")
+
+
+def _number_rows(match: re.Match[str]) -> str:
+    # One number a line would make a manifest of thousands of lines.
+    indent, numbers = match[1], " ".join(match[2].split())
+    rows = textwrap.fill(numbers, 120, initial_indent=indent, subsequent_indent=indent, break_long_words=False)
+    return f"[\n{rows}\n{indent[:-1]}]"
+
+
+def read_manifest(target: Path) -> dict[str, Any]:
+    """The manifest of a generated folder. Raises BuildError: there is none, it cannot be read, or it is not ours."""
+    path = Path(target) / MANIFEST
+    remedy = "`codegen build` makes such a folder"
+    try:
+        regular = stat.S_ISREG(os.lstat(path).st_mode)
+        # Opening a pipe would wait for ever, a link would lead out of the folder.
+        if not regular:
+            raise BuildError("not a regular file", where=path, remedy=remedy)
+        with path.open("rb") as file:
+            text = file.read(MANIFEST_BYTES_MAX + 1)
+    except (FileNotFoundError, NotADirectoryError):
+        raise BuildError(f"no generated folder: there is no {MANIFEST}", where=target, remedy=remedy) from None
+    except OSError as error:
+        raise BuildError(f"cannot be read ({error.strerror})", where=path, remedy="check its permissions") from error
+    if len(text) > MANIFEST_BYTES_MAX:
+        raise BuildError(f"larger than {MANIFEST_BYTES_MAX} bytes, so not a manifest of ours", where=path, remedy=remedy)
+    try:
+        manifest = json.loads(text)
+    except (ValueError, RecursionError):
+        raise BuildError("not JSON, so not a manifest of ours", where=path, remedy=remedy) from None
+    if not _is_ours(manifest):
+        raise BuildError("not a manifest that codegen wrote", where=path, remedy=remedy)
+    return dict(manifest)
+
+
+def differences(folder: Folder, target: Path) -> list[str]:
+    """What building `folder` into `target` would change, one line a file; empty where it is up to date. Never writes.
+
+    Raises:
+        BuildError: something in the target cannot be read.
+    """
+    place = Path(target)
+    if not place.is_dir():
+        return [f"{target}: {'not a folder' if os.path.lexists(place) else 'missing'}"]
+    content = folder.content()
+    ours = {*content, *BESIDE}
+    with told(target, "read"):
+        found = dict(entries(place))
+        lines = [f"{path}: missing" for path in content if path not in found]
+        lines += [f"{path}: not named by the manifest" for path in strays(found.items(), ours)]
+        lines += [
+            f"{path}: differs" for path, data in content.items() if found.get(path) == "file" and not _holds(place / path, data)
+        ]
+    return sorted(lines)
+
+
+def verify_hashes(target: Path) -> list[str]:
+    """Paths, sorted, whose bytes are not those that the manifest of `target` was written for; a missing file is one.
+
+    Raises:
+        BuildError: as `read_manifest`, or a file cannot be read.
+    """
+    named = read_manifest(target)["files"]
+    with told(target, "read"):
+        found = dict(entries(Path(target)))
+        return sorted(
+            path
+            for path, facts in named.items()
+            if found.get(path) != "file" or _sha256(Path(target) / path) != facts["sha256"]
+        )
+
+
+def _is_plain(path: str) -> bool:
+    """Whether `path` is relative and stays below its folder, in the one spelling that compares equal to itself."""
+    parts = PurePosixPath(path)
+    plain_text = path.isascii() and path.isprintable() and "\\" not in path
+    return plain_text and parts.as_posix() == path != "." and not parts.is_absolute() and ".." not in parts.parts
+
+
+def _is_ours(manifest: object) -> bool:
+    if not isinstance(manifest, dict) or manifest.get("generator") != GENERATOR:
+        return False
+    files = manifest.get("files")
+    return isinstance(files, dict) and all(
+        _is_plain(path) and isinstance(facts, dict) and isinstance(facts.get("sha256"), str) for path, facts in files.items()
+    )
+
+
+def owned_paths(folder: Path) -> set[str]:
+    """The paths that `folder` may hold by its own manifest; none where it has no manifest of ours."""
+    try:
+        return {*read_manifest(folder)["files"], MANIFEST, *BESIDE}
+    except BuildError:
+        return set()
+
+
+def folders_of(paths: Iterable[str]) -> set[str]:
+    """Every folder, by relative path, that files at `paths` stand in."""
+    return {str(parent) for path in paths for parent in PurePosixPath(path).parents} - {"."}
+
+
+def entries(folder: Path, below: str = "") -> Iterator[tuple[str, Kind]]:
+    """Everything in `folder` by relative path, sorted, a folder after what it holds; links are told, never followed."""
+    with os.scandir(folder / below) as listing:
+        children = sorted(listing, key=lambda child: child.name)
+    for child in children:
+        path = below + child.name
+        if child.is_dir(follow_symlinks=False):
+            yield from entries(folder, f"{path}/")
+            yield path, "folder"
+        else:
+            yield path, "file" if child.is_file(follow_symlinks=False) else "other"
+
+
+def strays(found: Iterable[tuple[str, Kind]], ours: set[str]) -> Iterator[str]:
+    """Those of `found` that are neither regular files of `ours` nor folders that hold such."""
+    folders = folders_of(ours)
+    for path, kind in found:
+        if (kind, path in ours) != ("file", True) and (kind, path in folders) != ("folder", True):
+            yield path
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    return path.stat().st_size == len(content) and path.read_bytes() == content
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def told(target: Path, done: str) -> Iterator[None]:
+    """Tell an OSError as a BuildError: that `target` cannot be `done` ("written", "read"), why, and what to do."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        place = f" at {error.filename}" if error.filename is not None and not full else ""
+        remedy = "free some space" if full else "choose another folder, or see to its permissions"
+        unchanged = "; what stood before is unchanged" if done == "written" else ""
+        raise BuildError(
+            f"cannot be {done} ({error.strerror}{place}){unchanged}", where=target, remedy=f"{remedy} and try again"
+        ) from error

@@ -1,0 +1,161 @@
+"""View model of the map: everything that its templates print, as text."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import KM_H
+from codegen.emit.text import Precision, literal, numpy_type
+from codegen.refmap.axis import Axis
+from codegen.refmap.extend import TotalMap
+from codegen.refmap.lookup import AxisConstants, Lookup
+
+NUMBERS_PER_LINE = 8
+
+
+@dataclass(frozen=True)
+class AxisView:
+    """One axis. Fields that do not apply to its kind are empty."""
+
+    name: str
+    title: str
+    argument: str
+    unit: str
+    locate: str
+    size: int
+    text: str
+    top: str
+    top_text: str
+    even: bool
+    has_first_cell: bool
+    has_last_cell: bool
+    core_cells: int
+    core_origin: str
+    core_origin_is_zero: bool
+    offset_text: str
+    core_top: str
+    inverse_step: str
+    inverse_first: str
+    inverse_last: str
+    search_start: int
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RowView:
+    """The yaw rates at one speed."""
+
+    text: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MapView:
+    """The table with its axes and its cap."""
+
+    speed: AxisView
+    front_angle: AxisView
+    rows: tuple[RowView, ...]
+    cap: str
+    cap_per_friction: str
+    cap_text: str
+    friction: str
+    friction_text: str
+    checksum: str
+    checksum_value: int
+    checksum_steps: int
+    bits: int
+    bits_type: str
+    flash_bytes: int
+
+
+def lines_of(numbers: list[str], last_comma: bool = False) -> tuple[str, ...]:
+    """Literals, several to a line, separated by commas."""
+    chunks = [numbers[k : k + NUMBERS_PER_LINE] for k in range(0, len(numbers), NUMBERS_PER_LINE)]
+    lines = [", ".join(chunk) + "," for chunk in chunks]
+    if not last_comma:
+        lines[-1] = lines[-1].rstrip(",")
+    return tuple(lines)
+
+
+def map_view(total: TotalMap, precision: Precision) -> MapView:
+    """The view of a total map. Raises ValueError where a number has no literal (the map contract rules that out)."""
+    lookup = Lookup.from_map(total, numpy_type(precision))
+    table = lookup.table
+    bits = table.dtype.itemsize * 8
+    rows = tuple(
+        RowView(
+            text=f"{speed / KM_H:.4g} km/h",
+            lines=lines_of([literal(value, precision) for value in row]),
+        )
+        for speed, row in zip(total.speed, table, strict=True)
+    )
+    checksum = zlib.crc32(table.astype(table.dtype.newbyteorder("<")).tobytes())
+    uneven = sum(axis.axis.size for axis in (lookup.speed_axis, lookup.front_axis) if not axis.axis.even)
+    return MapView(
+        speed=_axis_view(lookup.speed_axis, "speed", "speed", "m/s", precision),
+        front_angle=_axis_view(lookup.front_axis, "front_angle", "magnitude", "rad", precision),
+        rows=rows,
+        cap=literal(lookup.lateral_acceleration_cap, precision),
+        cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),
+        cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
+        friction=literal(total.friction, precision),
+        friction_text=f"{total.friction:g}",
+        checksum=f"0x{checksum:08X}u",
+        checksum_value=checksum,
+        checksum_steps=table.size * bits // 4,
+        bits=bits,
+        bits_type=f"uint{bits}_t",
+        flash_bytes=(table.size + uneven) * table.dtype.itemsize,
+    )
+
+
+def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, precision: Precision) -> AxisView:
+    axis: Axis = constants.axis
+    origin_is_zero = bool(axis.breakpoints[axis.core_start] == 0.0)
+    return AxisView(
+        name=name,
+        title=name.replace("_", " ").capitalize(),
+        argument=argument,
+        unit=unit,
+        locate=f"locate_{name}",
+        size=axis.size,
+        text=_describe(axis),
+        top=literal(constants.top, precision),
+        top_text=_with_unit(float(axis.breakpoints[-1]), unit),
+        even=axis.even,
+        has_first_cell=axis.has_first_cell,
+        has_last_cell=axis.has_last_cell,
+        core_cells=axis.core_end - axis.core_start,
+        core_origin=literal(constants.core_origin, precision),
+        core_origin_is_zero=origin_is_zero,
+        offset_text="clamped" if origin_is_zero else f"(clamped - {name}_core_first)",
+        core_top=literal(constants.core_top, precision),
+        inverse_step=literal(constants.inverse_step, precision) if axis.even else "",
+        inverse_first=literal(constants.inverse_first, precision) if axis.has_first_cell else "",
+        inverse_last=literal(constants.inverse_last, precision) if axis.has_last_cell else "",
+        search_start=axis.search_steps[0] if axis.search_steps else 0,
+        lines=() if axis.even else lines_of([literal(value, precision) for value in np.asarray(constants.table)]),
+    )
+
+
+def _with_unit(value: float, unit: str) -> str:
+    other = f"{value / KM_H:.4g} km/h" if unit == "m/s" else f"{math.degrees(value):.4g} deg"
+    return f"{value:.4g} {unit} ({other})"
+
+
+def _describe(axis: Axis) -> str:
+    first, last = axis.breakpoints[0], axis.breakpoints[-1]
+    span = f"{axis.size} breakpoints from {first:.4g} to {last:.4g}"
+    if not axis.even:
+        return f"{span}, uneven"
+    cells = [
+        f"one of {axis.breakpoints[1]:.4g}" if axis.has_first_cell else "",
+        f"{axis.core_end - axis.core_start} cells of {axis.step:.6g}",
+        f"one of {axis.breakpoints[-1] - axis.breakpoints[-2]:.4g}" if axis.has_last_cell else "",
+    ]
+    return f"{span}: " + ", ".join(part for part in cells if part)

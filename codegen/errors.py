@@ -1,0 +1,64 @@
+"""The one family of errors that users see: what is wrong, where, and what to do about it.
+
+Layer 0: imports nothing of the project.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+
+def one_line(text: object, limit: int = 300) -> str:
+    """`text` on a single printable line of at most `limit` characters.
+
+    Messages quote names and values from files; a newline or an escape sequence in those must not reach the terminal.
+    """
+    flat = "".join(
+        " " if character.isspace() else character
+        for character in str(text)
+        if character.isspace() or not unicodedata.category(character).startswith("C")
+    )
+    flat = " ".join(flat.split())
+    return flat if len(flat) <= limit else flat[: limit - 1] + "…"
+
+
+class CodegenError(Exception):
+    """Input that cannot be used, or a request that cannot be met.
+
+    Attributes:
+        what: the fault.
+        where: the file, key or index that holds it ("" where there is no place to name).
+        remedy: what the user can do.
+        exit_code: 2, bad input or usage.
+    """
+
+    exit_code = 2
+
+    def __init__(self, what: str, *, where: object = "", remedy: str = "") -> None:
+        self.what = one_line(what)
+        self.where = one_line(where)
+        self.remedy = one_line(remedy)
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"{place}{self.what}{remedy}"
+
+
+class ConfigError(CodegenError):
+    """`ars.toml` (or the configuration inside a map) cannot be used."""
+
+
+class MapError(CodegenError):
+    """A reference map breaks the contract of the `.npz` file, or cannot be extended."""
+
+
+class BuildError(CodegenError):
+    """The C cannot be generated, written or compiled."""
+
+
+class CheckFailed(CodegenError):
+    """The input was good and the answer is no (exit code 1)."""
+
+    exit_code = 1

@@ -1,0 +1,57 @@
+"""Files written whole or not at all.
+
+Layer 1: imports only `errors`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from codegen.errors import CodegenError
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a temporary file beside `path`, then put it in place; on any failure what stood before still stands.
+
+    Raises:
+        CodegenError: the folder is missing, `path` is a folder, the disk is full, and the like.
+    """
+    with _told(path):
+        if path.is_dir():
+            raise IsADirectoryError(0, "it is a folder")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        temporary = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            # mkstemp is private to the user; a result is as public as the umask lets any new file be.
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and its parents where they are missing. Raises CodegenError."""
+    with _told(path):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CodegenError(
+            f"cannot be written ({reason})", where=path, remedy="check that the folder exists, is writable and has space"
+        ) from None

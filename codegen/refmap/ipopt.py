@@ -1,0 +1,181 @@
+"""The steady-turn problem handed to IPOPT point by point: the reference that the exact solution is held against.
+
+Nothing of `exact` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made from the CasADi
+single-track model; the solver is built once and warm-started along the grid. Where the objective is concave over the steady
+turns, it is started from both ends and the better result taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from codegen.config import Config
+from codegen.refmap.exact import Solution, binding
+from codegen.refmap.problem import FloatArray, SteadyTurnProblem
+from codegen.vehicle.dynamics import single_track
+
+Progress = Callable[[int, int], None]
+
+# Tight, because the comparison is: a bound that is just touched leaves an error of sqrt(mu), so mu must end far below 1e-12.
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-12,
+    "ipopt.compl_inf_tol": 1e-16,
+    "ipopt.constr_viol_tol": 1e-12,
+    "ipopt.dual_inf_tol": 1e-8,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.honor_original_bounds": "yes",
+    "ipopt.mu_target": 0.0,
+    "ipopt.max_iter": 200,
+    "ipopt.mu_strategy": "monotone",
+    "ipopt.mu_init": 1e-2,
+}
+_CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+_FEASIBILITY_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class _Solvers:
+    """Optimisation, elastic feasibility problem and tangent of the steady turns, in variables scaled to order one."""
+
+    optimum: Any
+    elastic: Any
+    tangent: Any
+    scale: FloatArray
+    bounds: FloatArray
+
+
+def _build(config: Config, problem: SteadyTurnProblem) -> _Solvers:
+    model = single_track(config, "linear")
+    z, slack = ca.SX.sym("z", 3), ca.SX.sym("s")
+    speed, front = ca.SX.sym("vx"), ca.SX.sym("delta_f")
+    rear_scale = problem.rear_angle_max or math.radians(1.0)
+    scale = np.array([problem.sideslip_max, 1.0, rear_scale])
+    beta, yaw_rate, rear = (z[i] * scale[i] for i in range(3))
+    rate = model.derivative(ca.vertcat(beta, yaw_rate), ca.vertcat(speed, front, rear, 0.9))
+    # Residuals as angles over a slip bound, so that all constraints are of order one.
+    car = problem.car
+    residual = ca.vertcat(
+        rate[0] * car.mass * speed / (car.front_stiffness * problem.front_slip_max),
+        rate[1] * car.yaw_inertia / (car.front_arm * car.front_stiffness * problem.front_slip_max),
+    )
+    slip_front = beta + car.front_arm * yaw_rate / speed - front
+    slip_rear = beta - car.rear_arm * yaw_rate / speed - rear
+    used = ca.vertcat(
+        speed * yaw_rate / problem.lateral_acceleration_max,
+        slip_front / problem.front_slip_max,
+        slip_rear / problem.rear_slip_max,
+    )
+    objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
+    parameters = ca.vertcat(speed, front)
+    optimum = ca.nlpsol(
+        "optimum", "ipopt", {"x": z, "p": parameters, "f": objective, "g": ca.vertcat(residual, used)}, _OPTIONS
+    )
+    # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
+    box = ca.vertcat(used, z[0], z[2])
+    relaxed = ca.vertcat(residual, box - slack, box + slack)
+    elastic = ca.nlpsol("elastic", "ipopt", {"x": ca.vertcat(z, slack), "p": parameters, "f": slack, "g": relaxed}, _OPTIONS)
+    direction = -ca.solve(ca.jacobian(residual, z[:2]), ca.jacobian(residual, z[2]))
+    steady_tangent = ca.vertcat(direction, 1.0)
+    curvature = steady_tangent.T @ ca.hessian(objective, z)[0] @ steady_tangent
+    tangent = ca.Function("curvature", [parameters], [ca.simplify(curvature)])
+    rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
+    return _Solvers(optimum, elastic, tangent, scale, np.array([1.0, np.inf, rear_bound]))
+
+
+def solve(
+    config: Config,
+    problem: SteadyTurnProblem,
+    speed: FloatArray,
+    front_angle: FloatArray,
+    progress: Progress | None = None,
+) -> Solution:
+    """Solve for speeds (n,) in m/s and front angles (m,) in rad, one cell after the other.
+
+    Args:
+        progress: called with (cells done, cells in all) after each speed.
+
+    Returns:
+        As `exact.solve`; `margin` is NaN, for an interior-point method does not know the feasible interval.
+    """
+    solvers = _build(config, problem)
+    shape = (speed.size, front_angle.size)
+    result = np.full((*shape, 3), np.nan)
+    for i, vx in enumerate(speed):
+        warm = np.zeros(3)
+        for j, delta_f in enumerate(front_angle):
+            point = _solve_point(solvers, np.array([vx, delta_f]), warm)
+            if point is not None:
+                result[i, j] = point * solvers.scale
+                warm = point
+        if progress is not None:
+            progress((i + 1) * front_angle.size, speed.size * front_angle.size)
+    sideslip, yaw_rate, rear_angle = (result[..., k] for k in range(3))
+    return Solution(
+        yaw_rate=yaw_rate,
+        sideslip=sideslip,
+        rear_angle=rear_angle,
+        feasible=np.isfinite(yaw_rate),
+        active=binding(problem, speed[:, np.newaxis], yaw_rate, sideslip, rear_angle),
+        margin=np.full(shape, np.nan),
+    )
+
+
+def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> FloatArray | None:
+    """The optimum in scaled variables, or None where the point is infeasible."""
+    concave = float(solvers.tangent(parameters)) <= 0.0
+    starts = [warm]
+    if concave:
+        starts = [np.array([warm[0], warm[1], end]) for end in (-1.0, 1.0)]
+    best: tuple[float, FloatArray] | None = None
+    for start in starts:
+        found = _run(solvers, parameters, start)
+        if found is not None and (best is None or found[0] < best[0]):
+            best = found
+    if best is None:
+        inside = _feasible_point(solvers, parameters, warm)
+        if inside is not None:
+            best = _run(solvers, parameters, inside)
+    return None if best is None else best[1]
+
+
+def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[float, FloatArray] | None:
+    answer = solvers.optimum(
+        x0=start,
+        p=parameters,
+        lbx=-solvers.bounds,
+        ubx=solvers.bounds,
+        lbg=[0.0, 0.0, -1.0, -1.0, -1.0],
+        ubg=[0.0, 0.0, 1.0, 1.0, 1.0],
+    )
+    if solvers.optimum.stats()["return_status"] not in _CONVERGED:
+        return None
+    return float(answer["f"]), np.asarray(answer["x"]).ravel()
+
+
+def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> FloatArray | None:
+    """The point that is furthest inside all constraints; None where even that one violates a constraint."""
+    steers = solvers.bounds[2] > 0.0
+    # Without rear steering delta_r is fixed at zero and has no bound to relax.
+    limits = np.array([1.0, 1.0, 1.0, 1.0, 1.0 if steers else np.inf])
+    fixed = np.inf if steers else 0.0
+    infinite = np.full(5, np.inf)
+    answer = solvers.elastic(
+        x0=np.append(start, 1.0),
+        p=parameters,
+        lbx=[-np.inf, -np.inf, -fixed, -np.inf],
+        ubx=[np.inf, np.inf, fixed, np.inf],
+        lbg=np.concatenate([[0.0, 0.0], -infinite, -limits]),
+        ubg=np.concatenate([[0.0, 0.0], limits, infinite]),
+    )
+    point = np.asarray(answer["x"]).ravel()
+    return point[:3] if point[3] <= _FEASIBILITY_TOLERANCE else None

@@ -1,0 +1,181 @@
+"""What the generated lookup computes, in NumPy and in the same precision: the C is held against it, bit for bit.
+
+Written from the rules for a total map, not from the C: nothing of the code generator is imported. The order of the operations
+is part of the contract, because in floating point it decides the last bit:
+
+1. speed and |front angle|: NaN and what is below zero become 0; then clamp at the last breakpoint.
+2. even axis: first cell u = x inv_first; last cell u = (x - x_last) inv_last; core p = (x - x_core) inv, i = min(int(p), last),
+   u = p - i. Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} - x_i).
+3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
+4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above. A friction below the map's own scales ay_cap.
+   The sign of the front angle comes back last.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.refmap.axis import Axis
+from codegen.refmap.extend import TotalMap
+
+Real = type[np.float32] | type[np.float64]
+
+
+def cap_in_precision(lateral_acceleration_cap: float, real: Real) -> Any:
+    """ay_cap as the C holds it: rounded down by four units in the last place, so that r speed stays below the true value."""
+    return real(lateral_acceleration_cap * (1.0 - 4.0 * float(np.finfo(real).eps)))
+
+
+@dataclass(frozen=True)
+class AxisConstants:
+    """An axis in the precision of the target: the numbers that the C holds."""
+
+    axis: Axis
+    real: Real
+
+    def _at(self, index: int) -> Any:
+        return self.real(self.axis.breakpoints[index])
+
+    @property
+    def top(self) -> Any:
+        """The last breakpoint, where the axis clamps."""
+        return self._at(-1)
+
+    @property
+    def core_origin(self) -> Any:
+        """First breakpoint of the even core."""
+        return self._at(self.axis.core_start)
+
+    @property
+    def core_top(self) -> Any:
+        """Last breakpoint of the even core."""
+        return self._at(self.axis.core_end)
+
+    @property
+    def inverse_step(self) -> Any:
+        """One over the width of a core cell."""
+        return self.real(1.0 / self.axis.step)
+
+    @property
+    def inverse_first(self) -> Any:
+        """One over the width of the first cell."""
+        return self.real(1.0 / (self.axis.breakpoints[1] - self.axis.breakpoints[0]))
+
+    @property
+    def inverse_last(self) -> Any:
+        """One over the width of the last cell."""
+        return self.real(1.0 / (self.axis.breakpoints[-1] - self.axis.breakpoints[-2]))
+
+    @property
+    def table(self) -> npt.NDArray[Any]:
+        """All breakpoints in the target's precision."""
+        return self.axis.breakpoints.astype(self.real)
+
+    def locate(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
+        """Cell index and position inside the cell for values already clamped to the axis."""
+        return self._locate_even(x) if self.axis.even else self._locate_uneven(x)
+
+    def _locate_even(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
+        axis = self.axis
+        position = (x - self.core_origin) * self.inverse_step
+        cell = np.minimum(position.astype(np.int64), axis.core_end - axis.core_start - 1)
+        fraction = position - cell.astype(self.real)
+        cell = cell + axis.core_start
+        if axis.has_first_cell:
+            first = x < self.core_origin
+            fraction = np.where(first, x * self.inverse_first, fraction)
+            cell = np.where(first, 0, cell)
+        if axis.has_last_cell:
+            last = x >= self.core_top
+            fraction = np.where(last, (x - self.core_top) * self.inverse_last, fraction)
+            cell = np.where(last, axis.size - 2, cell)
+        return cell, fraction
+
+    def _locate_uneven(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
+        table = self.table
+        cell = np.zeros(x.shape, dtype=np.int64)
+        for stride in self.axis.search_steps:
+            candidate = cell + stride
+            within = candidate <= self.axis.size - 2
+            cell = np.where(within & (x >= table[np.minimum(candidate, self.axis.size - 2)]), candidate, cell)
+        return cell, (x - table[cell]) / (table[cell + 1] - table[cell])
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """Yaw rate (rad/s) of a total map at any speed (m/s) and front angle (rad), in single or double precision."""
+
+    speed_axis: AxisConstants
+    front_axis: AxisConstants
+    table: npt.NDArray[Any]
+    lateral_acceleration_cap: Any
+    lateral_acceleration_cap_per_friction: Any
+    friction: Any
+    real: Real
+
+    @classmethod
+    def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
+        """The lookup of a total map."""
+        return cls(
+            speed_axis=AxisConstants(Axis.from_breakpoints(total.speed), real),
+            front_axis=AxisConstants(Axis.from_breakpoints(total.front_angle), real),
+            table=total.yaw_rate.astype(real),
+            lateral_acceleration_cap=cap_in_precision(total.lateral_acceleration_cap, real),
+            lateral_acceleration_cap_per_friction=cap_in_precision(total.lateral_acceleration_cap / total.friction, real),
+            friction=real(total.friction),
+            real=real,
+        )
+
+    def __call__(self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan) -> npt.NDArray[Any]:
+        """Yaw rate in rad/s, in `real`, of the broadcast shape of the arguments.
+
+        Args:
+            speed: m/s, any value, NaN and infinity too.
+            front_angle: rad, any value.
+            friction: estimated peak friction; NaN, and more than the map assumes, count as the map's own.
+        """
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+            v, angle = np.broadcast_arrays(np.asarray(speed, dtype=self.real), np.asarray(front_angle, dtype=self.real))
+            zero = self.real(0.0)
+            v = np.where(v > zero, v, zero)
+            magnitude = np.where(angle < zero, -angle, angle)
+            magnitude = np.where(magnitude > zero, magnitude, zero)
+            i, u = self.speed_axis.locate(np.where(v > self.speed_axis.top, self.speed_axis.top, v))
+            j, w = self.front_axis.locate(np.where(magnitude > self.front_axis.top, self.front_axis.top, magnitude))
+            table = self.table
+            lower = table[i, j] + u * (table[i + 1, j] - table[i, j])
+            upper = table[i, j + 1] + u * (table[i + 1, j + 1] - table[i, j + 1])
+            yaw_rate = lower + w * (upper - lower)
+            cap = self.lateral_acceleration_cap
+            if self.real(friction) < self.friction:
+                cap = self.lateral_acceleration_cap_per_friction * max(self.real(friction), zero)
+            yaw_rate = np.where(yaw_rate * v > cap, cap / v, yaw_rate)
+            result: npt.NDArray[Any] = np.where(angle < zero, -yaw_rate, yaw_rate)
+            return result
+
+
+def error_bound(total: TotalMap, real: Real = np.float32) -> float:
+    """Bound in rad/s on |lookup in `real` - the same rule in exact arithmetic|, for all inputs that `real` can hold.
+
+    Rounding-error analysis to first order in the unit roundoff u (N. J. Higham, Accuracy and Stability of Numerical
+    Algorithms, chapter 3). Rounded breakpoints, the subtraction, the inverse width and the product move the position by at
+    most 6 u x, worth the steepest slope at hand (of a cell or its neighbour, for rounding may choose that one). Stored corners
+    and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value.
+    """
+    unit = 0.5 * float(np.finfo(real).eps)
+    table = total.yaw_rate
+    bound = 18.0 * unit * float(table.max())
+    for breakpoints, rise in (
+        (total.speed, np.abs(np.diff(table, axis=0)).max(axis=1)),
+        (total.front_angle, np.abs(np.diff(table, axis=1)).max(axis=0)),
+    ):
+        slope = rise / np.diff(breakpoints)
+        padded = np.pad(slope, 1, mode="edge")
+        steepest = np.maximum(np.maximum(padded[:-2], padded[2:]), slope)
+        bound += 6.0 * unit * float((breakpoints[1:] * steepest).max())
+    return bound

@@ -1,0 +1,88 @@
+"""The paper's optimisation problem at one operating point, and the grid on which it is solved.
+
+    minimise over delta_r   -r^2 + weight * beta^2
+    subject to              steady state, |beta| <= beta_max, |vx r| <= ay_max,
+                            |alpha_f| <= alpha_f_max, |alpha_r| <= alpha_r_max, |delta_r| <= delta_r_max
+
+Both solvers (`exact`, `ipopt`) take this description; neither knows the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Case, Config
+from codegen.errors import ConfigError
+from codegen.vehicle.single_track import SingleTrack
+from codegen.vehicle.tyre import AxleTyres
+
+FloatArray = npt.NDArray[np.float64]
+
+BINDING_TOLERANCE = 1e-6
+"""A constraint binds where it is used to within this share of its bound (the front and rear slip bounds of the paper's car
+are reached together up to rounding, so binding constraints are a set)."""
+
+
+@dataclass(frozen=True)
+class SteadyTurnProblem:
+    """Car, bounds (SI, rad) and weight (1/s^2) of one case. `rear_angle_max` is 0 where the rear wheels do not steer."""
+
+    car: SingleTrack
+    sideslip_max: float
+    lateral_acceleration_max: float
+    front_slip_max: float
+    rear_slip_max: float
+    rear_angle_max: float
+    sideslip_weight: float
+
+    @classmethod
+    def from_config(cls, config: Config, case: Case) -> SteadyTurnProblem:
+        """The problem of one case. Raises ConfigError where the tyre has no end to its linear range."""
+        tyres = AxleTyres.from_config(config)
+        return cls(
+            car=SingleTrack.from_config(config, tyres),
+            sideslip_max=config.limits.sideslip_max,
+            lateral_acceleration_max=config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
+            front_slip_max=tyres.front_slip_bound,
+            rear_slip_max=tyres.rear_slip_bound,
+            rear_angle_max=config.limits.rear_angle_max if case.rear_steering else 0.0,
+            sideslip_weight=case.sideslip_weight_per_s2,
+        )
+
+    @property
+    def lateral_acceleration_cap(self) -> float:
+        """ay_cap in m/s^2: the largest steady lateral acceleration that the ay bound and both slip bounds allow."""
+        return min(
+            self.lateral_acceleration_max,
+            self.front_slip_max / self.car.front_slip_per_lateral_acceleration,
+            self.rear_slip_max / self.car.rear_slip_per_lateral_acceleration,
+        )
+
+
+def breakpoints(config: Config) -> tuple[FloatArray, FloatArray]:
+    """Speeds (n,) in m/s and front angles (m,) in rad of the configured grid.
+
+    Raises:
+        ConfigError: the grid reaches the speed at which an oversteering car becomes unstable, where no steady turn is safe.
+    """
+    grid = config.grid
+    if grid.speed_breakpoints_km_h is not None:
+        speed = np.asarray(grid.speed_breakpoints_km_h) * KM_H
+    else:
+        speed = np.linspace(grid.speed_min_km_h, grid.speed_max_km_h, grid.speed_points) * KM_H
+    if grid.front_angle_breakpoints_deg is not None:
+        front_angle = np.deg2rad(np.asarray(grid.front_angle_breakpoints_deg))
+    else:
+        front_angle = np.deg2rad(np.linspace(grid.front_angle_min_deg, grid.front_angle_max_deg, grid.front_angle_points))
+    critical = SingleTrack.from_config(config).critical_speed
+    if math.isfinite(critical) and speed[-1] >= 0.98 * critical:
+        raise ConfigError(
+            f"the car oversteers and is unstable from {critical / KM_H:.1f} km/h",
+            where="grid.speed_max_km_h",
+            remedy=f"keep it below {0.98 * critical / KM_H:.0f} km/h, or check the tyre stiffnesses and the centre of gravity",
+        )
+    return speed, front_angle

@@ -1,0 +1,1 @@
+"""Pictures of maps, tyres and runs, for papers and reports."""

@@ -1,0 +1,53 @@
+"""Where compiled files are kept. Layer 5: of the project it imports only `errors`."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from codegen.errors import BuildError
+
+
+def cache_folder() -> Path:
+    """The folder of compiled files, made if it does not exist; nothing in it is needed, all of it can be removed.
+
+    `$ARS_CACHE`, else `$XDG_CACHE_HOME/ars-codegen`, else `~/.cache/ars-codegen`; where that cannot be written, a temporary
+    folder that is private to the user.
+    """
+    named = os.environ.get("ARS_CACHE")
+    shared = os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        if named:
+            folder = Path(named).absolute()
+        elif Path(shared).is_absolute():  # the XDG specification ignores a relative one
+            folder = Path(shared, "ars-codegen")
+        else:
+            folder = Path.home() / ".cache" / "ars-codegen"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except (OSError, RuntimeError):  # RuntimeError: there is no home
+        return _temporary_folder()
+
+
+def _temporary_folder() -> Path:
+    try:
+        folder = Path(tempfile.gettempdir(), f"ars-codegen-{os.getuid()}")
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        # Code is loaded from here: whatever another user could have put in that place is not taken.
+        status = folder.lstat()
+        if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077:
+            return folder
+        return _folder_of_this_process()
+    except OSError as error:
+        raise BuildError(f"no folder can be written: {error.strerror}", remedy="set ARS_CACHE to one that can") from error
+
+
+@functools.cache
+def _folder_of_this_process() -> Path:
+    return Path(tempfile.mkdtemp(prefix="ars-codegen-"))

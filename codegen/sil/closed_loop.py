@@ -1,0 +1,125 @@
+"""The closed loop: plant and controller in C, run as a whole or stepped from Python with the same bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.sil.software import RECORD_COLUMNS, Software
+
+FloatArray = npt.NDArray[np.float64]
+
+INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit")
+"""Columns of a scenario, a row for each plant step: m/s, rad, -, - (NaN: none), N m, 0 or 1."""
+
+
+@dataclass(frozen=True)
+class LoopOptions:
+    """How a run is wired.
+
+    Attributes:
+        controlled: False leaves the rear command at zero: the passive car.
+        delay_samples: control samples between computing a command and its acting; None takes the configuration's.
+        parameters: a C parameter struct (see `Software.parameters`); None takes the build's.
+    """
+
+    controlled: bool = True
+    delay_samples: int | None = None
+    parameters: Any | None = None
+
+
+class ClosedLoop:
+    """Plant and one controller, with their states; each run goes on where the last one ended until `reset`."""
+
+    def __init__(self, software: Software, options: LoopOptions | None = None) -> None:
+        options = LoopOptions() if options is None else options
+        config = software.config
+        ffi = software.ffi
+        self._software = software
+        self._lib = software.library.lib
+        self.steps_per_sample = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
+        self.sampling_time = config.plant.sampling_time_s * self.steps_per_sample
+        self._setup = ffi.new("loop_setup_t *")
+        self._setup.plant_step = config.plant.sampling_time_s
+        self._setup.steps_per_sample = self.steps_per_sample
+        delay = config.plant.command_delay_samples if options.delay_samples is None else options.delay_samples
+        if not 0 <= delay <= self._lib.LOOP_DELAY_MAX:
+            raise ValueError(f"a delay of {delay} samples is outside 0 to {self._lib.LOOP_DELAY_MAX}")
+        self._setup.delay_samples = delay
+        self._setup.controlled = options.controlled
+        self._parameters = software.parameters() if options.parameters is None else options.parameters
+        self.state = ffi.new("loop_state_t *")
+        self.reset()
+
+    def reset(self) -> None:
+        """All states to zero."""
+        self._lib.loop_init(self.state)
+
+    def run(self, inputs: FloatArray) -> FloatArray:
+        """A whole run in C.
+
+        Args:
+            inputs: (samples * steps_per_sample, 6), columns INPUT_COLUMNS.
+
+        Returns:
+            (samples, 12), columns RECORD_COLUMNS.
+        """
+        inputs, samples = self._checked(inputs)
+        record = np.empty((samples, len(RECORD_COLUMNS)))
+        ffi = self._software.ffi
+        self._lib.loop_run(
+            self.state,
+            self._setup,
+            self._parameters,
+            samples,
+            ffi.cast("loop_input_t *", ffi.from_buffer(inputs)),
+            ffi.cast("loop_record_t *", ffi.from_buffer(record, require_writable=True)),
+        )
+        return record
+
+    def run_stepped(self, inputs: FloatArray) -> FloatArray:
+        """The same run with the loop in Python: controller and plant are called sample by sample and step by step."""
+        inputs, samples = self._checked(inputs)
+        ffi, lib, software = self._software.ffi, self._lib, self._software
+        plant, setup = ffi.addressof(self.state, "plant"), self._setup
+        controller = ffi.addressof(self.state, "controller")
+        plant_input, output = ffi.new("plant_input_t *"), ffi.new("plant_output_t *")
+        measurement = software.new("measurement")
+        waiting = list(self.state.commands[0 : setup.delay_samples])
+        rows = []
+        for sample in range(samples):
+            steps = inputs[sample * self.steps_per_sample : (sample + 1) * self.steps_per_sample]
+            speed, wheel, friction, estimate, moment, inhibit = (float(value) for value in steps[0])
+            plant_input[0] = (speed, wheel, 0.0, friction, moment)
+            lib.plant_output(plant, plant_input, output)
+            rear_angle, reference, status = 0.0, 0.0, 2
+            if setup.controlled:
+                measurement[0] = (speed, output.front_angle, plant.yaw_rate, plant.rear_angle, estimate, inhibit != 0.0)
+                command = software.function("controller_step")(controller, self._parameters, measurement)
+                rear_angle, reference, status = command.rear_angle, command.yaw_rate_reference, command.status
+            rows.append(
+                (
+                    *(sample * self.sampling_time, speed, output.front_angle, plant.yaw_rate, reference),
+                    *(output.sideslip_angle, output.lateral_acceleration, rear_angle, plant.rear_angle),
+                    *(output.slip_front, output.slip_rear, float(status)),
+                )
+            )
+            waiting.append(rear_angle)
+            acting = waiting.pop(0)
+            for speed, wheel, friction, _, moment, _ in steps:
+                plant_input[0] = (speed, wheel, acting, friction, moment)
+                lib.plant_step(plant, plant_input, setup.plant_step)
+        for index, command in enumerate(waiting):
+            self.state.commands[index] = command
+        return np.array(rows)
+
+    def _checked(self, inputs: FloatArray) -> tuple[FloatArray, int]:
+        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
+        if inputs.ndim != 2 or inputs.shape[1] != len(INPUT_COLUMNS) or inputs.shape[0] % self.steps_per_sample:
+            raise ValueError(
+                f"inputs of shape {inputs.shape}; needed: (k * {self.steps_per_sample}, {len(INPUT_COLUMNS)}) for k samples"
+            )
+        return inputs, inputs.shape[0] // self.steps_per_sample

@@ -1,0 +1,265 @@
+"""C sources compiled with cffi, cached and loaded.
+
+The cffi declarations (`cdef`) are derived from the real headers by the compiler's own preprocessor, so they cannot drift
+from them. Two ways to load:
+
+- API mode: the C and the glue that cffi writes become a Python extension; the C compiler checks every declaration.
+- ABI mode, where Python's headers are not installed: the C becomes a plain shared library, opened with `ffi.dlopen`.
+
+cffi releases the GIL around every call in both. Layer 5: of the project it imports only `errors`, and its neighbours here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import json
+import re
+import sys
+import sysconfig
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+import cffi
+from cffi.recompiler import make_c_source
+
+from codegen.errors import BuildError
+from codegen.sil.cache import cache_folder
+from codegen.sil.cdef import derive_cdef, parsed_ffi
+from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler, require_success, run
+
+__all__ = ["DEFAULT_FLAGS", "Library", "Mode", "cache_folder", "compile_library", "derive_cdef", "find_compiler"]
+
+DEFAULT_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-Wall", "-Wextra", "-Werror")
+CACHE_FORMAT = 1
+"""To be raised when the contents of a cache entry, or the way it is built, change."""
+
+Mode = Literal["auto", "api", "abi"]
+
+_SOURCE_PATH = re.compile(r"[\w.+-]+(/[\w.+-]+)*", re.ASCII)
+# What only concerns the user's C: the glue that cffi writes, and Python's headers, keep neither the standard nor the warnings.
+_STRICTNESS = re.compile(r"-W(?![lap],).*|-std=.*|-ansi|-pedantic.*")
+
+
+@dataclass(frozen=True)
+class Library:
+    """A loaded C library.
+
+    Attributes:
+        ffi: the cffi FFI that knows its types (`ffi.new("ars_controller_t *")`).
+        lib: its functions, constants and objects as attributes. Objects that are const in C must not be written.
+        path: the compiled file, in the cache.
+        mode: "api" or "abi". In ABI mode `static` functions and `static` objects of a header are missing, integers excepted.
+    """
+
+    ffi: Any
+    lib: Any
+    path: Path
+    mode: str
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Everything that decides what the compiled file is."""
+
+    name: str
+    sources: Mapping[str, bytes]
+    headers: tuple[str, ...]
+    include_folders: tuple[str, ...]
+    flags: tuple[str, ...]
+    mode: str
+    compiler: tuple[str, ...]
+
+    @functools.cached_property
+    def module_name(self) -> str:
+        """Also the stem of the file names; it holds the key, so no two libraries are ever loaded under one name."""
+        native = tuple(flag for flag in self.flags if flag.endswith("=native"))
+        description = {
+            "format": CACHE_FORMAT,
+            "sources": {path: hashlib.sha256(content).hexdigest() for path, content in self.sources.items()},
+            "headers": self.headers,
+            "include_folders": self.include_folders,
+            "flags": self.flags,
+            "mode": self.mode,
+            "compiler": [self.compiler, compiler_identity(self.compiler, native)],
+            "python": sysconfig.get_config_var("EXT_SUFFIX"),
+            "cffi": cffi.__version__,
+        }
+        key = hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
+        return f"_{re.sub('[^0-9A-Za-z_]', '_', self.name)[:40]}_{key}"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A compiled file in the cache and its declarations."""
+
+    path: Path
+    cdef: str
+
+
+_loaded: dict[str, Library] = {}
+_loading = threading.RLock()
+
+
+def compile_library(
+    name: str,
+    sources: Mapping[str, str | bytes],
+    headers: Sequence[str],
+    *,
+    include_folders: Sequence[str] = ("include",),
+    flags: Sequence[str] = DEFAULT_FLAGS,
+    mode: Mode = "auto",
+) -> Library:
+    """Compile C sources, or take them from the cache, and load them; the same input gives the same object in one process.
+
+    Args:
+        name: for people, in the file's name.
+        sources: relative path with "/" -> content, of all .c and .h files.
+        headers: which of them are public, in include order.
+        include_folders: relative to the same root.
+        flags: for the compiler; those on warnings and the standard hold for the sources only, not for cffi's glue.
+        mode: "auto" takes "api" where Python's headers are installed, else "abi".
+
+    Raises:
+        BuildError: no compiler, C that does not compile or load, a header that cffi cannot take, a full disk.
+    """
+    job = _Job(
+        name=name,
+        sources={_checked_path(path): text.encode() if isinstance(text, str) else text for path, text in sources.items()},
+        headers=tuple(headers),
+        include_folders=tuple(include_folders),
+        flags=tuple(flags),
+        mode=_resolved_mode(mode),
+        compiler=compiler_command(),
+    )
+    for header in job.headers:
+        if header not in job.sources:
+            raise BuildError("the public header is not among the sources", where=header)
+    with _loading:  # one build at a time in a process: threads that want the same library wait for it
+        if job.module_name not in _loaded:
+            _loaded[job.module_name] = _open(job, cache_folder())
+        return _loaded[job.module_name]
+
+
+def _checked_path(path: str) -> str:
+    if not _SOURCE_PATH.fullmatch(path) or ".." in PurePosixPath(path).parts:
+        raise BuildError("not a plain relative path of ASCII letters, digits and . _ + -", where=path)
+    return path
+
+
+def _python_include_folders() -> list[str]:
+    return list(dict.fromkeys(sysconfig.get_path(name) for name in ("include", "platinclude")))
+
+
+def _resolved_mode(mode: Mode) -> str:
+    if mode == "abi":
+        return "abi"
+    if any(Path(folder, "Python.h").is_file() for folder in _python_include_folders()):
+        return "api"
+    if mode == "auto":
+        return "abi"
+    raise BuildError("Python.h is not installed", remedy='apt install python3-dev, or use mode "abi", which does without')
+
+
+def _open(job: _Job, cache: Path) -> Library:
+    entry = _read_entry(job, cache)
+    if entry is not None:
+        with contextlib.suppress(BuildError):  # whole, yet it does not load, e.g. after a change of the C library: build again
+            return _load(job, entry)
+    try:
+        return _load(job, _build(job, cache))
+    except OSError as error:
+        raise BuildError(
+            f"the compiled C cannot be stored: {error.strerror or error}",
+            where=cache,
+            remedy="free space there, or set ARS_CACHE",
+        ) from error
+
+
+def _library_path(job: _Job, cache: Path, digest: str) -> Path:
+    return cache / f"{job.module_name}-{digest[:16]}.so"
+
+
+def _read_entry(job: _Job, cache: Path) -> _Entry | None:
+    """The cached entry; None where it is missing or damaged. To map a truncated library would end the process, so its
+    digest is compared first."""
+    try:
+        index = json.loads((cache / f"{job.module_name}.json").read_text(encoding="utf-8"))
+        path = _library_path(job, cache, index["sha256"])
+        whole = hashlib.sha256(path.read_bytes()).hexdigest() == index["sha256"]
+        return _Entry(path, str(index["cdef"])) if whole else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _build(job: _Job, cache: Path) -> _Entry:
+    with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
+        scratch = Path(scratch_name)
+        tree = scratch / "tree"  # apart, so that no source can take the name of a file made here
+        for path, content in job.sources.items():
+            (tree / path).parent.mkdir(parents=True, exist_ok=True)
+            (tree / path).write_bytes(content)
+        units = sorted(path for path in job.sources if path.endswith(".c"))
+        search = [f"-I{folder}" for folder in job.include_folders]
+        # First the sources: what is wrong in a header is then told by the compiler, not by a parser.
+        for number, unit in enumerate(units):
+            command = [*job.compiler, *job.flags, *search, "-c", unit, "-o", f"../{number}.o"]
+            require_success(run(command, tree), unit)
+        cdef = derive_cdef(
+            [Path(header) for header in job.headers],
+            job.include_folders,
+            flags=job.flags,
+            for_dlopen=job.mode == "abi",
+            folder=tree,
+        )
+        ffi = parsed_ffi(cdef)
+        objects = [f"../{number}.o" for number in range(len(units))]
+        if job.mode == "api":
+            _compile_glue(job, ffi, tree, search)
+            objects.append("../glue.o")
+        kind = ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
+        require_success(run([*job.compiler, *job.flags, *kind, *objects, "-o", "../library.so", "-lm"], tree), job.name)
+        return _publish(job, cache, scratch, cdef)
+
+
+def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> None:
+    # What FFI.emit_c_code calls, without the line that it prints on standard output.
+    includes = "".join(f'#include "{header}"\n' for header in job.headers)
+    make_c_source(ffi, job.module_name, includes, str(tree.parent / "glue.c"))
+    flags = [flag for flag in job.flags if not _STRICTNESS.fullmatch(flag)]
+    python = [f"-I{folder}" for folder in _python_include_folders()]
+    command = [*job.compiler, *flags, "-fPIC", "-I.", *search, *python, "-c", "../glue.c", "-o", "../glue.o"]
+    require_success(run(command, tree), "the glue made by cffi")
+
+
+def _publish(job: _Job, cache: Path, scratch: Path, cdef: str) -> _Entry:
+    """Move what was built into the cache: the library under a name made of its content, then the index that names it, each
+    in one step. A reader in another process sees the old entry or the new one, and never overwrites a file in use."""
+    digest = hashlib.sha256((scratch / "library.so").read_bytes()).hexdigest()
+    path = _library_path(job, cache, digest)
+    index = scratch / "index.json"
+    index.write_text(json.dumps({"sha256": digest, "cdef": cdef}), encoding="utf-8")
+    (scratch / "library.so").replace(path)
+    index.replace(cache / f"{job.module_name}.json")
+    return _Entry(path, cdef)
+
+
+def _load(job: _Job, entry: _Entry) -> Library:
+    try:
+        if job.mode == "abi":
+            ffi = parsed_ffi(entry.cdef)
+            return Library(ffi, ffi.dlopen(str(entry.path)), entry.path, job.mode)
+        loader = ExtensionFileLoader(job.module_name, str(entry.path))
+        module: Any = importlib.util.module_from_spec(ModuleSpec(job.module_name, loader, origin=str(entry.path)))
+        loader.exec_module(module)
+        return Library(module.ffi, module.lib, entry.path, job.mode)
+    except (ImportError, OSError) as error:
+        reason = str(error).rpartition(f"{entry.path}: ")[2]  # the path is long, and its end is what matters
+        raise BuildError(f"the compiled C does not load: {reason}", where=job.name) from error

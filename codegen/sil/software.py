@@ -1,0 +1,239 @@
+"""The generated controller and the plant as compiled C, with a typed Python face.
+
+`load` compiles a build folder together with the plant of its configuration; what runs is the C of that folder and nothing else.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.dynamics_view import function_view
+from codegen.emit.folder import read_manifest, verify_hashes
+from codegen.emit.render import render
+from codegen.emit.text import Precision, c_type, literal, numpy_type
+from codegen.errors import BuildError
+from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
+from codegen.vehicle.dynamics import two_track
+
+RECORD_COLUMNS = (
+    "time_s",
+    "speed_m_s",
+    "front_angle_rad",
+    "yaw_rate_rad_s",
+    "yaw_rate_reference_rad_s",
+    "sideslip_rad",
+    "lateral_acceleration_m_s2",
+    "rear_angle_command_rad",
+    "rear_angle_rad",
+    "slip_front_rad",
+    "slip_rear_rad",
+    "status",
+)
+"""Columns of a run, in order; time at the sample, everything else as it is at that time."""
+
+
+class Status(enum.IntEnum):
+    """What a step of the controller did; the C enum `<prefix>_status_t`."""
+
+    TRACKING = 0
+    LIMITED = 1
+    STANDBY = 2
+    DEGRADED = 3
+    FAIL_SAFE = 4
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One sample: m/s, rad, rad/s, rad (NaN: not measured), friction (NaN: unknown)."""
+
+    speed: float
+    front_angle: float
+    yaw_rate: float
+    rear_angle: float = math.nan
+    friction: float = math.nan
+    inhibit: bool = False
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the controller asks for: rad, rad/s, and why."""
+
+    rear_angle: float
+    yaw_rate_reference: float
+    status: Status
+
+
+@dataclass(frozen=True)
+class Software:
+    """A compiled build: controller, map, dynamics, plant and closed loop in one library.
+
+    Attributes:
+        library: the cffi module; `lib` holds every public C function.
+        prefix: of the C names.
+        precision: of the controller's numbers.
+        config: the configuration of the build.
+        edited: files of the build folder that are no longer as generated.
+    """
+
+    library: Library
+    prefix: str
+    precision: Precision
+    config: Config
+    edited: tuple[str, ...] = ()
+
+    @property
+    def ffi(self) -> Any:
+        """The cffi object."""
+        return self.library.ffi
+
+    def function(self, name: str) -> Any:
+        """The C function or object `<prefix>_<name>`."""
+        return getattr(self.library.lib, f"{self.prefix}_{name}")
+
+    def new(self, name: str) -> Any:
+        """A zeroed C struct `<prefix>_<name>_t` that Python owns."""
+        return self.ffi.new(f"{self.prefix}_{name}_t *")
+
+    @property
+    def real(self) -> type[np.float32] | type[np.float64]:
+        """NumPy type of the controller's numbers."""
+        return numpy_type(self.precision)
+
+    def selftest(self) -> bool:
+        """Run the generated self-test."""
+        return bool(self.function("selftest")())
+
+    def parameters(self, **changes: float) -> Any:
+        """A copy of the default parameter struct with some fields changed (SI units).
+
+        Raises:
+            ValueError: the struct has no such field.
+        """
+        parameters = self.new("parameters")
+        parameters[0] = self.function("parameters_default")
+        known = dir(parameters)
+        for name, value in changes.items():
+            if name not in known:
+                raise ValueError(f"no parameter {name!r}; known: {', '.join(known)}")
+            setattr(parameters, name, value)
+        return parameters
+
+    def map_yaw_rate(
+        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: npt.ArrayLike = math.nan
+    ) -> npt.NDArray[Any]:
+        """The C lookup over arrays that broadcast together: m/s, rad, friction (NaN: the map's own) -> rad/s."""
+        arrays = np.broadcast_arrays(*(np.asarray(values, dtype=self.real) for values in (speed, front_angle, friction)))
+        flat = [np.ascontiguousarray(array).ravel() for array in arrays]
+        result = np.empty(flat[0].size, dtype=self.real)
+        pointer = f"{c_type(self.precision)} *"
+        self.library.lib.loop_map(
+            *(self.ffi.cast(pointer, self.ffi.from_buffer(array)) for array in flat),
+            self.ffi.cast(pointer, self.ffi.from_buffer(result, require_writable=True)),
+            result.size,
+        )
+        return result.reshape(arrays[0].shape)
+
+    def controller(self, rear_angle: float = 0.0, parameters: Any | None = None) -> Controller:
+        """A controller instance of its own, initialised at a rear angle (rad)."""
+        return Controller(self, rear_angle, parameters)
+
+
+class Controller:
+    """One instance of the generated controller. Not shared between threads; any number may run side by side."""
+
+    def __init__(self, software: Software, rear_angle: float = 0.0, parameters: Any | None = None) -> None:
+        self._software = software
+        self.state = software.new("controller")
+        self.parameters = software.parameters() if parameters is None else parameters
+        self._measurement = software.new("measurement")
+        self._step = software.function("controller_step")
+        self.init(rear_angle)
+
+    def init(self, rear_angle: float) -> None:
+        """Start from the angle (rad) that the actuator holds."""
+        self._software.function("controller_init")(self.state, rear_angle)
+
+    def step(self, measurement: Measurement) -> Command:
+        """One sample."""
+        for field in fields(measurement):
+            setattr(self._measurement, field.name, getattr(measurement, field.name))
+        command = self._step(self.state, self.parameters, self._measurement)
+        return Command(command.rear_angle, command.yaw_rate_reference, Status(command.status))
+
+    def run(self, measurements: Sequence[Measurement]) -> list[Command]:
+        """Many samples in one call of C."""
+        prefix, ffi = self._software.prefix, self._software.ffi
+        samples = ffi.new(f"{prefix}_measurement_t[]", len(measurements))
+        commands = ffi.new(f"{prefix}_command_t[]", len(measurements))
+        for sample, measurement in zip(samples, measurements, strict=True):
+            for field in fields(measurement):
+                setattr(sample, field.name, getattr(measurement, field.name))
+        self._software.library.lib.loop_controller(self.state, self.parameters, samples, commands, len(measurements))
+        return [Command(command.rear_angle, command.yaw_rate_reference, Status(command.status)) for command in commands]
+
+
+def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAULT_FLAGS) -> Software:
+    """Compile the C of a build folder with the plant of a configuration (by default the build's own).
+
+    Raises:
+        BuildError: not a build folder, no compiler, or C that does not compile.
+    """
+    manifest = read_manifest(build)
+    wanted = [path for path in manifest["files"] if path.startswith(("include/", "src/"))]
+    files: dict[str, bytes] = {}
+    for path in wanted:
+        try:
+            files[path] = (build / path).read_bytes()
+        except OSError as error:
+            raise BuildError(
+                f"cannot be read ({error.strerror})", where=build / path, remedy="build again with `codegen build`"
+            ) from None
+    return compile_build(files, manifest, config, flags=flags, edited=tuple(verify_hashes(build)))
+
+
+def compile_build(
+    files: Mapping[str, bytes],
+    manifest: Mapping[str, Any],
+    config: Config | None = None,
+    *,
+    flags: Sequence[str] = DEFAULT_FLAGS,
+    edited: tuple[str, ...] = (),
+) -> Software:
+    """Compile generated files that are in memory; see `load`."""
+    built_for = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
+    sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
+    sources.update(bench_sources(config or built_for, prefix, precision))
+    headers = [f"include/{prefix}_{name}.h" for name in ("map", "controller", "dynamics")] + ["bench/plant.h", "bench/loop.h"]
+    library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags)
+    return Software(library, prefix, precision, config or built_for, edited)
+
+
+def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
+    """The C of the plant and of the closed loop around a controller of this prefix and precision."""
+    model = two_track(config)
+    assert model.output is not None  # the plant has outputs by construction
+    context = {
+        "build": {"prefix": prefix, "PREFIX": prefix.upper()},
+        "real": c_type(precision),
+        "zero": literal(0.0, precision),
+        "loop": {"columns": RECORD_COLUMNS},
+        "plant": {
+            "states": model.states,
+            "inputs": model.inputs,
+            "outputs": model.outputs,
+            "derivative": function_view(model.derivative, "derivative", "double"),
+            "output": function_view(model.output, "output", "double"),
+        },
+    }
+    return {f"bench/{name}": render(f"sil/{name}.j2", context) for name in ("plant.h", "plant.c", "loop.h", "loop.c")}

@@ -1,0 +1,99 @@
+"""The user's C compiler: found, identified, run, and its first error told in one line.
+
+Layer 5: of the project it imports only `errors`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from codegen.errors import BuildError
+
+_ERROR_LINE = re.compile(
+    r"^(?:(?P<place>[^\s:][^:\n]*:\d+)(?::\d+)?: |\S+: )?(?:fatal )?error: (?P<text>.+)$", re.MULTILINE | re.IGNORECASE
+)
+_LINK_ERROR_LINE = re.compile(r"(?P<text>(?:multiple definition|undefined reference|duplicate symbol).*)")
+
+
+def find_compiler() -> str:
+    """The command of the C compiler: `$CC` (it may hold arguments), else the first of cc, gcc and clang on the PATH.
+
+    Raises:
+        BuildError: there is none, or `$CC` names something that cannot be run.
+    """
+    command = os.environ.get("CC", "").strip()
+    if command:
+        try:
+            program = shlex.split(command)[0]
+        except ValueError:
+            raise BuildError(f"{command!r} cannot be read as a command", where="CC") from None
+        if shutil.which(program) is None:
+            raise BuildError(
+                f"the compiler {program!r} does not exist or cannot be run",
+                where="CC",
+                remedy="set CC to a C compiler, or unset it",
+            )
+        return command
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return name
+    raise BuildError("no C compiler was found", remedy="install one, e.g. apt install gcc, or set CC")
+
+
+def compiler_command() -> tuple[str, ...]:
+    """`find_compiler` as words, the first an absolute path."""
+    # Absolute, because the compiler is started in other folders; links are kept, for some compilers go by their name.
+    program, *arguments = shlex.split(find_compiler())
+    return (str(Path(shutil.which(program) or program).absolute()), *arguments)
+
+
+def run(command: Sequence[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the compiler in `folder`, its messages in English."""
+    environment = {**os.environ, "LC_ALL": "C"}
+    try:
+        return subprocess.run(
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+    except OSError as error:
+        raise BuildError(f"the compiler cannot be started: {error.strerror}", where=command[0]) from error
+
+
+def require_success(result: subprocess.CompletedProcess[str], where: str) -> None:
+    """Raise the first error of the compiler as a BuildError; `where` stands in when it names no line of a file."""
+    if result.returncode == 0:
+        return
+    if result.returncode < 0:
+        raise BuildError(f"the compiler was ended by signal {-result.returncode}", where=where, remedy="check the free memory")
+    output = result.stderr + result.stdout
+    found = _LINK_ERROR_LINE.search(output) or _ERROR_LINE.search(output)
+    if found is None:
+        first = next((line for line in output.splitlines() if line.strip()), "it printed nothing")
+        raise BuildError(f"the compiler failed with exit code {result.returncode}: {first}", where=where)
+    raise BuildError(f"the C does not compile: {found['text']}", where=found.groupdict().get("place") or where)
+
+
+@functools.lru_cache(maxsize=16)
+def compiler_identity(command: tuple[str, ...], native_flags: tuple[str, ...]) -> tuple[str, ...]:
+    """Version and target; with flags like -march=native also what the compiler makes of this machine."""
+    version = run([*command, "--version"])
+    if version.returncode != 0 or not version.stdout.strip():
+        raise BuildError("the compiler does not answer --version", where=shlex.join(command), remedy="set CC to a C compiler")
+    target = run([*command, "-dumpmachine"]).stdout.strip()
+    # A cache in a home that several machines share must not hand one machine's instructions to another.
+    macros = run([*command, *native_flags, "-dM", "-E", "-xc", "/dev/null"]).stdout if native_flags else ""
+    return version.stdout.strip().splitlines()[0], target, hashlib.sha256(macros.encode()).hexdigest()

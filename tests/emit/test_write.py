@@ -1,0 +1,784 @@
+"""Writing a generated folder: whole or not at all, and nothing of the user's is ever touched."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import codegen
+from codegen.emit import write
+from codegen.emit.folder import MANIFEST_BYTES_MAX
+from codegen.emit.write import (
+    BESIDE,
+    MANIFEST,
+    Folder,
+    differences,
+    read_manifest,
+    render_manifest,
+    verify_hashes,
+    write_folder,
+)
+from codegen.errors import BuildError
+
+OLD = Folder({"README.md": b"old\n", "src/ars_map.c": b"int a;\n", "src/gone.c": b"int gone;\n"}, {"prefix": "ars"})
+NEW = Folder({"README.md": b"new\n", "src/ars_map.c": b"int b;\n", "include/deep/ars.h": b"/* */\n"}, {"prefix": "ars"})
+
+Tree = dict[str, bytes | str | None]
+
+
+def tree(folder: Path) -> Tree:
+    """All below `folder`: bytes of files, targets of links, None for folders."""
+    found: Tree = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_symlink():
+            found[name] = os.readlink(path)
+        else:
+            found[name] = None if path.is_dir() else path.read_bytes()
+    return found
+
+
+def expected(folder: Folder, beside: dict[str, bytes] | None = None) -> Tree:
+    files: Tree = {**folder.content(), **(beside or {})}
+    return dict.fromkeys((str(parent) for path in folder.files for parent in Path(path).parents[:-1]), None) | files
+
+
+def stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """Inode and times of everything at and below `folder`: changes with any write, also of the same bytes."""
+    facts = {str(path): os.lstat(path) for path in (folder, *folder.rglob("*"))}
+    return {path: (fact.st_ino, fact.st_mtime_ns, fact.st_ctime_ns) for path, fact in facts.items()}
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    """A folder with the old build, in a folder that holds nothing else."""
+    place = tmp_path / "out" / "4ws2"
+    write_folder(OLD, place)
+    return place
+
+
+def beside(target: Path) -> list[str]:
+    return sorted(path.name for path in target.parent.iterdir() if path != target)
+
+
+def no_exchange(one: Path, other: Path) -> None:
+    raise OSError(errno.ENOSYS, "no such call here")
+
+
+@pytest.fixture(params=["exchange", "renames"])
+def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Both ways to swap: the one system call, and two renames where there is no such call."""
+    if request.param == "renames":
+        monkeypatch.setattr(write, "_exchange", no_exchange)
+    return str(request.param)
+
+
+@pytest.fixture
+def dead_pid() -> int:
+    """The number of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+# What is written
+
+
+def test_manifest_names_size_and_hash_of_each_file() -> None:
+    manifest = json.loads(render_manifest(OLD))
+    content = OLD.files["src/ars_map.c"]
+    assert manifest["files"]["src/ars_map.c"] == {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    assert manifest["files"].keys() == OLD.files.keys()
+    assert (manifest["generator"], manifest["prefix"]) == ("codegen", "ars")
+
+
+def test_manifest_does_not_depend_on_the_order_of_its_facts() -> None:
+    forward = Folder({"a": b"1", "b": b"2"}, {"x": 1, "y": {"p": 1, "q": 2}})
+    backward = Folder({"b": b"2", "a": b"1"}, {"y": {"q": 2, "p": 1}, "x": 1})
+    assert render_manifest(forward) == render_manifest(backward)
+
+
+def test_manifest_is_readable_text() -> None:
+    facts = {
+        "speeds": [index / 7 for index in range(101)],
+        "tiny": [-(10.0**-power) / 3 for power in range(5, 100)],
+        "nested": {"rows": [[1, 2], []]},
+        "cells": ["..aa[\n1]", "[1, 2]"],
+        "name": "µ",
+        "flags": [True, None],
+    }
+    text = render_manifest(Folder({}, facts)).decode("ascii")
+    assert {key: json.loads(text)[key] for key in facts} == facts
+    assert text.startswith("{\n ") and text.endswith("}\n")
+    # 101 numbers of some 20 characters take about 18 rows of 120, as do the tiny ones; one number a row would take 101.
+    assert len(text.splitlines()) < 80 and max(map(len, text.splitlines())) <= 120
+
+
+def test_manifest_refuses_what_json_does_not_know() -> None:
+    with pytest.raises(ValueError, match="Out of range"):
+        render_manifest(Folder({}, {"x": float("nan")}))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "",
+        ".",
+        "/etc/passwd",
+        "//x",
+        "../x",
+        "a/../b",
+        "a/..",
+        "./a",
+        "a//b",
+        "a/",
+        "a\\b",
+        "a\nb",
+        "a\0b",
+        "ä",
+        MANIFEST,
+        *BESIDE,
+    ],
+)
+def test_a_path_that_leaves_the_folder_or_is_reserved_is_a_fault_of_the_program(path: str) -> None:
+    with pytest.raises(ValueError, match="cannot be the path"):
+        Folder({path: b""}, {})
+
+
+def test_a_path_is_not_both_file_and_folder() -> None:
+    with pytest.raises(ValueError, match="'a/b'"):
+        Folder({"a/b": b"", "a/b/c": b""}, {})
+
+
+@pytest.mark.parametrize("key", ["files", "generator"])
+def test_the_callers_facts_do_not_replace_ours(key: str) -> None:
+    with pytest.raises(ValueError, match=key):
+        Folder({}, {key: 1})
+
+
+# Writing
+
+
+def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
+    place = tmp_path / "a" / "b" / "4ws2"
+    assert write_folder(OLD, place) is True
+    assert tree(place) == expected(OLD)
+    assert beside(place) == []
+
+
+def test_empty_folder_is_taken_and_keeps_its_mode(tmp_path: Path, swap: str) -> None:
+    place = tmp_path / "4ws2"
+    place.mkdir()
+    place.chmod(0o750)
+    assert write_folder(OLD, place) is True
+    assert tree(place) == expected(OLD)
+    assert stat.S_IMODE(place.stat().st_mode) == 0o750
+    assert beside(place) == []
+
+
+def test_files_have_the_mode_that_the_user_asks_for(tmp_path: Path) -> None:
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "plain" / "file").write_bytes(b"")
+    write_folder(OLD, tmp_path / "4ws2")
+    assert (tmp_path / "4ws2").stat().st_mode == (tmp_path / "plain").stat().st_mode
+    assert (tmp_path / "4ws2" / "README.md").stat().st_mode == (tmp_path / "plain" / "file").stat().st_mode
+
+
+def test_changed_build_replaces_all_and_drops_stale_verification(target: Path, swap: str) -> None:
+    for name in BESIDE:
+        (target / name).write_bytes(b"{}")
+    assert write_folder(NEW, target) is True
+    assert tree(target) == expected(NEW)
+    assert beside(target) == []
+
+
+def test_unchanged_build_touches_nothing(target: Path, swap: str) -> None:
+    for name in BESIDE:
+        (target / name).write_bytes(b"{}")
+    before = stamps(target.parent)
+    assert write_folder(OLD, target) is False
+    assert stamps(target.parent) == before
+
+
+@pytest.mark.parametrize("damage", ["edit", "edit of the same size", "missing file", "missing folder"])
+def test_damaged_build_is_made_good(target: Path, damage: str) -> None:
+    if damage == "edit":
+        (target / "README.md").write_bytes(b"edited by hand\n")
+    elif damage == "edit of the same size":
+        (target / "README.md").write_bytes(b"odd\n")
+    else:
+        (target / "src" / "ars_map.c").unlink()
+    if damage == "missing folder":
+        (target / "src" / "gone.c").unlink()
+        (target / "src").rmdir()
+    assert write_folder(OLD, target) is True
+    assert tree(target) == expected(OLD)
+
+
+def test_only_the_facts_changed(target: Path) -> None:
+    assert write_folder(Folder(OLD.files, {"prefix": "other"}), target) is True
+    assert read_manifest(target)["prefix"] == "other"
+
+
+def test_a_link_to_a_folder_is_followed(target: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(target)
+    assert write_folder(NEW, link) is True
+    assert link.is_symlink() and tree(target) == expected(NEW)
+
+
+def test_the_working_folder_can_be_the_target(target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(target)
+    assert write_folder(NEW, Path(".")) is True
+    assert tree(target) == expected(NEW)
+
+
+# What is not ours
+
+
+def plant_file(place: Path, name: str) -> None:
+    (place / name).parent.mkdir(parents=True, exist_ok=True)
+    (place / name).write_bytes(b"dear to its owner\n")
+
+
+FOREIGN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "file": (lambda place: plant_file(place, "notes.txt"), "notes.txt"),
+    "hidden file": (lambda place: plant_file(place, ".gitignore"), ".gitignore"),
+    "file in our subfolder": (lambda place: plant_file(place, "src/mine.c"), "src/mine.c"),
+    "file in a folder of its own": (lambda place: plant_file(place, "a/b/c/mine.c"), "a/b/c/mine.c"),
+    "verification's name elsewhere": (lambda place: plant_file(place, "src/verify.json"), "src/verify.json"),
+    "manifest's name elsewhere": (lambda place: plant_file(place, "src/manifest.json"), "src/manifest.json"),
+    "empty folder": (lambda place: (place / "mine").mkdir(), "mine"),
+    "link to a file": (lambda place: (place / "link").symlink_to("README.md"), "link"),
+    "link to a folder": (lambda place: (place / "src" / "link").symlink_to(place.parent), "src/link"),
+    "broken link": (lambda place: (place / "link").symlink_to("nowhere"), "link"),
+    "pipe": (lambda place: os.mkfifo(place / "pipe"), "pipe"),
+}
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_foreign_content_is_named_and_kept(target: Path, kind: str) -> None:
+    plant, name = FOREIGN[kind]
+    plant(target)
+    before = stamps(target.parent)
+    for folder in (NEW, OLD):  # also where the build itself would change nothing
+        with pytest.raises(BuildError) as caught:
+            write_folder(folder, target)
+        assert f"holds '{name}'," in caught.value.what
+        assert caught.value.where == str(target) and "-o" in caught.value.remedy and caught.value.exit_code == 2
+    assert stamps(target.parent) == before
+
+
+@pytest.mark.parametrize("instead", ["link to file", "folder", "link to folder", "pipe"])
+def test_a_name_of_ours_does_not_make_another_thing_ours(target: Path, tmp_path: Path, instead: str) -> None:
+    (tmp_path / "user").mkdir()
+    plant_file(tmp_path, "user/ars_map.c")
+    ours = target / "src" / "ars_map.c"
+    if instead == "link to folder":
+        (target / "src" / "ars_map.c").unlink()
+        (target / "src" / "gone.c").unlink()
+        (target / "src").rmdir()
+        (target / "src").symlink_to(tmp_path / "user")
+    else:
+        ours.unlink()
+        make: dict[str, Callable[[], object]] = {
+            "link to file": lambda: ours.symlink_to(tmp_path / "user" / "ars_map.c"),
+            "folder": ours.mkdir,
+            "pipe": lambda: os.mkfifo(ours),
+        }
+        make[instead]()
+    before = stamps(tmp_path)
+    with pytest.raises(BuildError, match="holds 'src"):
+        write_folder(NEW, target)
+    assert stamps(tmp_path) == before
+
+
+@pytest.mark.parametrize("names", [["README.md"], ["verify.json"], ["src/ars_map.c", "README.md"]])
+def test_folder_without_manifest_is_not_ours_whatever_its_names(tmp_path: Path, names: list[str]) -> None:
+    for name in names:
+        plant_file(tmp_path, f"4ws2/{name}")
+    before = stamps(tmp_path)
+    with pytest.raises(BuildError, match=f"holds '{sorted(names)[0]}'"):
+        write_folder(OLD, tmp_path / "4ws2")
+    assert stamps(tmp_path) == before
+
+
+def manifest_text(**changes: object) -> bytes:
+    return json.dumps({**json.loads(render_manifest(OLD)), **changes}).encode()
+
+
+NOT_OURS = {
+    "empty": b"",
+    "cut short": render_manifest(OLD)[:-30],
+    "not text": b"\xff\xfe\x00\xd8",
+    "a list": b"[]",
+    "nested without end": b"[" * 200_000,
+    "of another tool": manifest_text(generator="webpack"),
+    "no files": manifest_text(files=None),
+    "hash missing": manifest_text(files={"a": {}}),
+    "leaves the folder": manifest_text(files={"../victim": {"sha256": "0"}}),
+    "absolute": manifest_text(files={"/etc/passwd": {"sha256": "0"}}),
+    "unpaired surrogate": manifest_text(files={"\ud800": {"sha256": "0"}}),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_OURS)
+def test_a_manifest_that_is_not_ours_owns_nothing(target: Path, kind: str) -> None:
+    (target / MANIFEST).write_bytes(NOT_OURS[kind])
+    before = stamps(target.parent)
+    for call in (lambda: read_manifest(target), lambda: verify_hashes(target)):
+        with pytest.raises(BuildError, match="codegen build") as caught:
+            call()
+        assert caught.value.where == str(target / MANIFEST)
+    with pytest.raises(BuildError, match="holds"):
+        write_folder(NEW, target)
+    assert stamps(target.parent) == before
+
+
+def test_a_huge_manifest_is_not_read_to_its_end(target: Path) -> None:
+    with (target / MANIFEST).open("wb") as file:
+        file.truncate(MANIFEST_BYTES_MAX + 1)  # sparse: takes no space
+    with pytest.raises(BuildError, match=f"larger than {MANIFEST_BYTES_MAX}"):
+        read_manifest(target)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: os.symlink("README.md", path)])
+def test_a_manifest_that_is_no_file_is_refused_without_waiting(target: Path, make: Callable[[Path], None]) -> None:
+    (target / MANIFEST).unlink()
+    make(target / MANIFEST)
+    with pytest.raises(BuildError, match="not a regular file"):
+        read_manifest(target)
+
+
+def test_no_manifest(tmp_path: Path) -> None:
+    plant_file(tmp_path, "file")
+    for place in (tmp_path, tmp_path / "nowhere", tmp_path / "file"):
+        with pytest.raises(BuildError, match=r"no generated folder.*codegen build"):
+            read_manifest(place)
+
+
+@pytest.mark.parametrize("kind", ["file", "pipe", "link to a file", "link to itself", "root"])
+def test_target_that_is_no_folder(tmp_path: Path, kind: str) -> None:
+    place = tmp_path / "4ws2"
+    if kind == "file":
+        plant_file(tmp_path, "4ws2")
+    elif kind == "pipe":
+        os.mkfifo(place)
+    elif kind == "link to a file":
+        plant_file(tmp_path, "file")
+        place.symlink_to("file")
+    elif kind == "link to itself":
+        place.symlink_to("4ws2")
+    else:
+        place = Path("/")
+    before = stamps(tmp_path)
+    with pytest.raises(BuildError, match="not a folder"):
+        write_folder(OLD, place)
+    assert stamps(tmp_path) == before
+
+
+def test_parent_that_is_a_file(tmp_path: Path) -> None:
+    plant_file(tmp_path, "file")
+    before = stamps(tmp_path)
+    for place in (tmp_path / "file" / "4ws2", tmp_path / "file" / "a" / "4ws2"):
+        with pytest.raises(BuildError, match="cannot be written") as caught:
+            write_folder(OLD, place)
+        assert "\n" not in str(caught.value)
+    assert stamps(tmp_path) == before
+
+
+def test_what_appears_at_the_last_moment_is_put_back(target: Path, monkeypatch: pytest.MonkeyPatch, swap: str) -> None:
+    exchange, calls = write._exchange, []
+
+    def late(one: Path, other: Path) -> None:
+        calls.append(one)
+        if len(calls) == 1:
+            plant_file(target, "src/late.c")
+        exchange(one, other)
+
+    monkeypatch.setattr(write, "_exchange", late)
+    with pytest.raises(BuildError, match=r"holds 'src/late\.c'"):
+        write_folder(NEW, target)
+    assert tree(target) == expected(OLD, {"src/late.c": b"dear to its owner\n"})
+    assert beside(target) == []
+
+
+def test_a_strangers_folder_where_the_temporary_one_would_stand(target: Path) -> None:
+    plant_file(target.parent, f".4ws2.codegen-tmp-{os.getpid()}/mine.txt")
+    before = tree(target.parent)
+    with pytest.raises(BuildError, match="cannot be written"):
+        write_folder(NEW, target)
+    assert tree(target.parent) == before
+
+
+# A build that fails
+
+
+def test_every_file_and_folder_is_on_the_disk_before_the_swap(target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: set[int] = set()
+    checked: list[Path] = []
+    fsync, exchange = os.fsync, write._exchange
+
+    def record(descriptor: int) -> None:
+        synced.add(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    def check(one: Path, other: Path) -> None:
+        checked.extend(path for path in (one, *one.rglob("*")) if path.stat().st_ino in synced)
+        assert len(checked) == 1 + len(expected(NEW))
+        exchange(one, other)
+
+    monkeypatch.setattr(os, "fsync", record)
+    monkeypatch.setattr(write, "_exchange", check)
+    write_folder(NEW, target)
+    assert checked
+
+
+STEPS = ("mkdir", "fsync", "rename", "unlink", "rmdir")
+"""Calls of `os` that change the disk. `write._exchange` and half of `write._write_file` are steps as well."""
+
+
+def step_by_step(patch: Callable[[Any, str, Any], None], at_step: Callable[[], None]) -> None:
+    """Make each step of `write_folder` call `at_step` first; a file's write calls it with half of the file written."""
+
+    def before(call: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapped(*args: Any, **kwargs: Any) -> Any:
+            at_step()
+            return call(*args, **kwargs)
+
+        return wrapped
+
+    write_file = write._write_file
+
+    def in_halves(path: Path, content: bytes) -> None:
+        path.write_bytes(content[: len(content) // 2])
+        at_step()
+        path.unlink()
+        write_file(path, content)
+
+    for name in STEPS:
+        patch(os, name, before(getattr(os, name)))
+    patch(write, "_exchange", before(write._exchange))
+    patch(write, "_write_file", in_halves)
+
+
+class Countdown:
+    """Calls `act` when called for the `step`-th time, the first being 1."""
+
+    def __init__(self, step: int, act: Callable[[], None]) -> None:
+        self.left, self.act = step, act
+
+    def __call__(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            self.act()
+
+
+def fail_at(step: int, error: BaseException, folder: Folder, target: Path) -> tuple[bool, BaseException | None]:
+    """Build with `error` raised at `step`; return whether the build came that far, and what it raised."""
+
+    def act() -> None:
+        raise error
+
+    countdown = Countdown(step, act)
+    with pytest.MonkeyPatch.context() as patch:
+        step_by_step(patch.setattr, countdown)
+        try:
+            write_folder(folder, target)
+        except BaseException as raised:
+            return True, raised
+    return countdown.left <= 0, None
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), SystemExit(143), MemoryError()],
+    ids=lambda error: type(error).__name__,
+)
+def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) -> None:
+    was_old = was_new = 0
+    reached, step = True, 0
+    while reached:
+        step += 1
+        target = tmp_path / str(step) / "4ws2"
+        write_folder(OLD, target)
+        (target / "verify.json").write_bytes(b"{}")
+        reached, raised = fail_at(step, error, NEW, target)
+        found = tree(target)
+        if found == expected(OLD, {"verify.json": b"{}"}):
+            was_old += 1
+            assert isinstance(raised, BuildError if isinstance(error, OSError) else type(error))
+            assert beside(target) == [], f"step {step} leaves something"
+        else:
+            # The new folder is in its place: only the removal of the old one can have failed.
+            was_new += 1
+            assert found == expected(NEW), f"step {step} leaves a mixture"
+            assert raised is None if isinstance(error, OSError) else raised is None or type(raised) is type(error)
+            write_folder(NEW, target)
+            assert beside(target) == [], f"what step {step} left is not cleaned"
+    # The manifest, three files and the folders around them: at least that many steps stand before the swap, as many
+    # removals as there are files after it.
+    assert was_old >= 10 and was_new >= 5
+
+
+def test_full_disk_is_told_in_one_line(target: Path) -> None:
+    _, raised = fail_at(4, OSError(errno.ENOSPC, "No space left on device"), NEW, target)
+    assert isinstance(raised, BuildError) and raised.exit_code == 2
+    assert str(raised) == (
+        f"{target}: cannot be written (No space left on device); what stood before is unchanged; free some space and try again"
+    )
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "full"), KeyboardInterrupt()], ids=["ENOSPC", "interrupt"])
+def test_parents_made_for_a_failed_build_go_again(tmp_path: Path, error: BaseException) -> None:
+    (tmp_path / "kept").mkdir()
+    reached, step = True, 0
+    while reached:
+        step += 1
+        reached, raised = fail_at(step, error, NEW, tmp_path / "kept" / "a" / "b" / "4ws2")
+        if raised is not None:
+            assert tree(tmp_path) == {"kept": None}, f"step {step}"
+    assert tree(tmp_path / "kept" / "a" / "b" / "4ws2") == expected(NEW)
+
+
+def test_limit_of_the_file_size_in_the_middle_of_a_file(target: Path, tmp_path: Path) -> None:
+    """A real error of the kernel, as a full disk gives it: the file is there, and cut short."""
+    result = run_self("limited", target)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith(f"{target}: cannot be written (File too large)")
+    assert tree(target) == expected(OLD)
+    assert beside(target) == []
+
+
+def limited(target: Path) -> None:
+    """In a process of its own: a build with one file larger than the limit of this process."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+    try:
+        write_folder(Folder({"a.c": b"small", "z.c": b"x" * 100_001}, {}), target)
+    except BuildError as error:
+        print(error)
+
+
+# A build that is killed
+
+
+def run_self(what: str, *args: object) -> subprocess.CompletedProcess[str]:
+    root = str(Path(codegen.__file__).parents[1])
+    return subprocess.run(
+        [sys.executable, __file__, what, *map(str, args)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((root, os.environ.get("PYTHONPATH", "")))},
+    )
+
+
+def killed(scratch: Path, way: str) -> None:
+    """In a process of its own: kill a build at step 1, 2, 3 … until one gets through; print what each left as JSON."""
+    if way == "renames":
+        write._exchange = no_exchange
+    for step in range(1, 1000):
+        target = scratch / str(step) / "4ws2"
+        write_folder(OLD, target)
+        (target / "verify.json").write_bytes(b"{}")
+        child = os.fork()
+        if child == 0:
+            step_by_step(setattr, Countdown(step, lambda: os.kill(os.getpid(), signal.SIGKILL)))
+            write_folder(NEW, target)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        old = expected(OLD, {"verify.json": b"{}"})
+        found = tree(target)
+        stands = "old" if found == old else "new" if found == expected(NEW) else "a mixture" if found else "none"
+        left = beside(target)
+        aside = any(tree(target.parent / name) == old for name in left)
+        write_folder(NEW, target)
+        print(json.dumps([stands, left, aside, tree(target) == expected(NEW), beside(target)]))
+        if not os.WIFSIGNALED(status):
+            return
+
+
+@pytest.mark.parametrize("way", ["exchange", "renames"])
+def test_kill_at_any_step(tmp_path: Path, way: str) -> None:
+    result = run_self("killed", tmp_path, way)
+    assert result.returncode == 0, result.stderr
+    steps = [json.loads(line) for line in result.stdout.splitlines()]
+    standing = [stands for stands, *_ in steps]
+    # In order: the old folder up to the swap, the new one after it; between two renames, and only there, none.
+    none = ["none"] if way == "renames" else []
+    old, new = standing.count("old"), standing.count("new")
+    assert standing == ["old"] * old + none + ["new"] * new
+    assert old >= 10 and new >= 5
+    for step, (stands, left, old_aside, good_after, left_after) in enumerate(steps, start=1):
+        assert all(name.startswith(".4ws2.codegen-tmp-") for name in left), f"step {step} leaves {left}"
+        assert stands != "none" or old_aside, f"step {step} loses the old folder"
+        assert good_after and left_after == [], f"after step {step} the next build leaves {left_after}"
+
+
+def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path, dead_pid: int) -> None:
+    target.rename(target.with_name(f".4ws2.codegen-tmp-{dead_pid}-old"))
+    _, raised = fail_at(6, OSError(errno.ENOSPC, "full"), NEW, target)
+    assert isinstance(raised, BuildError)
+    assert tree(target) == expected(OLD)
+    assert beside(target) == []
+
+
+@pytest.mark.parametrize("folder", [OLD, NEW], ids=["unchanged build", "changed build"])
+def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, dead_pid: int, folder: Folder) -> None:
+    out = target.parent
+    for suffix in ("", "-old"):
+        write_folder(NEW, out / f".4ws2.codegen-tmp-{dead_pid}{suffix}")
+    write_folder(NEW, out / f".4ws2.codegen-tmp-{os.getpid()}")  # a namesake in a container: we are not at it
+    stay = [f".other.codegen-tmp-{dead_pid}", ".4ws2.codegen-tmp-x", f"4ws2.codegen-tmp-{dead_pid}", ".4ws2.codegen-tmp-0"]
+    for name in stay:
+        write_folder(NEW, out / name)
+    write_folder(folder, target)
+    assert beside(target) == sorted(stay)
+    assert all(tree(out / name) == expected(NEW) for name in stay)
+    assert tree(target) == expected(folder)
+
+
+def test_leftover_of_a_living_build_stays(target: Path) -> None:
+    with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as process:
+        leftover = target.with_name(f".4ws2.codegen-tmp-{process.pid}")
+        write_folder(OLD, leftover)
+        write_folder(NEW, target)
+        assert beside(target) == [leftover.name]
+        assert tree(leftover) == expected(OLD)
+    write_folder(NEW, target)
+    assert beside(target) == []
+
+
+def test_only_named_files_of_a_leftover_go(target: Path, dead_pid: int) -> None:
+    leftover = target.with_name(f".4ws2.codegen-tmp-{dead_pid}")
+    write_folder(OLD, leftover)
+    plant_file(leftover, "src/mine.c")
+    plant_file(target.parent, "elsewhere/README.md")
+    (leftover / "link").symlink_to("../elsewhere")
+    write_folder(NEW, target)
+    kept: Tree = {"src": None, "src/mine.c": b"dear to its owner\n", "link": "../elsewhere"}
+    assert tree(leftover) == kept | {MANIFEST: render_manifest(OLD)}
+    assert (target.parent / "elsewhere" / "README.md").exists()
+
+
+def test_a_link_named_like_a_leftover_is_not_followed(target: Path, tmp_path: Path, dead_pid: int, swap: str) -> None:
+    other = tmp_path / "other build"
+    write_folder(OLD, other)
+    before = tree(other)
+    for name in (f"{dead_pid}", f"{dead_pid}-old", f"{os.getpid()}-old"):
+        target.with_name(f".4ws2.codegen-tmp-{name}").symlink_to(other)
+    if swap == "exchange":
+        write_folder(NEW, target)
+    else:
+        with pytest.raises(BuildError):  # there is no room to put the old folder aside
+            write_folder(NEW, target)
+    assert tree(other) == before
+    link = target.with_name(f".4ws2.codegen-tmp-{os.getpid()}")
+    link.symlink_to(other)
+    with pytest.raises(BuildError):
+        write_folder(Folder({"x": b""}, {}), target)
+    assert tree(other) == before and link.is_symlink()
+
+
+# Builds at once
+
+
+def test_builds_at_once_leave_one_of_them_whole(tmp_path: Path, swap: str) -> None:
+    target = tmp_path / "4ws2"
+    folders = [Folder({f"src/{n}.c": b"%d" % n, f"only{n}/x.h": b"%d" % n, "both": b"%d" % n}, {}) for n in range(4)]
+    faults: list[BaseException] = []
+
+    def build(mine: int) -> None:
+        try:
+            for turn in range(8):
+                write_folder(folders[(mine + turn) % 4], target)
+        except BaseException as error:
+            faults.append(error)
+
+    threads = [threading.Thread(target=build, args=(n,)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert faults == []
+    assert tree(target) in [expected(folder) for folder in folders]
+    assert beside(target) == []
+
+
+# Checking
+
+
+def test_up_to_date(target: Path) -> None:
+    (target / "verify.md").write_bytes(b"fine")
+    before = stamps(target.parent)
+    assert differences(OLD, target) == []
+    assert verify_hashes(target) == []
+    assert stamps(target.parent) == before
+
+
+def test_each_difference_has_its_line(target: Path) -> None:
+    plant_file(target, "notes.txt")
+    (target / "link").symlink_to("README.md")
+    before = stamps(target.parent)
+    assert differences(NEW, target) == [
+        "README.md: differs",
+        "include/deep/ars.h: missing",
+        "link: not named by the manifest",
+        "manifest.json: differs",
+        "notes.txt: not named by the manifest",
+        "src/ars_map.c: differs",
+        "src/gone.c: not named by the manifest",
+    ]
+    assert stamps(target.parent) == before
+
+
+def test_no_folder_to_check(tmp_path: Path) -> None:
+    plant_file(tmp_path, "file")
+    assert differences(OLD, tmp_path / "4ws2") == [f"{tmp_path / '4ws2'}: missing"]
+    assert differences(OLD, tmp_path / "file") == [f"{tmp_path / 'file'}: not a folder"]
+    assert tree(tmp_path) == {"file": b"dear to its owner\n"}
+
+
+def replace_by_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda path: path.write_bytes(b"int c;\n"), Path.unlink, replace_by_pipe],
+    ids=["edited", "missing", "pipe"],
+)
+def test_an_edited_file_is_found(target: Path, damage: Callable[[Path], Any]) -> None:
+    damage(target / "src" / "ars_map.c")
+    plant_file(target, "notes.txt")
+    assert verify_hashes(target) == ["src/ars_map.c"]
+    assert any(line.startswith("src/ars_map.c: ") for line in differences(OLD, target))
+
+
+@pytest.fixture(autouse=True)
+def _same_working_folder() -> Iterator[None]:
+    # A build replaces the folder itself, so a test that works inside one must be brought out again.
+    before = Path.cwd()
+    yield
+    os.chdir(before)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "killed":
+        killed(Path(sys.argv[2]), sys.argv[3])
+    else:
+        limited(Path(sys.argv[2]))

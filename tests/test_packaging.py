@@ -1,0 +1,122 @@
+"""What the distributions hold, and that the lock file fits `pyproject.toml`."""
+
+from __future__ import annotations
+
+import configparser
+import email
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+import codegen
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+
+
+def build(kind: str, source: Path, target: Path) -> Path:
+    """Call the build backend as pip does, in its own process: it takes the project from the current folder."""
+    script = f"import sys; from hatchling.build import build_{kind}; build_{kind}(sys.argv[1])"
+    result = subprocess.run([sys.executable, "-c", script, str(target)], cwd=source, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    (made,) = target.iterdir()
+    return made
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[zipfile.ZipFile]:
+    with zipfile.ZipFile(build("wheel", ROOT, tmp_path_factory.mktemp("wheel"))) as archive:
+        yield archive
+
+
+def sources(folder: str, pattern: str) -> set[str]:
+    return {path.relative_to(ROOT / folder).as_posix() for path in (ROOT / folder).rglob(pattern) if path.is_file()}
+
+
+def test_the_wheel_has_all_modules_and_types(wheel: zipfile.ZipFile) -> None:
+    names = set(wheel.namelist())
+    for package in ("codegen", "hil_sim"):
+        modules = sources(package, "*.py")
+        assert "__init__.py" in modules
+        assert {f"{package}/{name}" for name in modules} <= names
+        assert f"{package}/py.typed" in names
+
+
+def test_the_wheel_has_presets_and_templates_byte_for_byte(wheel: zipfile.ZipFile) -> None:
+    templates = sources("templates", "*")
+    assert any(name.endswith(".j2") for name in templates)
+    packed = {name.removeprefix("codegen/_templates/") for name in wheel.namelist() if name.startswith("codegen/_templates/")}
+    assert packed == templates
+    for name in templates:
+        assert wheel.read(f"codegen/_templates/{name}") == (ROOT / "templates" / name).read_bytes()
+    presets = sources("codegen/presets", "*.toml")
+    assert "paper.toml" in presets
+    for name in presets:
+        assert wheel.read(f"codegen/presets/{name}") == (ROOT / "codegen/presets" / name).read_bytes()
+
+
+def test_the_wheel_has_nothing_else(wheel: zipfile.ZipFile) -> None:
+    metadata = f"ars_codegen-{codegen.__version__}.dist-info"
+    assert {name.split("/")[0] for name in wheel.namelist()} == {"codegen", "hil_sim", metadata}
+    assert not [name for name in wheel.namelist() if "__pycache__" in name or name.endswith((".pyc", ".so", ".o"))]
+
+
+def test_the_metadata(wheel: zipfile.ZipFile) -> None:
+    folder = f"ars_codegen-{codegen.__version__}.dist-info"
+    metadata = email.message_from_bytes(wheel.read(f"{folder}/METADATA"))
+    assert metadata["Name"] == "ars-codegen"
+    assert metadata["Version"] == codegen.__version__
+    assert metadata["Requires-Python"] == ">=3.11"
+    assert metadata["License-Expression"] == "MIT"
+    assert f"{folder}/licenses/LICENSE" in wheel.namelist()
+    entry_points = configparser.ConfigParser()
+    entry_points.read_string(wheel.read(f"{folder}/entry_points.txt").decode())
+    assert dict(entry_points["console_scripts"]) == {"codegen": "codegen.cli:main"}
+
+
+def test_the_sdist_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    (tmp_path / "sdist").mkdir()
+    (tmp_path / "wheel").mkdir()
+    with tarfile.open(build("sdist", ROOT, tmp_path / "sdist")) as archive:
+        # The filter came with Python 3.11.4; without it later versions warn.
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)
+        archive.extractall(tmp_path)
+    with zipfile.ZipFile(build("wheel", tmp_path / f"ars_codegen-{codegen.__version__}", tmp_path / "wheel")) as second:
+        # RECORD lists the hash of every file.
+        record = f"ars_codegen-{codegen.__version__}.dist-info/RECORD"
+        assert second.read(record) == wheel.read(record)
+
+
+def test_the_extra_all_is_the_sum_of_the_extras() -> None:
+    extras = PROJECT["project"]["optional-dependencies"]
+    (everything,) = (Requirement(line) for line in extras["all"])
+    assert everything.name == "ars-codegen"
+    assert everything.extras == extras.keys() - {"all"}
+    assert all(extras.values())
+
+
+def test_the_lock_file_pins_every_requirement_within_its_range() -> None:
+    pins = dict(re.findall(r"^([a-z0-9-]+)==([^ ;\\]+)", LOCK, re.MULTILINE))
+    lines = [*PROJECT["project"]["dependencies"], *PROJECT["build-system"]["requires"]]
+    for extra, extra_lines in PROJECT["project"]["optional-dependencies"].items():
+        lines += extra_lines if extra != "all" else []
+    assert len(lines) > 20
+    for requirement in map(Requirement, lines):
+        assert requirement.name in pins, f"{requirement.name}: run make lock"
+        assert requirement.specifier.contains(pins[requirement.name]), f"{requirement}: run make lock"
+
+
+def test_the_lock_file_has_hashes_and_no_place() -> None:
+    blocks = re.split(r"^(?=[a-z0-9-]+==)", LOCK, flags=re.MULTILINE)[1:]
+    assert [block.splitlines()[0] for block in blocks if "--hash=sha256:" not in block] == []
+    # Neither a local path nor an index: each machine takes the packages from where it is set up to.
+    assert re.findall(r"://|^-|--(?!hash=)|@ ", LOCK, re.MULTILINE) == []

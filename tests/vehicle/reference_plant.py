@@ -1,0 +1,211 @@
+"""A second car, written from the physics in words, to judge the plant by. It imports nothing of the project.
+
+A rigid body moves in the plane at a given forward speed, on four wheels. At each wheel the side force follows from the slip
+angle (direction of travel less steering angle) by the Magic Formula at that wheel's load; it acts across the wheel. The
+lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel is in the
+air. Steering and rear actuator are first-order lags with a rate limit; while their command is constant their way is known in
+closed form, so only lateral speed, yaw rate, heading and position are integrated numerically, from kink to kink.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import solve_ivp
+
+FloatArray = npt.NDArray[np.float64]
+
+ROLLING_SPEED_MIN = 0.5
+"""m/s: a wheel that rolls slower counts as rolling at this speed."""
+
+
+@dataclass(frozen=True)
+class TyreData:
+    """One tyre. `slope` is its cornering stiffness in N/rad at static load and at the friction of dry road."""
+
+    slope: float
+    shape: float = 1.3
+    curvature: float = -0.5
+    peak: float = 1.0
+    peak_with_load: float = 0.0
+    shift_angle: float = 0.0
+    shift_force: float = 0.0
+
+
+@dataclass(frozen=True)
+class Lag:
+    """First-order lag with a rate limit: time constant in s, limit in units of the angle for each second."""
+
+    time_constant: float
+    rate_limit: float
+
+    def rate(self, error: float) -> float:
+        """How fast the angle follows a command that it misses by `error`."""
+        return min(max(error / self.time_constant, -self.rate_limit), self.rate_limit)
+
+    def ramp_time(self, start: float, command: float) -> float:
+        """s until the lag leaves its rate limit."""
+        return max(abs(command - start) / self.rate_limit - self.time_constant, 0.0)
+
+    def angle(self, start: float, command: float, time: float) -> float:
+        """Where the angle is after `time` s of a constant command: a straight ramp, then an exponential."""
+        ramp = self.ramp_time(start, command)
+        if time < ramp:
+            return start + math.copysign(self.rate_limit * time, command - start)
+        left = math.copysign(self.rate_limit * self.time_constant, command - start) if ramp > 0.0 else command - start
+        return command - left * math.exp(-(time - ramp) / self.time_constant)
+
+
+@dataclass(frozen=True)
+class Car:
+    """SI units. The defaults are the published car, its linear tyre data being of one tyre."""
+
+    mass: float = 2335.07
+    inertia: float = 5376.432
+    height: float = 0.42
+    track: float = 1.627
+    to_front: float = 1.574
+    to_rear: float = 1.566
+    roll_share_front: float = 0.6
+    gravity: float = 9.81
+    dry_friction: float = 0.9
+    front: TyreData = TyreData(119_540.0)
+    rear: TyreData = TyreData(119_830.0)
+    steering_ratio: float = 90.0 / 6.75
+    steering: Lag = Lag(0.005, math.radians(300.0))
+    rear_actuator: Lag = Lag(0.05, math.radians(30.0))
+    rear_angle_max: float = math.radians(3.5)
+    load_transfer_scale: float = 1.0
+
+    @property
+    def wheels(self) -> FloatArray:
+        """Positions (x forward, y left) of front left, front right, rear left, rear right; shape (4, 2)."""
+        side = 0.5 * self.track
+        return np.array([[self.to_front, side], [self.to_front, -side], [-self.to_rear, side], [-self.to_rear, -side]])
+
+    def static_loads(self) -> FloatArray:
+        """Loads of the four wheels at rest, from force and pitch balance; shape (4,)."""
+        arms = self.wheels[:, 0]
+        front_pair, rear_pair = np.linalg.solve([[2.0, 2.0], [2.0 * arms[0], 2.0 * arms[2]]], [self.mass * self.gravity, 0.0])
+        return np.array([front_pair, front_pair, rear_pair, rear_pair])
+
+    def loads(self, lateral_acceleration: float) -> FloatArray:
+        """Loads of the four wheels in a turn. Roll balance about the ground line: w (dF_front + dF_rear) = m ay h."""
+        at_rest = self.static_loads()
+        whole = self.load_transfer_scale * self.mass * lateral_acceleration * self.height / self.track
+        moved = np.repeat(whole * np.array([self.roll_share_front, 1.0 - self.roll_share_front]), 2)
+        moved = np.sign(moved) * np.minimum(np.abs(moved), at_rest)
+        return at_rest - np.sign(self.wheels[:, 1]) * moved
+
+    def tyre_force(self, wheel: int, slip: float, load: float, friction: float) -> float:
+        """Magnitude-signed side force of one tyre, N."""
+        tyre = self.front if wheel < 2 else self.rear
+        nominal = self.static_loads()[wheel]
+        stiffness_factor = tyre.slope / (tyre.shape * self.dry_friction * tyre.peak * nominal)
+        height = friction * max(tyre.peak + tyre.peak_with_load * (load - nominal) / nominal, 0.0) * load
+        argument = stiffness_factor * (slip - tyre.shift_angle)
+        bent = (1.0 - tyre.curvature) * argument + tyre.curvature * math.atan(argument)
+        return height * math.sin(tyre.shape * math.atan(bent)) + tyre.shift_force
+
+    def slip_angles(self, points: FloatArray, speed: float, lateral: float, yaw_rate: float, steer: FloatArray) -> FloatArray:
+        """Slip angles at body points (n, 2) with wheels that point along `steer` (n,)."""
+        along = speed - yaw_rate * points[:, 1]
+        across = lateral + yaw_rate * points[:, 0]
+        return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
+
+    def body_rates(
+        self, speed: float, lateral: float, yaw_rate: float, front: float, rear: float, friction: float, yaw_moment: float = 0.0
+    ) -> tuple[float, float]:
+        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2)."""
+        places = self.wheels
+        steer = np.array([front, front, rear, rear])
+        slip = self.slip_angles(places, speed, lateral, yaw_rate, steer)
+        loads = self.loads(speed * yaw_rate)
+        pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
+        forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
+        torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
+        return forces[:, 1].sum() / self.mass, (torque.sum() + yaw_moment) / self.inertia
+
+    def derivative(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
+        """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] under [speed, steering wheel command,
+        rear command, friction, yaw moment]."""
+        lateral, yaw_rate, wheel, rear, _, _, heading = state
+        speed, wheel_command, rear_command, friction, yaw_moment = inputs
+        front = wheel / self.steering_ratio
+        acceleration, yaw_acceleration = self.body_rates(speed, lateral, yaw_rate, front, rear, friction, yaw_moment)
+        drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
+        return np.array(
+            [
+                acceleration - speed * yaw_rate,
+                yaw_acceleration,
+                self.steering.rate(wheel_command - wheel),
+                self.rear_actuator.rate(float(np.clip(rear_command, -self.rear_angle_max, self.rear_angle_max)) - rear),
+                drift.real,
+                drift.imag,
+                yaw_rate,
+            ]
+        )
+
+    def outputs(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
+        """Sideslip angle, lateral acceleration, front angle, slip angles at the middle of the front and of the rear axle."""
+        lateral, yaw_rate, wheel, rear = state[:4]
+        speed, friction = inputs[0], inputs[3]
+        front = wheel / self.steering_ratio
+        middles = np.array([[0.0, 0.0], [self.to_front, 0.0], [-self.to_rear, 0.0]])
+        sideslip, slip_front, slip_rear = self.slip_angles(middles, speed, lateral, yaw_rate, np.array([0.0, front, rear]))
+        acceleration, _ = self.body_rates(speed, lateral, yaw_rate, front, rear, friction)
+        return np.array([sideslip, acceleration, front, slip_front, slip_rear])
+
+
+def simulate(car: Car, state: FloatArray, holds: Sequence[tuple[float, FloatArray]], period: float) -> FloatArray:
+    """States each `period` s, the first one included, over `holds`: (whole periods in s, inputs held meanwhile)."""
+    rows = [np.asarray(state, dtype=np.float64)]
+    for duration, inputs in holds:
+        rows += _hold(car, rows[-1], duration, inputs, period)
+    return np.array(rows)
+
+
+def _hold(car: Car, start: FloatArray, duration: float, inputs: FloatArray, period: float) -> list[FloatArray]:
+    """States at the end of each period of one hold."""
+    speed, wheel_command, rear_command, friction, yaw_moment = inputs
+    rear_command = float(np.clip(rear_command, -car.rear_angle_max, car.rear_angle_max))
+
+    def wheel(time: float) -> float:
+        return car.steering.angle(start[2], wheel_command, time)
+
+    def rear(time: float) -> float:
+        return car.rear_actuator.angle(start[3], rear_command, time)
+
+    def motion(time: float, body: FloatArray) -> list[float]:
+        lateral, yaw_rate, _, _, heading = body
+        acceleration, yaw_acceleration = car.body_rates(
+            speed, lateral, yaw_rate, wheel(time) / car.steering_ratio, rear(time), friction, yaw_moment
+        )
+        drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
+        return [acceleration - speed * yaw_rate, yaw_acceleration, drift.real, drift.imag, yaw_rate]
+
+    times = period * np.arange(1, round(duration / period) + 1)
+    kinks = (car.steering.ramp_time(start[2], wheel_command), car.rear_actuator.ramp_time(start[3], rear_command))
+    edges = [0.0, *sorted({kink for kink in kinks if 0.0 < kink < times[-1]}), float(times[-1])]
+    bodies = _piecewise(motion, start[[0, 1, 4, 5, 6]], edges, times)
+    return [np.array([b[0], b[1], wheel(t), rear(t), b[2], b[3], b[4]]) for t, b in zip(times, bodies, strict=True)]
+
+
+def _piecewise(
+    motion: Callable[[float, FloatArray], list[float]], start: FloatArray, edges: Sequence[float], times: FloatArray
+) -> list[FloatArray]:
+    """The solution at `times` (the last one is the last edge); the integrator starts anew at each edge."""
+    found: list[FloatArray] = []
+    for left, right in zip(edges[:-1], edges[1:], strict=True):
+        inside = times[(times > left) & (times <= right)]
+        ends = inside if inside.size and inside[-1] == right else np.append(inside, right)
+        solution = solve_ivp(motion, (left, right), start, method="DOP853", t_eval=ends, rtol=1e-11, atol=1e-13)
+        if not solution.success:
+            raise ArithmeticError(solution.message)
+        start = solution.y[:, -1]
+        found += list(solution.y.T[: inside.size])
+    return found
