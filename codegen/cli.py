@@ -34,14 +34,12 @@ def example(text: str) -> str:
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=example("codegen init my-car"))
 @click.version_option(__version__, prog_name="codegen")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def cli(debug: bool) -> None:
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+def cli() -> None:
     """From vehicle data to checked C for active rear steering."""
-    # `main` looks for the flag itself: an error may come before this line.
-    del debug
 
 
-@cli.command(epilog=example("codegen init my-car && cd my-car"))
+@cli.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=file_type)
 def init(folder: Path) -> None:
     """Make DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
@@ -56,7 +54,9 @@ def init(folder: Path) -> None:
     console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz")
 
 
-@cli.command(epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz"))
+@cli.command(
+    short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
+)
 @click.option("--config", "config_path", type=file_type, help="ars.toml; by default the paper's preset.")
 @click.option("--case", "case", required=True, metavar="NAME", help="fws, 4ws-1, 4ws-2 or a case of your own.")
 @click.option("-o", "--output", required=True, type=file_type, metavar="MAP.npz", help="The map to write.")
@@ -88,7 +88,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, as_jso
     console.say(f"{output}: {summary.headline}")
 
 
-@cli.command(epilog=example("codegen show 4ws2.npz --plot map.png"))
+@cli.command(short_help="Tell what a map holds, and draw it.", epilog=example("codegen show 4ws2.npz --plot map.png"))
 @click.argument("map_path", metavar="MAP.npz", type=file_type)
 @click.option("--plot", "plot", type=file_type, metavar="PNG", help="Also draw the map.")
 @json_option
@@ -96,7 +96,7 @@ def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
     from codegen.refmap import map as npz
     from codegen.report import plots
-    from codegen.report.summary import map_summary
+    from codegen.report.summary import map_summary, table
 
     reference_map = npz.load(map_path)
     summary = map_summary(reference_map)
@@ -107,17 +107,17 @@ def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
         return
     _note_lateral_acceleration(reference_map)
     console.say(f"{map_path}: {summary.headline}")
-    console.say(console.table(("", "from", "to", "unit", "points"), summary.axis_rows))
+    console.say(table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
-    console.say(console.table(("", "from", "to", "unit"), summary.value_rows))
+    console.say(table(("", "from", "to", "unit"), summary.value_rows))
     if summary.binding_rows:
         console.say("")
-        console.say(console.table(("what binds", "cells", "share"), summary.binding_rows))
+        console.say(table(("what binds", "cells", "share"), summary.binding_rows))
     if plot is not None:
         console.say(f"\nplot: {plot}")
 
 
-@cli.command(epilog=example("codegen build --map 4ws2.npz"))
+@cli.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
 @click.option("--map", "map_path", required=True, type=file_type, metavar="MAP.npz")
 @click.option("--config", "config_path", type=file_type, help="ars.toml; by default the map's own configuration.")
 @click.option("-o", "--output", type=file_type, metavar="DIR", help="By default generated/<name of the map>.")
@@ -164,20 +164,21 @@ def build(
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
 
 
-@cli.command(epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv"))
+@cli.command(
+    short_help="Run the generated C in closed loop.",
+    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv"),
+)
 @click.option("--build", "build_path", required=True, type=file_type, metavar="DIR", help="A folder made by codegen build.")
 @click.option("--map", "map_path", type=file_type, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
 @click.option("--scenario", "scenario", default="step-steer", show_default=True, metavar="NAME")
 @click.option("--plot", "plot", type=file_type, metavar="PNG", help="Draw the run beside the passive car.")
 @click.option("--csv", "csv", type=file_type, metavar="CSV", help="Write the run, units in the column names.")
 @json_option
-def sil(
-    build_path: Path, map_path: Path | None, scenario: str, plot: Path | None, csv: Path | None, as_json: bool
-) -> None:
+def sil(build_path: Path, map_path: Path | None, scenario: str, plot: Path | None, csv: Path | None, as_json: bool) -> None:
     """Run the generated C in closed loop with the two-track plant, software in the loop."""
     from codegen.refmap import map as npz
     from codegen.report import plots
-    from codegen.report.summary import step_rows
+    from codegen.report.summary import step_rows, table
     from codegen.sil.software import load
     from hil_sim.metrics import step_metrics
     from hil_sim.recording import save_csv
@@ -208,13 +209,13 @@ def sil(
     for path in software.edited:
         console.note(f"{build_path / path} was changed after the build; this run uses it as it is")
     console.say(f"{build_path}: {manoeuvre.title}")
-    console.say(console.table(("", *metrics), step_rows(tuple(metrics.values()))))
-    for title, path in (("plot", plot), ("recording", csv)):
-        if path is not None:
-            console.say(f"{title}: {path}")
+    console.say(table(("", *metrics), step_rows(tuple(metrics.values()))))
+    for title, written in (("plot", plot), ("recording", csv)):
+        if written is not None:
+            console.say(f"{title}: {written}")
 
 
-@cli.command(epilog=example("codegen paper -o build"))
+@cli.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
 @click.option("-o", "--output", required=True, type=file_type, metavar="DIR", help="Where maps, C, plots and runs go.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
@@ -239,10 +240,12 @@ def _note_lateral_acceleration(reference_map: ReferenceMap) -> None:
 
 def main() -> NoReturn:
     """Entry point: one line for each error, and the exit codes of the interface (0, 1, 2)."""
-    debug = "--debug" in sys.argv[1:]
+    # Taken out here, so that it may stand anywhere, and so that an error in the other words is shown in full too.
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    debug = len(arguments) < len(sys.argv) - 1
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        cli.main(standalone_mode=False)
+        cli.main(arguments, standalone_mode=False)
         sys.stdout.flush()
     except CodegenError as error:
         _fail(f"error: {error}", error.exit_code, debug)
@@ -256,7 +259,7 @@ def main() -> NoReturn:
         _fail(f"error: {one_line(error.format_message())}{hint}", EXIT_BAD_INPUT, debug)
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: no error, and nothing more to say.
-        sys.stdout = None  # type: ignore[assignment]
+        sys.stdout = None
         raise SystemExit(0) from None
     except OSError as error:
         _fail(f"error: {one_line(error)}; check the path, the permissions and the disk", EXIT_BAD_INPUT, debug)
@@ -267,7 +270,7 @@ def main() -> NoReturn:
 
 def _fail(text: str, code: int, debug: bool) -> NoReturn:
     if debug:
-        raise  # noqa: PLE0704 - called from an except clause: the traceback is what was asked for
+        raise
     print(text, file=sys.stderr)
     raise SystemExit(code)
 
@@ -276,5 +279,3 @@ def _terminate(number: int, frame: FrameType | None) -> None:
     del frame
     # An exception, so that what is under way cleans up after itself.
     raise SystemExit(128 + number)
-
-

@@ -1,4 +1,4 @@
-"""What commands print: lines, tables, progress and JSON. Below `cli`, above everything that computes."""
+"""What commands print: lines, progress and JSON. Below `cli`, above everything that computes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
@@ -23,19 +23,6 @@ def note(text: str) -> None:
 def print_json(data: Any) -> None:
     """A result for programs, on standard output."""
     print(json.dumps(data, indent=1, allow_nan=False))
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text columns: the first flush left, the others flush right."""
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-
-    def line(cells: Sequence[str]) -> str:
-        first, *others = (
-            cell.ljust(width) if k == 0 else cell.rjust(width) for k, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        )
-        return "  ".join([first, *others]).rstrip()
-
-    return "\n".join([line(header), "  ".join("-" * width for width in widths), *(line(row) for row in rows)])
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.sil.software import RECORD_COLUMNS
+from codegen.sil.software import RECORD_COLUMNS, Status
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,12 +23,14 @@ STEADY_WINDOW = 1.0
 class StepMetrics:
     """Step response (ISO 7401, lateral transient response). Units in the names; rear angle: the actuator's, not the command.
 
+    The reference is None for a car that is not controlled at the end.
+
     `overshoot_percent` is of the steady yaw rate; `rise_time_s` runs from the start of steering to 90 % of the steady value.
     """
 
     yaw_rate_steady_deg_s: float
     yaw_rate_peak_deg_s: float
-    yaw_rate_reference_deg_s: float
+    yaw_rate_reference_deg_s: float | None
     overshoot_percent: float
     rise_time_s: float
     sideslip_steady_deg: float
@@ -41,7 +43,7 @@ class StepMetrics:
     slip_rear_abs_max_deg: float
     lateral_acceleration_max_m_s2: float
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, float | None]:
         """Name to value."""
         return asdict(self)
 
@@ -66,6 +68,7 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
         return result
 
     yaw_rate, sideslip, rear = degrees("yaw_rate_rad_s"), degrees("sideslip_rad"), degrees("rear_angle_rad")
+    controlled = bool((column(record, "status")[steady] <= Status.LIMITED).all())
     yaw_rate_steady = float(yaw_rate[steady].mean())
     sign = 1.0 if yaw_rate_steady >= 0.0 else -1.0
     peak = sign * float((sign * yaw_rate[after]).max())
@@ -75,7 +78,7 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
     return StepMetrics(
         yaw_rate_steady_deg_s=yaw_rate_steady,
         yaw_rate_peak_deg_s=peak,
-        yaw_rate_reference_deg_s=float(degrees("yaw_rate_reference_rad_s")[steady].mean()),
+        yaw_rate_reference_deg_s=float(degrees("yaw_rate_reference_rad_s")[steady].mean()) if controlled else None,
         overshoot_percent=100.0 * (peak / yaw_rate_steady - 1.0) if yaw_rate_steady else 0.0,
         rise_time_s=float(time[first]) - steer_time,
         sideslip_steady_deg=float(sideslip[steady].mean()),

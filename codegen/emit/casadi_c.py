@@ -1,9 +1,9 @@
 """A CasADi SX function as C99, by walking its instructions.
 
 CasADi's own generator prints double literals and double libm names whatever `casadi_real` is, which costs a soft-float
-library on a single-precision FPU. This printer emits straight-line code in one precision: each instruction becomes one constant, every
-literal carries its suffix, and minimum and maximum are comparisons, so that the only library functions are sin, cos, atan
-and sqrt. The CasADi virtual machine is the oracle in the tests.
+library on a single-precision FPU. This printer emits straight-line code in one precision: each instruction becomes one
+constant, every literal carries its suffix, and minimum and maximum are comparisons, so that the only library functions are
+sin, cos, atan and sqrt. The CasADi virtual machine is the oracle in the tests.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all pictures share: palette, fonts, names, and the file they are written to.
+"""What all pictures share: palette, fonts, names, the panel that shows a map, and the file they are written to.
 
 Matplotlib is used through its object interface, never pyplot, and imported only where a picture is drawn.
 """
@@ -7,16 +7,28 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H
 from codegen.errors import CodegenError, one_line
 from codegen.files import write_atomically
+from codegen.refmap.map import ReferenceMap
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.colors import Colormap, Normalize
     from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
 
 # M. Okabe, K. Ito, Color Universal Design (2008): told apart by all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
@@ -101,3 +113,112 @@ def save(figure: Figure, path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise PlotError("only PNG pictures are written", where=path, remedy=f"name it {path.stem or 'picture'}.png")
     write_atomically(path, to_png(figure))
+
+
+# --- the panel of a map ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One table of a map and how it is shown.
+
+    Attributes:
+        name: with its symbol. unit: of what is drawn.
+        colours: name of the colour map; a diverging one is centred at zero.
+        table: the values of a map in SI, (n, m), None where the map has none.
+    """
+
+    name: str
+    unit: str
+    colours: str
+    diverging: bool
+    table: Callable[[ReferenceMap], FloatArray | None]
+
+    @property
+    def label(self) -> str:
+        """Name and unit, for axes and colour bars."""
+        return f"{self.name} ({self.unit})"
+
+    def degrees(self, reference_map: ReferenceMap) -> FloatArray | None:
+        """What is drawn, (n, m) in `unit`; NaN where infeasible."""
+        values = self.table(reference_map)
+        return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
+
+    def scale(self, maps: Iterable[ReferenceMap]) -> Normalize:
+        """One colour scale for several maps: from zero to the largest value, or that far to both sides of zero."""
+        from matplotlib.colors import Normalize
+
+        tables = [table for one in maps if (table := self.degrees(one)) is not None]
+        largest = max((float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()), default=0.0)
+        largest = largest if largest > 1e-6 else 1.0
+        return Normalize(-largest if self.diverging else 0.0, largest)
+
+
+YAW_RATE = Quantity("Yaw rate $r$", "deg/s", "viridis", False, lambda one: one.yaw_rate)
+SIDESLIP = Quantity(r"Sideslip angle $\beta$", "deg", "PuOr_r", True, lambda one: one.sideslip)
+REAR_STEER = Quantity(f"Rear angle {REAR_ANGLE}", "deg", "RdBu_r", True, lambda one: one.rear_angle)
+QUANTITIES = (YAW_RATE, SIDESLIP, REAR_STEER)
+
+
+def draw_table(
+    axes: Axes, reference_map: ReferenceMap, table: npt.NDArray[Any], scale: Normalize, colours: str | Colormap
+) -> QuadMesh:
+    """A cell of colour for each operating point of `table` (n, m); the hatched ground shows where it is NaN."""
+    axes.patch.set(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH)
+    speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
+    masked = np.ma.masked_invalid(table.T)
+    mesh = axes.pcolormesh(speed, front_angle, masked, norm=scale, cmap=colours, shading="nearest", rasterized=True)
+    axes.set(xlim=_ends(speed), ylim=_ends(front_angle), autoscale_on=False)
+    return mesh
+
+
+def _ends(breakpoints: FloatArray) -> tuple[float, float]:
+    """Where the outer cells end: half a step beyond the breakpoints, as they are drawn."""
+    first, second = (float(value) for value in breakpoints[:2])
+    before, last = (float(value) for value in breakpoints[-2:])
+    return first - 0.5 * (second - first), last + 0.5 * (last - before)
+
+
+def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
+    """Pieces (k, 2), speed in km/h and front angle in deg, of the line delta_r = 0.
+
+    There the rear wheels pass from the opposite to the same direction as the front wheels. Empty where they never do.
+    """
+    from contourpy import contour_generator
+
+    rear_angle = REAR_STEER.degrees(reference_map)
+    if rear_angle is None or not (np.any(rear_angle > 1e-6) and np.any(rear_angle < -1e-6)):
+        return []
+    speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
+    pieces: Any = contour_generator(speed, front_angle, np.ma.masked_invalid(rear_angle.T)).lines(0.0)
+    # Specks of one cell appear where the line runs out into infeasible cells.
+    longest = max((len(piece) for piece in pieces), default=0)
+    return [piece for piece in pieces if len(piece) > min(2, longest - 1)]
+
+
+def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
+    """Draw the line delta_r = 0; False where there is none."""
+    from matplotlib.patheffects import withStroke
+
+    pieces = phase_lines(reference_map)
+    for piece in pieces:
+        halo = [withStroke(linewidth=3.6, foreground=WHITE)]
+        axes.plot(piece[:, 0], piece[:, 1], color=BLACK, linewidth=1.8, path_effects=halo, label=PHASE_NAME)
+    return bool(pieces)
+
+
+PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"
+INFEASIBLE_NAME = "no feasible steady turn"
+
+
+def map_legend(phase_line: bool, infeasible: bool) -> list[Artist]:
+    """Legend entries of what map panels show beside their colours."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    entries: list[Artist] = []
+    if phase_line:
+        entries.append(Line2D([], [], color=BLACK, linewidth=1.8, label=PHASE_NAME))
+    if infeasible:
+        entries.append(Patch(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH, label=INFEASIBLE_NAME))
+    return entries

@@ -242,7 +242,7 @@ def test_a_link_to_a_folder_is_followed(target: Path, tmp_path: Path) -> None:
 
 def test_the_working_folder_can_be_the_target(target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(target)
-    assert write_folder(NEW, Path(".")) is True
+    assert write_folder(NEW, Path()) is True
     assert tree(target) == expected(NEW)
 
 

@@ -319,7 +319,7 @@ REFUSED = {
     "yaw rate in deg/s, low speed": (
         put("yaw_rate", lambda a: np.rad2deg(a) / 2.0),
         "yaw_rate[1, 2]",
-        "9.28 g of lateral acceleration, above 5 g",
+        " g of lateral acceleration, above 5 g",
         "deg/s",
     ),
     "front angle in degrees": (put("delta_f", np.rad2deg), "delta_f[1]", "2.86479 is outside", "multiply by pi/180"),

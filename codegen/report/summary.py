@@ -1,0 +1,155 @@
+"""What a map and a run show, as rows of text and as plain data: no printing, no plotting."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.config import KM_H
+from codegen.refmap.map import Binding, ReferenceMap
+from hil_sim.metrics import StepMetrics
+
+BINDING_NAMES = {
+    Binding.SIDESLIP: "sideslip",
+    Binding.LATERAL_ACCELERATION: "lateral acceleration",
+    Binding.SLIP_FRONT: "front slip",
+    Binding.SLIP_REAR: "rear slip",
+    Binding.REAR_ANGLE: "rear angle",
+}
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text columns: the first flush left, the others flush right."""
+    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        first, *others = zip(cells, widths, strict=True)
+        return "  ".join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]).rstrip()
+
+    return "\n".join([line(header), "  ".join("-" * width for width in widths), *(line(row) for row in rows)])
+
+
+def binding_text(flags: int) -> str:
+    """A set of binding constraints in words, "front slip + rear slip"; "none" for an optimum inside all of them."""
+    names = [name for flag, name in BINDING_NAMES.items() if flags & flag]
+    return " + ".join(names) or "none"
+
+
+@dataclass(frozen=True)
+class MapSummary:
+    """A map in figures. Ranges are (smallest, largest) over feasible cells, in the units of the names."""
+
+    case: str | None
+    speed_points: int
+    front_angle_points: int
+    speed_km_h: tuple[float, float]
+    front_angle_deg: tuple[float, float]
+    cells: int
+    feasible_cells: int
+    yaw_rate_deg_s: tuple[float, float]
+    lateral_acceleration_max_m_s2: float
+    sideslip_deg: tuple[float, float] | None
+    rear_angle_deg: tuple[float, float] | None
+    binding_cells: dict[str, int] | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Name to value, for JSON."""
+        return asdict(self)
+
+    @property
+    def headline(self) -> str:
+        """One line: where it comes from, size, feasibility."""
+        origin = f"case {self.case}" if self.case else "a bare map"
+        return (
+            f"{origin}, {self.speed_points} speeds x {self.front_angle_points} front angles, "
+            f"{self.feasible_cells} of {self.cells} cells feasible ({100.0 * self.feasible_cells / self.cells:.1f} %)"
+        )
+
+    @property
+    def axis_rows(self) -> list[tuple[str, ...]]:
+        """Rows for the axes: name, from, to, unit, number of points."""
+        return [
+            ("speed", *_span(self.speed_km_h), "km/h", str(self.speed_points)),
+            ("front angle", *_span(self.front_angle_deg), "deg", str(self.front_angle_points)),
+        ]
+
+    @property
+    def value_rows(self) -> list[tuple[str, ...]]:
+        """Rows for the values: name, from, to, unit."""
+        rows = [
+            ("yaw rate", *_span(self.yaw_rate_deg_s), "deg/s"),
+            ("lateral acceleration", "", f"{self.lateral_acceleration_max_m_s2:.4g}", "m/s^2"),
+        ]
+        for name, span in (("sideslip", self.sideslip_deg), ("rear angle", self.rear_angle_deg)):
+            if span is not None:
+                rows.append((name, *_span(span), "deg"))
+        return rows
+
+    @property
+    def binding_rows(self) -> list[tuple[str, ...]]:
+        """Rows for the binding constraints: set, cells, share of the feasible ones."""
+        counts = self.binding_cells or {}
+        return [(name, str(count), f"{100.0 * count / self.feasible_cells:.1f} %") for name, count in counts.items()]
+
+
+def _span(values: tuple[float, float]) -> tuple[str, str]:
+    return f"{values[0]:.4g}", f"{values[1]:.4g}"
+
+
+def map_summary(reference_map: ReferenceMap) -> MapSummary:
+    """Sum a map up."""
+    feasible = reference_map.feasible
+
+    def span(values: Any, factor: float) -> tuple[float, float]:
+        return float(np.min(values[feasible]) * factor), float(np.max(values[feasible]) * factor)
+
+    binding = None
+    if reference_map.active is not None:
+        counts = Counter(reference_map.active[feasible].tolist())
+        binding = {binding_text(flags): count for flags, count in counts.most_common()}
+    lateral_acceleration = reference_map.speed[:, np.newaxis] * reference_map.yaw_rate
+    degrees = math.degrees(1.0)
+    return MapSummary(
+        case=reference_map.case,
+        speed_points=reference_map.speed.size,
+        front_angle_points=reference_map.front_angle.size,
+        speed_km_h=(float(reference_map.speed[0] / KM_H), float(reference_map.speed[-1] / KM_H)),
+        front_angle_deg=(float(reference_map.front_angle[0] * degrees), float(reference_map.front_angle[-1] * degrees)),
+        cells=feasible.size,
+        feasible_cells=int(feasible.sum()),
+        yaw_rate_deg_s=span(reference_map.yaw_rate, degrees),
+        lateral_acceleration_max_m_s2=span(lateral_acceleration, 1.0)[1],
+        sideslip_deg=None if reference_map.sideslip is None else span(reference_map.sideslip, degrees),
+        rear_angle_deg=None if reference_map.rear_angle is None else span(reference_map.rear_angle, degrees),
+        binding_cells=binding,
+    )
+
+
+def step_rows(runs: tuple[StepMetrics, ...]) -> list[tuple[str, ...]]:
+    """Rows of a table of step responses: a name with its unit, then a column for each run."""
+    described = (
+        ("yaw rate, steady [deg/s]", "yaw_rate_steady_deg_s", 2),
+        ("yaw rate, peak [deg/s]", "yaw_rate_peak_deg_s", 2),
+        ("reference, steady [deg/s]", "yaw_rate_reference_deg_s", 2),
+        ("overshoot [%]", "overshoot_percent", 1),
+        ("rise time to 90 % [s]", "rise_time_s", 2),
+        ("sideslip, steady [deg]", "sideslip_steady_deg", 2),
+        ("|sideslip|, smallest after the rise [deg]", "sideslip_abs_min_deg", 2),
+        ("|sideslip|, largest [deg]", "sideslip_abs_max_deg", 2),
+        ("rear angle, smallest [deg]", "rear_angle_min_deg", 2),
+        ("rear angle, largest [deg]", "rear_angle_max_deg", 2),
+        ("rear angle, steady [deg]", "rear_angle_steady_deg", 2),
+        ("|front slip|, largest [deg]", "slip_front_abs_max_deg", 2),
+        ("|rear slip|, largest [deg]", "slip_rear_abs_max_deg", 2),
+        ("lateral acceleration, largest [m/s^2]", "lateral_acceleration_max_m_s2", 2),
+    )
+
+    def cell(value: float | None, digits: int) -> str:
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    return [(title, *(cell(getattr(run, name), digits) for run in runs)) for title, name, digits in described]
