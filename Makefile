@@ -13,7 +13,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil test check bench lock wheel clean venv preflight
+.PHONY: help sil test check bench lock generated wheel clean venv preflight
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,6 +36,12 @@ lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions)
 	@command -v $(UV) >/dev/null || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }
 	@$(UV) pip compile pyproject.toml --quiet --universal --fork-strategy fewest --all-extras --generate-hashes \
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
+
+generated: $(READY) ## the committed reference output, generated/4ws2.npz and generated/4ws2/, and README's picture
+	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2.npz
+	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
+	@$(BIN)/codegen paper -o build >/dev/null
+	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist

@@ -15,7 +15,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from codegen.config import Config
+from codegen.config import KM_H, Config
+from codegen.errors import MapError
 from codegen.refmap.exact import Solution, binding
 from codegen.refmap.problem import FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import single_track
@@ -39,8 +40,12 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mu_strategy": "monotone",
     "ipopt.mu_init": 1e-2,
 }
+# A linear problem, whose value alone counts: tighter than this it may stall without end where its solution is not unique.
+_ELASTIC_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-10, "ipopt.constr_viol_tol": 1e-10}
 _CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _FEASIBILITY_TOLERANCE = 1e-9
+_TIE = 1e-9
+"""Objectives closer than this count as equal, relative to the larger of one and their size."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,9 @@ def _build(config: Config, problem: SteadyTurnProblem) -> _Solvers:
     # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
     box = ca.vertcat(used, z[0], z[2])
     relaxed = ca.vertcat(residual, box - slack, box + slack)
-    elastic = ca.nlpsol("elastic", "ipopt", {"x": ca.vertcat(z, slack), "p": parameters, "f": slack, "g": relaxed}, _OPTIONS)
+    elastic = ca.nlpsol(
+        "elastic", "ipopt", {"x": ca.vertcat(z, slack), "p": parameters, "f": slack, "g": relaxed}, _ELASTIC_OPTIONS
+    )
     direction = -ca.solve(ca.jacobian(residual, z[:2]), ca.jacobian(residual, z[2]))
     steady_tangent = ca.vertcat(direction, 1.0)
     curvature = steady_tangent.T @ ca.hessian(objective, z)[0] @ steady_tangent
@@ -106,14 +113,18 @@ def solve(
 
     Returns:
         As `exact.solve`; `margin` is NaN, for an interior-point method does not know the feasible interval.
+
+    Raises:
+        MapError: IPOPT does not converge; names the operating point.
     """
     solvers = _build(config, problem)
     shape = (speed.size, front_angle.size)
     result = np.full((*shape, 3), np.nan)
     for i, vx in enumerate(speed):
-        warm = np.zeros(3)
+        warm, feasible_expected = np.zeros(3), True
         for j, delta_f in enumerate(front_angle):
-            point = _solve_point(solvers, np.array([vx, delta_f]), warm)
+            point = _solve_point(solvers, np.array([vx, delta_f]), warm, feasible_expected=feasible_expected)
+            feasible_expected = point is not None
             if point is not None:
                 result[i, j] = point * solvers.scale
                 warm = point
@@ -130,22 +141,54 @@ def solve(
     )
 
 
-def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> FloatArray | None:
-    """The optimum in scaled variables, or None where the point is infeasible."""
-    concave = float(solvers.tangent(parameters)) <= 0.0
-    starts = [warm]
-    if concave:
-        starts = [np.array([warm[0], warm[1], end]) for end in (-1.0, 1.0)]
-    best: tuple[float, FloatArray] | None = None
-    for start in starts:
-        found = _run(solvers, parameters, start)
-        if found is not None and (best is None or found[0] < best[0]):
-            best = found
-    if best is None:
+def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *, feasible_expected: bool) -> FloatArray | None:
+    """The optimum in scaled variables, or None where the point is infeasible.
+
+    An infeasible point costs IPOPT's restoration far more than the elastic problem, which therefore goes first where a
+    neighbour was infeasible. It alone decides that a point is infeasible: an optimisation that fails proves nothing.
+    """
+    inside: FloatArray | None = None
+    if not feasible_expected:
         inside = _feasible_point(solvers, parameters, warm)
-        if inside is not None:
-            best = _run(solvers, parameters, inside)
-    return None if best is None else best[1]
+        if inside is None:
+            return None
+    best = _best(solvers, parameters, _starts(solvers, parameters, warm))
+    if best is None:
+        inside = _feasible_point(solvers, parameters, warm) if inside is None else inside
+        if inside is None:
+            return None
+        best = _best(solvers, parameters, [inside])
+    if best is None:
+        raise _not_converged(parameters, "the optimum")
+    return best
+
+
+def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list[FloatArray]:
+    """The neighbour's solution; both ends of the rear angle where the objective is concave over the steady turns."""
+    steers = solvers.bounds[2] > 0.0
+    if steers and float(solvers.tangent(parameters)) <= 0.0:
+        return [np.array([warm[0], warm[1], end]) for end in (-1.0, 1.0)]
+    return [warm]
+
+
+def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -> FloatArray | None:
+    """The best of what IPOPT finds from several starts; of equally good turns the one furthest to the left."""
+    found = [answer for answer in (_run(solvers, parameters, start) for start in starts) if answer is not None]
+    if not found:
+        return None
+    least = min(objective for objective, _ in found)
+    # Without a weight on sideslip a turn to the right can be as good; a front angle to the left asks for the left one.
+    equal = [point for objective, point in found if objective <= least + _TIE * max(1.0, abs(least))]
+    return max(equal, key=lambda point: float(point[1]))
+
+
+def _not_converged(parameters: FloatArray, what: str) -> MapError:
+    speed, front_angle = (float(value) for value in parameters)
+    return MapError(
+        f"IPOPT does not converge to {what}",
+        where=f"{speed / KM_H:.6g} km/h, {math.degrees(front_angle):.6g} deg",
+        remedy="take the exact method, or check the vehicle data",
+    )
 
 
 def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[float, FloatArray] | None:
@@ -169,13 +212,16 @@ def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray
     limits = np.array([1.0, 1.0, 1.0, 1.0, 1.0 if steers else np.inf])
     fixed = np.inf if steers else 0.0
     infinite = np.full(5, np.inf)
-    answer = solvers.elastic(
-        x0=np.append(start, 1.0),
-        p=parameters,
-        lbx=[-np.inf, -np.inf, -fixed, -np.inf],
-        ubx=[np.inf, np.inf, fixed, np.inf],
-        lbg=np.concatenate([[0.0, 0.0], -infinite, -limits]),
-        ubg=np.concatenate([[0.0, 0.0], limits, infinite]),
-    )
-    point = np.asarray(answer["x"]).ravel()
-    return point[:3] if point[3] <= _FEASIBILITY_TOLERANCE else None
+    for first in (start, np.zeros(3)):
+        answer = solvers.elastic(
+            x0=np.append(first, 1.0),
+            p=parameters,
+            lbx=[-np.inf, -np.inf, -fixed, -np.inf],
+            ubx=[np.inf, np.inf, fixed, np.inf],
+            lbg=np.concatenate([[0.0, 0.0], -infinite, -limits]),
+            ubg=np.concatenate([[0.0, 0.0], limits, infinite]),
+        )
+        if solvers.elastic.stats()["return_status"] in _CONVERGED:
+            point = np.asarray(answer["x"]).ravel()
+            return point[:3] if point[3] <= _FEASIBILITY_TOLERANCE else None
+    raise _not_converged(parameters, "a feasible point")

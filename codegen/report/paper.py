@@ -129,7 +129,7 @@ class Reproduction:
             f"{row.speed_km_h:g} km/h",
             f"{row.yaw_rate_deg_s:.2f} deg/s",
             f"{row.paper_yaw_rate_deg_s:.2f}",
-            f"{row.yaw_rate_difference_percent:+.1f} %",
+            f"{round(row.yaw_rate_difference_percent, 1) + 0.0:+.1f} %",
             "" if row.case == "fws" else f"{gain:+.1f} %",
             f"{row.sideslip_abs_deg:.3f} deg",
             f"{row.paper_sideslip_abs_deg:g}",
@@ -182,13 +182,12 @@ def _table(config: Config) -> list[TableRow]:
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
-    titled = {CASES[case]: reference_map for case, reference_map in maps.items()}
     figures = {
-        "maps": plots.three_maps_figure(titled),
-        "front-angle-4deg": plots.front_angle_cut_figure(titled, math.radians(TABLE_FRONT_ANGLE_DEG)),
+        "maps": plots.three_maps_figure(maps),
+        "front-angle-4deg": plots.front_angle_cut_figure(maps, math.radians(TABLE_FRONT_ANGLE_DEG)),
         "tyres": plots.tyre_figure(config),
         "c1-c2": plots.run_figure(records, find(DEFAULT).title),
-        "overview": plots.overview_figure(config, titled, records),
+        "overview": plots.overview_figure(config, maps, records),
     }
     paths = {}
     for name, figure in figures.items():

@@ -6,7 +6,7 @@ On paper degrees and km/h, SI inside. Layer: above `refmap` and `sil`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,6 @@ from codegen.refmap.map import Binding, ReferenceMap
 from codegen.report.style import (
     BLACK,
     BLUE,
-    CASE_NAMES,
     FRONT_ANGLE,
     FRONT_ANGLE_LABEL,
     GREEN,
@@ -27,7 +26,6 @@ from codegen.report.style import (
     PURPLE,
     QUANTITIES,
     REAR_ANGLE,
-    REAR_STEER,
     RUN_NAMES,
     SIDESLIP,
     SKY,
@@ -37,10 +35,11 @@ from codegen.report.style import (
     YAW_RATE,
     FloatArray,
     PlotError,
-    draw_phase_line,
+    draw_quantity,
     draw_table,
     map_legend,
     new_figure,
+    phase_lines,
     plain,
     save,
     style,
@@ -65,18 +64,17 @@ __all__ = [
 
 # --- maps --------------------------------------------------------------------------------------------------------------
 
-BINDING_STYLE = {
-    Binding.NONE: ("none", "#F4F1E6"),
-    Binding.SLIP_FRONT | Binding.SLIP_REAR: ("front and rear slip", VERMILION),
-    Binding.REAR_ANGLE: ("rear angle", BLUE),
-    Binding.SIDESLIP: ("sideslip", ORANGE),
-    Binding.LATERAL_ACCELERATION: ("lateral acceleration", GREEN),
-    Binding.SLIP_FRONT: ("front slip", PURPLE),
-    Binding.SLIP_REAR: ("rear slip", SKY),
+BINDING_COLOURS = {
+    int(Binding.NONE): "#F4F1E6",
+    int(Binding.SLIP_FRONT | Binding.SLIP_REAR): VERMILION,
+    int(Binding.REAR_ANGLE): BLUE,
+    int(Binding.SIDESLIP): ORANGE,
+    int(Binding.LATERAL_ACCELERATION): GREEN,
+    int(Binding.SLIP_FRONT): PURPLE,
+    int(Binding.SLIP_REAR): SKY,
 }
-BINDING_NAMES = {flag: flag.name.lower().replace("_", " ") for flag in Binding if flag.name}
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
-"""For sets of constraints without a colour of their own (P. Tol's muted scheme); what is rarer shares the last, grey."""
+"""For sets of constraints without a colour of their own (P. Tol's muted scheme); what is rarer still shares grey."""
 
 
 def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
@@ -93,22 +91,19 @@ def map_figure(reference_map: ReferenceMap, title: str) -> Figure:
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         phase_line = False
         for axes, quantity in zip(grid.flat, shown, strict=False):
-            table = quantity.degrees(reference_map)
-            assert table is not None  # chosen above
-            mesh = draw_table(axes, reference_map, table, quantity.scale([reference_map]), quantity.colours)
-            phase_line |= draw_phase_line(axes, reference_map)
+            scale = quantity.scale([reference_map])
+            phase_line |= draw_quantity(axes, reference_map, quantity, scale)
+            quantity.colour_bar(figure, axes, scale, label=quantity.unit)
             axes.set_title(quantity.name)
-            figure.colorbar(mesh, ax=axes, label=quantity.unit)
         _label_outer(grid)
         entries = map_legend(phase_line, not reference_map.feasible.all())
         if reference_map.active is not None:
             patches = _draw_binding(grid.flat[panels - 1], reference_map, reference_map.active)
-            longest = max(len(patch.get_label()) for patch in patches)
-            ncols = 3 if longest < 24 else 2 if longest < 44 else 1
+            longest = max(len(str(patch.get_label())) for patch in patches)
+            ncols = 3 if longest < 24 else 2 if longest < 48 else 1  # what fits beside the other legend
             figure.legend(handles=patches, loc="outside lower right", ncols=ncols, handlelength=1.3)
+        if entries:
             figure.legend(handles=entries, loc="outside lower left")
-        elif entries:
-            figure.legend(handles=entries, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -119,27 +114,20 @@ def _label_outer(grid: npt.NDArray[Any]) -> None:
         axes.set_ylabel(FRONT_ANGLE_LABEL)
 
 
-def binding_name(flags: int) -> str:
-    """A set of binding constraints in words."""
-    if (known := BINDING_STYLE.get(Binding(flags))) is not None:
-        return known[0]
-    return " + ".join(name for flag, name in BINDING_NAMES.items() if flag and flag & flags)
-
-
 def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Patch]:
     from matplotlib.colors import ListedColormap, Normalize
     from matplotlib.patches import Patch
 
+    from codegen.report.summary import binding_text
+
     found, count = np.unique(active[reference_map.feasible], return_counts=True)
-    by_share = [int(flags) for flags in found[np.argsort(-count, kind="stable")]]
     others = iter(OTHER_COLOURS)
     entries: dict[int, tuple[str, str]] = {}
-    for flags in by_share:
-        known = BINDING_STYLE.get(Binding(flags))
-        if known is not None or (colour := next(others, None)) is not None:
-            entries[flags] = known or (binding_name(flags), str(colour))
-    rest = [flags for flags in by_share if flags not in entries]
-    names = [*entries.values(), *([(f"{len(rest)} rarer sets", GREY)] if rest else [])]
+    for flags in found[np.argsort(-count, kind="stable")].tolist():
+        if (colour := BINDING_COLOURS.get(flags) or next(others, None)) is not None:
+            entries[flags] = (binding_text(flags), colour)
+    rarer = found.size - len(entries)
+    names = [*entries.values(), *([(f"{rarer} rarer sets", GREY)] if rarer else [])]
     index = np.full(int(active.max()) + 1, len(entries))
     index[list(entries)] = np.arange(len(entries))
     table = np.where(reference_map.feasible, index[active].astype(float), np.nan)
@@ -157,21 +145,12 @@ def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
         figure = new_figure(10.4, 1.6 + 2.5 * len(maps))
         grid = figure.subplots(len(maps), len(QUANTITIES), sharex=True, sharey=True, squeeze=False)
         phase_line = False
-        for column, quantity in enumerate(QUANTITIES):
+        for axes_below, quantity in zip(grid.T, QUANTITIES, strict=True):
             scale = quantity.scale(maps.values())
-            mesh = None
-            for axes, one in zip(grid[:, column], maps.values(), strict=True):
-                table = quantity.degrees(one)
-                drawn = draw_table(
-                    axes, one, np.full(one.feasible.shape, np.nan) if table is None else table, scale, quantity.colours
-                )
-                mesh = mesh or drawn
-                phase_line |= draw_phase_line(axes, one)
-                note = "not in this map" if table is None else ""
-                if quantity is REAR_STEER and table is not None and not np.nanmax(np.abs(table)) > 0.0:
-                    note = f"{REAR_ANGLE} = 0"
-                axes.text(0.04, 0.06, note, transform=axes.transAxes)
-            figure.colorbar(mesh, ax=grid[:, column], location="top", label=quantity.label, aspect=30, shrink=0.9, pad=0.015)
+            for axes, one in zip(axes_below, maps.values(), strict=True):
+                phase_line |= draw_quantity(axes, one, quantity, scale)
+            look = {"location": "top", "aspect": 30, "shrink": 0.9, "pad": 0.015}
+            quantity.colour_bar(figure, axes_below, scale, label=quantity.label, **look)
         for axes, name in zip(grid[:, 0], maps, strict=True):
             axes.annotate(
                 _case_name(name), (-0.22, 0.5), xycoords="axes fraction", rotation=90, ha="center", va="center", weight="bold"
@@ -184,7 +163,7 @@ def three_maps_figure(maps: Mapping[str, ReferenceMap]) -> Figure:
 
 
 def _case_name(name: str) -> str:
-    return CASE_NAMES.get(name, plain(name))
+    return name.upper() if name.lower() in CASE_LINES else plain(name)
 
 
 # --- a cut at one front angle ------------------------------------------------------------------------------------------
@@ -240,17 +219,17 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
         lines = iter(OTHER_LINES * len(maps))
         marked = False
         for name, one in maps.items():
-            look = CASE_LINES.get(name) or next(lines)
+            look = CASE_LINES.get(name.lower()) or next(lines)
             for axes, quantity, column in ((yaw_axes, YAW_RATE, 0), (sideslip_axes, SIDESLIP, 1)):
                 table = quantity.degrees(one)
                 if table is None:
                     continue
                 values = at_front_angle(one, table, front_angle)
                 axes.plot(one.speed / KM_H, values, label=_case_name(name), **look)
-                if _is_paper(one, name) and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
+                if _is_paper(one, name.lower()) and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
                     here = np.interp(PAPER_SPEED, one.speed, values)
                     # The table gives |beta|: it is marked on the side where the map has it.
-                    value = math.copysign(PAPER_TABLE[name][column], here)
+                    value = math.copysign(PAPER_TABLE[name.lower()][column], here)
                     axes.plot([43.9], [value], "o", color=look["color"], markerfacecolor=WHITE, markersize=6, zorder=5)
                     marked = True
         _finish_cut(figure, yaw_axes, sideslip_axes, front_angle, marked)
@@ -272,7 +251,7 @@ def _finish_cut(figure: Figure, yaw_axes: Axes, sideslip_axes: Axes, front_angle
     if marked:
         for axes in (yaw_axes, sideslip_axes):
             axes.axvline(43.9, color=BLACK, linewidth=0.8, linestyle=":", zorder=0)
-        ring = {"marker": "o", "color": BLACK, "markerfacecolor": WHITE, "markersize": 6}
+        ring: dict[str, Any] = {"marker": "o", "color": BLACK, "markerfacecolor": WHITE, "markersize": 6}
         handles.append(Line2D([], [], linestyle=":", linewidth=0.8, label="paper's table, 43.9 km/h", **ring))
     sideslip_axes.axhline(0.0, color=BLACK, linewidth=0.6, zorder=1)
     for axes, quantity in ((yaw_axes, YAW_RATE), (sideslip_axes, SIDESLIP)):
@@ -317,7 +296,7 @@ def tyre_figure(config: Config) -> Figure:
 def _draw_tyre(axes: Axes, tyre: MagicFormulaTyre, slip_bound: float, slip_max: float) -> None:
     import matplotlib
 
-    shades = matplotlib.colormaps["cividis"](np.linspace(0.8, 0.0, len(LOAD_SHARES)))
+    shades = matplotlib.colormaps["Blues"](np.linspace(0.5, 1.0, len(LOAD_SHARES)))
     slip = np.linspace(0.0, slip_max, 401)
     for share, shade in zip(LOAD_SHARES, shades, strict=True):
         load, static = share * tyre.static_load, share == 1.0
@@ -325,7 +304,7 @@ def _draw_tyre(axes: Axes, tyre: MagicFormulaTyre, slip_bound: float, slip_max: 
         label = "Magic Formula at the wheel load named" if static else "_"
         axes.plot(np.degrees(slip), force, color=shade, linewidth=2.2 if static else 1.3, label=label)
         name = f"{load / 1e3:.2f} kN" + (" (static)" if static else "")
-        at_end = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}
+        at_end: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}
         axes.annotate(name, (math.degrees(slip_max), force[-1]), color=shade, **at_end)
     top = float(np.max(tyre.force(slip, LOAD_SHARES[-1] * tyre.static_load)))
 
@@ -334,7 +313,8 @@ def _draw_tyre(axes: Axes, tyre: MagicFormulaTyre, slip_bound: float, slip_max: 
         return result
 
     ends = np.array([0.0, 0.97 * top / tyre.cornering_stiffness])
-    axes.plot(np.degrees(ends), tangent(ends) / 1e3, color=BLACK, linestyle="--", linewidth=1.1, label="tangent at zero, static load")
+    look: dict[str, Any] = {"color": BLACK, "linestyle": "--", "linewidth": 1.1, "label": "tangent at zero, static load"}
+    axes.plot(np.degrees(ends), tangent(ends) / 1e3, **look)
     bound = math.degrees(slip_bound)
     axes.axvspan(0.0, bound, color=SKY, alpha=0.25, linewidth=0.0, label="linear range")
     axes.plot([bound], [float(tyre.force(slip_bound)) / 1e3], "o", color=BLACK, markersize=4.5, zorder=5)
@@ -368,7 +348,7 @@ RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C2": {"color": GREY},
     "passive": {"color": BLACK, "linestyle": ":"},
 }
-OTHER_RUN_COLOURS = (VERMILION, GREEN, PURPLE, ORANGE, SKY)
+RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
 STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 
@@ -422,13 +402,13 @@ def run_figure(runs: Mapping[str, FloatArray], title: str) -> Figure:
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for axes, signal in zip(panels, SIGNALS, strict=False):
             _draw_signal(axes, runs, looks, signal, window)
+        handles = _run_handles(panels[0], "reference, command")
         if status:
-            _draw_status(figure, panels[-1], status, window)
+            handles += _draw_status(panels[-1], status, window)
         panels[-1].set(xlabel="Time (s)", xlim=window)
         figure.align_ylabels()
         figure.suptitle(plain(title))
-        handles = _run_handles(panels[0], "dashed: reference, command")
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 4))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
 
 
@@ -444,7 +424,8 @@ def _looks(runs: Mapping[str, FloatArray]) -> dict[str, Mapping[str, Any]]:
                 where=f"run {name}",
                 remedy=f"give the columns {', '.join(RECORD_COLUMNS)}",
             )
-    others = iter(OTHER_RUN_COLOURS * len(runs))
+    free = [colour for colour in RUN_COLOURS if not ("C1" in runs and colour == BLUE)]
+    others = iter(free * len(runs))
     return {name: RUN_LINES.get("passive" if _is_passive(name) else name) or {"color": next(others)} for name in runs}
 
 
@@ -487,7 +468,7 @@ def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bo
     return not _is_passive(name) and bool(np.isin(column(run, "status")[inside], [Status[one] for one in STATUS_SHOWN]).any())
 
 
-def _draw_status(figure: Figure, axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> None:
+def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Patch]:
     from matplotlib.patches import Patch
 
     from codegen.sil.software import Status
@@ -503,8 +484,8 @@ def _draw_status(figure: Figure, axes: Axes, runs: Mapping[str, FloatArray], win
                 seen.add(name)
     axes.set_yticks(range(len(runs)), [plain(name) for name in runs])
     axes.set(ylabel="Status", ylim=(len(runs) - 0.5, -0.5))
-    patches = [Patch(color=STATUS_COLOURS[name], label=name.lower().replace("_", "-")) for name in STATUS_COLOURS if name in seen]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches))
+    shown = [(name, colour) for name, colour in STATUS_COLOURS.items() if name in seen]
+    return [Patch(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]
 
 
 # --- the overview ------------------------------------------------------------------------------------------------------
@@ -516,22 +497,33 @@ def overview_figure(config: Config, maps: Mapping[str, ReferenceMap], runs: Mapp
     Raises:
         PlotError: no map "4ws-2", or runs that cannot be shown.
     """
-    if "4ws-2" not in maps:
+    by_name = {name.lower(): one for name, one in maps.items()}
+    if "4ws-2" not in by_name:
         raise PlotError("no map 4ws-2", where=f"maps {', '.join(maps)}", remedy="solve the case 4ws-2 first")
-    looks, window, reference_map = _looks(runs), run_window(runs), maps["4ws-2"]
+    looks, window, reference_map = _looks(runs), run_window(runs), by_name["4ws-2"]
     with style(1.3):
         figure = new_figure(1600 / 130, 620 / 130, dpi=130)
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
-        table = YAW_RATE.degrees(reference_map)
-        assert table is not None  # every map has yaw rates
-        mesh = draw_table(left, reference_map, table, YAW_RATE.scale([reference_map]), YAW_RATE.colours)
-        phase_line = draw_phase_line(left, reference_map)
-        figure.colorbar(mesh, ax=left, label=YAW_RATE.label)
-        left.set(xlabel=SPEED_LABEL, ylabel=FRONT_ANGLE_LABEL)
+        _draw_overview_map(figure, left, reference_map, runs)
         left.set_title(f"Optimal yaw-rate map 4WS-2, road friction {config.road.friction:g}")
-        entries = map_legend(phase_line, not reference_map.feasible.all())
-        left.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)
         _draw_signal(right, runs, looks, YAW_RATE_SIGNAL, window)
         right.set(xlabel="Time (s)", ylabel=YAW_RATE.label, title="Generated C in the loop: step steer")
         right.legend(handles=_run_handles(right, "reference"), loc="lower right")
     return figure
+
+
+def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, runs: Mapping[str, FloatArray]) -> None:
+    scale = YAW_RATE.scale([reference_map])
+    entries = map_legend(draw_quantity(axes, reference_map, YAW_RATE, scale), not reference_map.feasible.all())
+    YAW_RATE.colour_bar(figure, axes, scale, label=YAW_RATE.label)
+    last = next(iter(runs.values()))[-1:]
+    speed, front_angle = column(last, "speed_m_s")[0] / KM_H, column(last, "front_angle_rad")[0]
+    point: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 9, "color": VERMILION, "markeredgecolor": WHITE}
+    label = f"the step: {speed:.4g} km/h, {front_angle:.3g} deg"
+    entries += axes.plot([speed], [front_angle], label=label, zorder=4, **point)
+    for piece in phase_lines(reference_map)[:1]:
+        foot = float(piece[np.argmin(piece[:, 1]), 0])
+        for side, name, align in ((-2.0, "rear wheels opposite", "right"), (2.0, "same direction", "left")):
+            axes.text(foot + side, 0.35, name, color=WHITE, ha=align, va="center")
+    axes.set(xlabel=SPEED_LABEL, ylabel=FRONT_ANGLE_LABEL)
+    axes.legend(handles=entries, loc="upper right", frameon=True, framealpha=1.0)

@@ -24,7 +24,6 @@ from codegen.refmap.map import ReferenceMap
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
     from matplotlib.colors import Colormap, Normalize
     from matplotlib.figure import Figure
 
@@ -33,13 +32,12 @@ FloatArray = npt.NDArray[np.float64]
 # M. Okabe, K. Ito, Color Universal Design (2008): told apart by all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 GREY, BLACK, WHITE = "#777777", "#000000", "#FFFFFF"
-INFEASIBLE_FACE, INFEASIBLE_HATCH = "#ECECEC", "#BDBDBD"
+INFEASIBLE_FACE, INFEASIBLE_HATCH = "#E2E2E2", "#A6A6A6"
 
 FRONT_ANGLE, REAR_ANGLE = r"$\delta_f$", r"$\delta_r$"
 SPEED_LABEL = "Speed (km/h)"
 FRONT_ANGLE_LABEL = f"Front angle {FRONT_ANGLE} (deg)"
 
-CASE_NAMES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
 RUN_NAMES = {"C1": "C1 (4WS-2 map)", "C2": "C2 (FWS map)", "passive": "passive car"}
 
 _STYLE: dict[str, Any] = {
@@ -73,8 +71,8 @@ def style(font_scale: float = 1.0) -> Iterator[None]:
     import matplotlib
 
     sizes = {key: font_scale * value for key, value in _STYLE.items() if key.endswith(("size", "font.size"))}
-    defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")}
-    with matplotlib.rc_context({**defaults, **_STYLE, **sizes}):
+    parameters: dict[Any, Any] = {**matplotlib.rcParamsDefault, **_STYLE, **sizes}
+    with matplotlib.rc_context({key: value for key, value in parameters.items() if not key.startswith("backend")}):
         yield
 
 
@@ -144,6 +142,12 @@ class Quantity:
         values = self.table(reference_map)
         return None if values is None else np.degrees(np.where(reference_map.feasible, values, np.nan))
 
+    def colour_bar(self, figure: Figure, axes: Any, scale: Normalize, **look: Any) -> None:
+        """The colour bar of one or several panels."""
+        from matplotlib.cm import ScalarMappable
+
+        figure.colorbar(ScalarMappable(scale, self.colours), ax=axes, **look)
+
     def scale(self, maps: Iterable[ReferenceMap]) -> Normalize:
         """One colour scale for several maps: from zero to the largest value, or that far to both sides of zero."""
         from matplotlib.colors import Normalize
@@ -160,23 +164,34 @@ REAR_STEER = Quantity(f"Rear angle {REAR_ANGLE}", "deg", "RdBu_r", True, lambda 
 QUANTITIES = (YAW_RATE, SIDESLIP, REAR_STEER)
 
 
+def draw_quantity(axes: Axes, reference_map: ReferenceMap, quantity: Quantity, scale: Normalize) -> bool:
+    """Draw one table of a map with the phase line over it; False where the map has no such line."""
+    table = quantity.degrees(reference_map)
+    if table is None:
+        axes.text(0.5, 0.5, "not in this map", transform=axes.transAxes, ha="center")
+        return False
+    draw_table(axes, reference_map, table, scale, quantity.colours)
+    if quantity is REAR_STEER and not np.nanmax(np.abs(table)) > 0.0:
+        axes.text(0.04, 0.06, f"{REAR_ANGLE} = 0", transform=axes.transAxes)
+    return draw_phase_line(axes, reference_map)
+
+
 def draw_table(
     axes: Axes, reference_map: ReferenceMap, table: npt.NDArray[Any], scale: Normalize, colours: str | Colormap
-) -> QuadMesh:
+) -> None:
     """A cell of colour for each operating point of `table` (n, m); the hatched ground shows where it is NaN."""
     axes.patch.set(facecolor=INFEASIBLE_FACE, hatch="////", hatchcolor=INFEASIBLE_HATCH)
     speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
     masked = np.ma.masked_invalid(table.T)
-    mesh = axes.pcolormesh(speed, front_angle, masked, norm=scale, cmap=colours, shading="nearest", rasterized=True)
+    axes.pcolormesh(speed, front_angle, masked, norm=scale, cmap=colours, shading="nearest", rasterized=True)
     axes.set(xlim=_ends(speed), ylim=_ends(front_angle), autoscale_on=False)
-    return mesh
 
 
 def _ends(breakpoints: FloatArray) -> tuple[float, float]:
-    """Where the outer cells end: half a step beyond the breakpoints, as they are drawn."""
+    """Where the outer cells end: half a step beyond the breakpoints, as they are drawn, but not below zero."""
     first, second = (float(value) for value in breakpoints[:2])
     before, last = (float(value) for value in breakpoints[-2:])
-    return first - 0.5 * (second - first), last + 0.5 * (last - before)
+    return max(0.0, first - 0.5 * (second - first)), last + 0.5 * (last - before)
 
 
 def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
@@ -191,9 +206,9 @@ def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:
         return []
     speed, front_angle = reference_map.speed / KM_H, np.degrees(reference_map.front_angle)
     pieces: Any = contour_generator(speed, front_angle, np.ma.masked_invalid(rear_angle.T)).lines(0.0)
-    # Specks of one cell appear where the line runs out into infeasible cells.
+    # Where the line runs out into infeasible cells it leaves specks.
     longest = max((len(piece) for piece in pieces), default=0)
-    return [piece for piece in pieces if len(piece) > min(2, longest - 1)]
+    return [piece for piece in pieces if len(piece) > SPECK * longest]
 
 
 def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
@@ -206,6 +221,9 @@ def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
         axes.plot(piece[:, 0], piece[:, 1], color=BLACK, linewidth=1.8, path_effects=halo, label=PHASE_NAME)
     return bool(pieces)
 
+
+SPECK = 0.1
+"""Pieces of the phase line with no more than this share of the points of the longest are not drawn."""
 
 PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"
 INFEASIBLE_NAME = "no feasible steady turn"

@@ -150,6 +150,7 @@ def step_rows(runs: tuple[StepMetrics, ...]) -> list[tuple[str, ...]]:
     )
 
     def cell(value: float | None, digits: int) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
+        # Adding zero takes the sign off a zero: "-0.00" would be read as a direction.
+        return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
     return [(title, *(cell(getattr(run, name), digits) for run in runs)) for title, name, digits in described]

@@ -1,0 +1,358 @@
+/*
+ * Yaw-rate controller for active rear steering. See ars_controller.h.
+ *
+ * Order of a step: judge the inputs, choose the status, then hold, ramp or control.
+ *
+ * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_controller.h"
+
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_CONTROLLER_BUILD != 0xF300433Cu
+#error "ars_controller.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0xF300433Cu
+#error "ars_map.h and this source come from different builds"
+#endif
+
+static const float sampling_time = 0.01f; /* s */
+static const float actuator_angle_max = 0.061086524f; /* rad */
+
+ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
+    .proportional_gain = 0.01f,
+    .integral_gain = 1.0f,
+    .rear_angle_error_max = 0.034906585f,
+    .rear_angle_max = 0.061086524f,
+    .rear_rate_max = 1000.0f,
+    .friction_min = 0.1f,
+    .enable_speed = 4.1666665f,
+    .disable_speed = 3.3333333f,
+    .standby_rate = 0.08726646f,
+    .speed_max = 111.111115f,
+    .front_angle_max = 0.7853982f,
+    .yaw_rate_max = 2.6179938f,
+    .rear_angle_input_max = 0.2617994f,
+    .friction_max = 1.5f,
+    .wheelbase = 3.14f,
+    .yaw_rate_tolerance = 0.5235988f,
+    .hold_speed = 16.666666f,
+    .ramp_rate_standstill = 0.08726646f,
+    .ramp_rate_hold_speed = 0.008726646f,
+    .implausible_samples_max = 30u,
+    .degraded_samples_max = 3u,
+    .recovery_samples = 10u
+};
+
+static float clamp(float value, float low, float high)
+{
+    float result = low;
+
+    if (value > low) {
+        result = value;
+    }
+    if (result > high) {
+        result = high;
+    }
+    return result;
+}
+
+/* False for NaN. */
+static bool is_within(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
+}
+
+/* True for NaN, which stands for "not available". */
+static bool is_absent_or_within(float value, float low, float high)
+{
+    return !((value < low) || (value > high));
+}
+
+static float toward_zero(float value, float step)
+{
+    float result = 0.0f;
+
+    if (value > step) {
+        result = value - step;
+    } else if (value < -step) {
+        result = value + step;
+    } else {
+        /* closer to zero than one step */
+    }
+    return result;
+}
+
+static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)
+        && is_within(measurement->front_angle, -parameters->front_angle_max, parameters->front_angle_max)
+        && is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)
+        && is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)
+        && is_absent_or_within(measurement->friction, 0.0f, parameters->friction_max);
+}
+
+/* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
+ * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
+static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float magnitude = (measurement->speed < 0.0f) ? -measurement->speed : measurement->speed;
+    const float turn = measurement->speed * measurement->front_angle;
+    const float margin = (magnitude * parameters->rear_angle_max) + (parameters->wheelbase * parameters->yaw_rate_tolerance);
+    const float low = (turn < 0.0f) ? turn : 0.0f;
+    const float high = (turn > 0.0f) ? turn : 0.0f;
+
+    return is_within(parameters->wheelbase * measurement->yaw_rate, low - margin, high + margin);
+}
+
+/* Whether this sample may be used. An implausible yaw rate is believed for a while: a bump is not a fault. */
+static bool is_trusted(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    bool trusted = is_in_range(parameters, measurement);
+
+    if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {
+        self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
+    }
+    if (trusted) {
+        if (is_plausible(parameters, measurement)) {
+            self->implausible_samples = 0u;
+        } else if (self->implausible_samples <= parameters->implausible_samples_max) {
+            self->implausible_samples++;
+        } else {
+            /* the count stays above its limit */
+        }
+        trusted = self->implausible_samples <= parameters->implausible_samples_max;
+    }
+    return trusted;
+}
+
+static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    self->good_samples = 0u;
+    if (self->bad_samples < UINT16_MAX) {
+        self->bad_samples++;
+    }
+    if ((self->status == ARS_STATUS_FAIL_SAFE) || (self->bad_samples > parameters->degraded_samples_max)) {
+        self->status = ARS_STATUS_FAIL_SAFE;
+        self->enabled = false;
+    } else {
+        self->status = ARS_STATUS_DEGRADED;
+    }
+}
+
+/* Returns whether the control law runs in this sample; it starts afresh where it did not run in the one before. */
+static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    self->bad_samples = 0u;
+    if (self->status == ARS_STATUS_FAIL_SAFE) {
+        self->good_samples++;
+        if (self->good_samples >= parameters->recovery_samples) {
+            self->good_samples = 0u;
+            self->status = ARS_STATUS_STANDBY;
+        }
+    }
+    if (self->status != ARS_STATUS_FAIL_SAFE) {
+        if (self->speed >= parameters->enable_speed) {
+            self->enabled = true;
+        } else if (self->speed < parameters->disable_speed) {
+            self->enabled = false;
+        } else {
+            /* between the two speeds nothing changes */
+        }
+        if (!self->enabled) {
+            self->status = ARS_STATUS_STANDBY;
+        }
+    }
+    return self->enabled;
+}
+
+/* Never simply to zero: at speed, taking the rear angle away can spin the car. Held above a speed, and below it ramped, the
+ * slower the faster the car is. */
+static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    const float speed = (self->speed < 0.0f) ? -self->speed : self->speed;
+
+    if (speed < parameters->hold_speed) {
+        const float share = speed / parameters->hold_speed;
+        const float rate = parameters->ramp_rate_standstill
+            + (share * (parameters->ramp_rate_hold_speed - parameters->ramp_rate_standstill));
+        self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);
+    }
+    self->yaw_rate_reference = 0.0f;
+}
+
+/* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
+static void law_init(ars_controller_t *self)
+{
+    self->integral = self->rear_angle;
+}
+
+/* Bumpless: with this integral the first demand is the angle that is commanded now. */
+static void law_start(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float error = self->yaw_rate_reference - measurement->yaw_rate;
+
+    self->integral = self->rear_angle + (parameters->proportional_gain * error);
+}
+
+/* Returns whether a limit acted. */
+static bool law_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float error = self->yaw_rate_reference - measurement->yaw_rate;
+    const float proportional = parameters->proportional_gain * error;
+    const float step = parameters->rear_rate_max * sampling_time;
+    float integral = self->integral;
+    float low = -parameters->rear_angle_max;
+    float high = parameters->rear_angle_max;
+    float demand;
+    float command;
+    bool limited;
+
+    /* Where the actuator is measured, the demand may run ahead of it by so much and no more: a stuck or slow actuator must
+     * not wind the integral up. False for NaN, which stands for "not measured". */
+    if (is_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)) {
+        low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, low, high);
+        high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);
+    }
+    if (!measurement->inhibit) {
+        integral -= (parameters->integral_gain * sampling_time) * error;
+    }
+    demand = integral - proportional;
+    limited = (demand > high) || (demand < low);
+    if (limited) {
+        demand = clamp(demand, low, high);
+        if (!measurement->inhibit) {
+            integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
+        }
+    }
+
+    command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
+    if ((demand > command) || (demand < command)) {
+        limited = true;
+        /* The rate limit acts: let the integral not move further ahead of the command. */
+        if (((demand > command) && (integral > self->integral))
+            || ((demand < command) && (integral < self->integral))) {
+            integral = self->integral;
+        }
+    }
+    self->integral = integral;
+    self->rear_angle = command;
+    return limited;
+}
+
+static void control(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    float friction = measurement->friction;
+
+    if (friction < parameters->friction_min) { /* false for NaN: the map takes its own friction */
+        friction = parameters->friction_min;
+    }
+    self->yaw_rate_reference = ars_map_yaw_rate_on_road(measurement->speed, measurement->front_angle, friction);
+    if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {
+        law_start(self, parameters, measurement);
+    }
+    self->status = law_step(self, parameters, measurement) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+}
+
+ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
+{
+    return is_within(parameters->proportional_gain, 0.0f, 10.0f)
+        && is_within(parameters->integral_gain, 0.0f, 100.0f)
+        && is_within(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
+        && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_within(parameters->friction_min, 0.01f, 1.0f)
+        && is_within(parameters->enable_speed, 0.0f, 100.0f)
+        && is_within(parameters->disable_speed, 0.0f, 100.0f)
+        && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
+        && is_within(parameters->speed_max, 1.0f, 200.0f)
+        && is_within(parameters->front_angle_max, 0.01f, 1.5f)
+        && is_within(parameters->yaw_rate_max, 0.01f, 20.0f)
+        && is_within(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
+        && is_within(parameters->friction_max, 0.01f, 2.0f)
+        && is_within(parameters->wheelbase, 0.1f, 20.0f)
+        && is_within(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
+        && is_within(parameters->hold_speed, 0.1f, 200.0f)
+        && is_within(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
+        && is_within(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
+        && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
+        && (parameters->disable_speed < parameters->enable_speed)
+        && (parameters->implausible_samples_max < UINT16_MAX)
+        && (parameters->recovery_samples > 0u);
+}
+
+ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
+{
+    float start = 0.0f;
+
+    if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
+        start = clamp(rear_angle, -actuator_angle_max, actuator_angle_max);
+    }
+    self->rear_angle = start;
+    self->yaw_rate_reference = 0.0f;
+    self->speed = 0.0f;
+    self->bad_samples = 0u;
+    self->good_samples = 0u;
+    self->implausible_samples = 0u;
+    self->enabled = false;
+    self->status = ARS_STATUS_STANDBY;
+    law_init(self);
+}
+
+ARS_SECTION_CODE ars_command_t ars_controller_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    ars_command_t command;
+
+    if (!is_trusted(self, parameters, measurement)) {
+        update_after_bad_sample(self, parameters);
+    } else if (update_after_good_sample(self, parameters)) {
+        control(self, parameters, measurement);
+    } else {
+        /* standby, or still fail-safe: below */
+    }
+    if (self->status == ARS_STATUS_STANDBY) {
+        self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
+        self->yaw_rate_reference = 0.0f;
+    }
+    if (self->status == ARS_STATUS_FAIL_SAFE) {
+        fail_safe(self, parameters);
+    }
+    self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
+    command.rear_angle = self->rear_angle;
+    command.yaw_rate_reference = self->yaw_rate_reference;
+    command.status = self->status;
+    return command;
+}
+
+ARS_SECTION_CODE bool ars_selftest(void)
+{
+    /* speed, front angle, and the yaw rate that the lookup gave at build */
+    ARS_SECTION_CONST static const float known[9][3] = {
+        { 0.0f, 0.0f, 0.0f },
+        { 0.0f, 0.61086524f, 0.0f },
+        { 33.333332f, 0.0f, 0.0f },
+        { 33.333332f, 0.61086524f, 0.16833672f },
+        { 33.333332f, -0.61086524f, -0.16833672f },
+        { 13.333333f, 0.061086524f, 0.33716822f },
+        { 13.333333f, -0.061086524f, -0.33716822f },
+        { 1.6666666f, 0.30543262f, 0.19456801f },
+        { 50.0f, 1.2217305f, 0.112224475f }
+    };
+    const float tolerance = 1.0e-05f; /* rad/s: a compiler may fuse multiply and add */
+    bool passed = (ars_map_checksum() == ars_map_expected_checksum)
+        && ars_parameters_valid(&ars_parameters_default);
+    uint32_t index;
+
+    for (index = 0u; index < 9u; index++) {
+        const float yaw_rate = ars_map_yaw_rate(known[index][0], known[index][1]);
+        passed = passed && is_within(yaw_rate, known[index][2] - tolerance, known[index][2] + tolerance);
+    }
+    return passed;
+}
