@@ -20,6 +20,9 @@ from codegen.refmap.lookup import Lookup
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
 
+SPEED_UNKNOWN = 1000.0
+"""m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
+
 SELFTEST_TOLERANCE = 1e-5
 """rad/s. Fusing multiply and add changes the lookup by some units in the last place; a wrong cell changes it by far more."""
 
@@ -66,6 +69,7 @@ class ControllerView:
     sampling_time: str
     period_text: str
     actuator_angle_max: str
+    speed_unknown: str
     known: tuple[str, ...]
     known_tolerance: str
 
@@ -188,6 +192,7 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
+        speed_unknown=literal(SPEED_UNKNOWN, precision),
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
@@ -201,22 +206,31 @@ def _view(parameter: Parameter, precision: Precision, real: str) -> ParameterVie
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:
-    """Speed, front angle and yaw rate at the corners of the table, inside it, and beyond its edges, both signs."""
-    top_speed, top_angle = float(total.speed[-1]), float(total.front_angle[-1])
+    """Speed, front angle, friction and yaw rate: corners, inside, beyond the edges, both signs, and slippery roads.
+
+    Chosen so that each constant of the lookup shows in at least one: at small angles and low speeds the cap does not act.
+    """
+    top_speed, top_angle, friction = float(total.speed[-1]), float(total.front_angle[-1]), total.friction
     points = [
-        (0.0, 0.0),
-        (0.0, top_angle),
-        (top_speed, 0.0),
-        (top_speed, top_angle),
-        (top_speed, -top_angle),
-        (0.4 * top_speed, 0.1 * top_angle),
-        (0.4 * top_speed, -0.1 * top_angle),
-        (0.05 * top_speed, 0.5 * top_angle),
-        (1.5 * top_speed, 2.0 * top_angle),
+        (0.0, 0.0, friction),
+        (0.0, top_angle, friction),
+        (top_speed, 0.0, friction),
+        (top_speed, top_angle, friction),
+        (top_speed, -top_angle, friction),
+        (0.4 * top_speed, 0.1 * top_angle, friction),
+        (0.4 * top_speed, -0.1 * top_angle, friction),
+        (0.05 * top_speed, 0.5 * top_angle, friction),
+        (1.2 * top_speed, 0.01 * top_angle, friction),
+        (0.03 * top_speed, 1.5 * top_angle, friction),
+        (1.5 * top_speed, 2.0 * top_angle, friction),
+        (top_speed, top_angle, 0.98 * friction),
+        (1.5 * top_speed, top_angle, 1.02 * friction),
+        (top_speed, top_angle, 0.4 * friction),
     ]
-    lookup = Lookup.from_map(total, numpy_type(precision))
+    real = numpy_type(precision)
+    lookup = Lookup.from_map(total, real)
     rows = []
-    for speed, angle in points:
-        yaw_rate = lookup(np.array(speed), np.array(angle)).item()
-        rows.append(", ".join(literal(number, precision) for number in (speed, angle, yaw_rate)))
+    for speed, angle, road in points:
+        yaw_rate = lookup(np.array(speed), np.array(angle), road).item()
+        rows.append(", ".join(literal(number, precision) for number in (speed, angle, road, yaw_rate)))
     return tuple(rows)

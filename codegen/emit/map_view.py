@@ -68,6 +68,7 @@ class MapView:
     checksum: str
     checksum_value: int
     checksum_steps: int
+    checksum_also: str
     bits: int
     bits_type: str
     flash_bytes: int
@@ -94,8 +95,9 @@ def map_view(total: TotalMap, precision: Precision) -> MapView:
         )
         for speed, row in zip(total.speed, table, strict=True)
     )
-    checksum = zlib.crc32(table.astype(table.dtype.newbyteorder("<")).tobytes())
-    uneven = sum(axis.axis.size for axis in (lookup.speed_axis, lookup.front_axis) if not axis.axis.even)
+    uneven = [constants.table for constants in (lookup.speed_axis, lookup.front_axis) if not constants.axis.even]
+    numbers = np.concatenate([table.ravel(), *uneven])
+    checksum = zlib.crc32(numbers.astype(table.dtype.newbyteorder("<")).tobytes())
     return MapView(
         speed=_axis_view(lookup.speed_axis, "speed", "speed", "m/s", precision),
         front_angle=_axis_view(lookup.front_axis, "front_angle", "magnitude", "rad", precision),
@@ -107,10 +109,11 @@ def map_view(total: TotalMap, precision: Precision) -> MapView:
         friction_text=f"{total.friction:g}",
         checksum=f"0x{checksum:08X}u",
         checksum_value=checksum,
-        checksum_steps=table.size * bits // 4,
+        checksum_steps=numbers.size * bits // 4,
+        checksum_also=", then over the uneven breakpoints" if uneven else "",
         bits=bits,
         bits_type=f"uint{bits}_t",
-        flash_bytes=(table.size + uneven) * table.dtype.itemsize,
+        flash_bytes=numbers.nbytes,
     )
 
 

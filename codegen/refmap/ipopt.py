@@ -40,6 +40,9 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mu_strategy": "monotone",
     "ipopt.mu_init": 1e-2,
 }
+# For the few points where rounding stops IPOPT short of that: still within 1e-6 of a scaled variable.
+_EASIER_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-14}
+_NO_STEP_LEFT = "Search_Direction_Becomes_Too_Small"
 # A linear problem, whose value alone counts: tighter than this it may stall without end where its solution is not unique.
 _ELASTIC_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-10, "ipopt.constr_viol_tol": 1e-10}
 _CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
@@ -53,6 +56,7 @@ class _Solvers:
     """Optimisation, elastic feasibility problem and tangent of the steady turns, in variables scaled to order one."""
 
     optimum: Any
+    optimum_easier: Any
     elastic: Any
     tangent: Any
     scale: FloatArray
@@ -82,9 +86,8 @@ def _build(config: Config, problem: SteadyTurnProblem) -> _Solvers:
     )
     objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
     parameters = ca.vertcat(speed, front)
-    optimum = ca.nlpsol(
-        "optimum", "ipopt", {"x": z, "p": parameters, "f": objective, "g": ca.vertcat(residual, used)}, _OPTIONS
-    )
+    steady_turn = {"x": z, "p": parameters, "f": objective, "g": ca.vertcat(residual, used)}
+    optimum, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
     # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
     box = ca.vertcat(used, z[0], z[2])
     relaxed = ca.vertcat(residual, box - slack, box + slack)
@@ -96,7 +99,7 @@ def _build(config: Config, problem: SteadyTurnProblem) -> _Solvers:
     curvature = steady_tangent.T @ ca.hessian(objective, z)[0] @ steady_tangent
     tangent = ca.Function("curvature", [parameters], [ca.simplify(curvature)])
     rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
-    return _Solvers(optimum, elastic, tangent, scale, np.array([1.0, np.inf, rear_bound]))
+    return _Solvers(optimum, easier, elastic, tangent, scale, np.array([1.0, np.inf, rear_bound]))
 
 
 def solve(
@@ -192,17 +195,22 @@ def _not_converged(parameters: FloatArray, what: str) -> MapError:
 
 
 def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[float, FloatArray] | None:
-    answer = solvers.optimum(
-        x0=start,
-        p=parameters,
-        lbx=-solvers.bounds,
-        ubx=solvers.bounds,
-        lbg=[0.0, 0.0, -1.0, -1.0, -1.0],
-        ubg=[0.0, 0.0, 1.0, 1.0, 1.0],
-    )
-    if solvers.optimum.stats()["return_status"] not in _CONVERGED:
-        return None
-    return float(answer["f"]), np.asarray(answer["x"]).ravel()
+    """Objective and point that IPOPT converges to from `start`, or None."""
+    for optimum in (solvers.optimum, solvers.optimum_easier):
+        answer = optimum(
+            x0=start,
+            p=parameters,
+            lbx=-solvers.bounds,
+            ubx=solvers.bounds,
+            lbg=[0.0, 0.0, -1.0, -1.0, -1.0],
+            ubg=[0.0, 0.0, 1.0, 1.0, 1.0],
+        )
+        status = optimum.stats()["return_status"]
+        if status in _CONVERGED:
+            return float(answer["f"]), np.asarray(answer["x"]).ravel()
+        if status != _NO_STEP_LEFT:
+            break
+    return None
 
 
 def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> FloatArray | None:

@@ -153,7 +153,7 @@ class Lookup:
             yaw_rate = lower + w * (upper - lower)
             cap = self.lateral_acceleration_cap
             if self.real(friction) < self.friction:
-                cap = self.lateral_acceleration_cap_per_friction * max(self.real(friction), zero)
+                cap = self.lateral_acceleration_cap_per_friction * max(zero, self.real(friction))
             yaw_rate = np.where(yaw_rate * v > cap, cap / v, yaw_rate)
             result: npt.NDArray[Any] = np.where(angle < zero, -yaw_rate, yaw_rate)
             return result

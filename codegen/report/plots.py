@@ -25,7 +25,6 @@ from codegen.report.style import (
     ORANGE,
     PURPLE,
     QUANTITIES,
-    REAR_ANGLE,
     RUN_NAMES,
     SIDESLIP,
     SKY,
@@ -189,7 +188,7 @@ def at_front_angle(reference_map: ReferenceMap, values: FloatArray, front_angle:
     """
     angles = reference_map.front_angle
     place = float(np.interp(front_angle, angles, np.arange(angles.size), left=-1.0, right=-1.0))
-    if place < 0.0:
+    if not place >= 0.0:  # NaN is outside too
         low, high = np.degrees(angles[[0, -1]])
         raise PlotError(
             f"{math.degrees(front_angle):.4g} deg is outside the map's front angles",
@@ -479,7 +478,7 @@ def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float
         starts = np.flatnonzero(np.diff(status, prepend=np.nan) != 0.0)
         for first, last in zip(starts, [*starts[1:], len(time) - 1], strict=True):
             name = Status(int(status[first])).name
-            if name in STATUS_COLOURS and time[last] >= window[0] and time[first] <= window[1]:
+            if name in STATUS_COLOURS and time[last] > window[0] and time[first] < window[1]:
                 axes.broken_barh([(time[first], time[last] - time[first])], (row - 0.4, 0.8), color=STATUS_COLOURS[name])
                 seen.add(name)
     axes.set_yticks(range(len(runs)), [plain(name) for name in runs])

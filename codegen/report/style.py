@@ -97,6 +97,9 @@ def to_png(figure: Figure) -> bytes:
     stream = io.BytesIO()
     with style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for a character that the font lacks
+        # The layout shifts a little with each drawing; the first one counts.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
         figure.savefig(stream, format="png", dpi="figure", metadata={"Software": None})
     return stream.getvalue()
 
@@ -222,7 +225,7 @@ def draw_phase_line(axes: Axes, reference_map: ReferenceMap) -> bool:
     return bool(pieces)
 
 
-SPECK = 0.1
+SPECK = 0.15
 """Pieces of the phase line with no more than this share of the points of the longest are not drawn."""
 
 PHASE_NAME = f"phase conversion, {REAR_ANGLE} = 0"

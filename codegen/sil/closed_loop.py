@@ -97,7 +97,14 @@ class ClosedLoop:
             lib.plant_output(plant, plant_input, output)
             rear_angle, reference, status = 0.0, 0.0, 2
             if setup.controlled:
-                measurement[0] = (speed, output.front_angle, plant.yaw_rate, plant.rear_angle, estimate, inhibit != 0.0)
+                measurement[0] = (
+                    speed,
+                    output.front_angle,
+                    plant.yaw_rate,
+                    plant.rear_angle,
+                    estimate,
+                    inhibit > 0.0 or inhibit < 0.0,
+                )
                 command = software.function("controller_step")(controller, self._parameters, measurement)
                 rear_angle, reference, status = command.rear_angle, command.yaw_rate_reference, command.status
             rows.append(

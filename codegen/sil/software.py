@@ -22,7 +22,7 @@ from codegen.emit.folder import read_manifest, verify_hashes
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.errors import BuildError
-from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
+from codegen.sil.compile import DEFAULT_FLAGS, Library, Mode, compile_library
 from codegen.vehicle.dynamics import two_track
 
 RECORD_COLUMNS = (
@@ -207,15 +207,16 @@ def compile_build(
     config: Config | None = None,
     *,
     flags: Sequence[str] = DEFAULT_FLAGS,
+    mode: Mode = "auto",
     edited: tuple[str, ...] = (),
 ) -> Software:
-    """Compile generated files that are in memory; see `load`."""
+    """Compile generated files that are in memory; see `load`, and `compile_library` for `flags` and `mode`."""
     built_for = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
     sources.update(bench_sources(config or built_for, prefix, precision))
     headers = [f"include/{prefix}_{name}.h" for name in ("map", "controller", "dynamics")] + ["bench/plant.h", "bench/loop.h"]
-    library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags)
+    library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags, mode=mode)
     return Software(library, prefix, precision, config or built_for, edited)
 
 

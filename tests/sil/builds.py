@@ -1,0 +1,149 @@
+"""Builds under test: each a map, its rendered folder and the compiled software. Made when first asked for, once a process."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.folder import Folder
+from codegen.emit.text import Precision
+from codegen.refmap import map as refmap
+from codegen.refmap.extend import TotalMap, extend
+from codegen.refmap.lookup import Lookup
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.solve import solve_case
+from codegen.sil.compile import DEFAULT_FLAGS
+from codegen.sil.software import Measurement, Software, compile_build
+
+CONFIG = configuration.preset()
+PRECISIONS: tuple[Precision, ...] = ("single", "double")
+SPEED, FRONT_ANGLE = 15.0, 0.07
+"""m/s and rad: inside the solved part of the map, below the hold speed, far above standby."""
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A build in memory, compiled.
+
+    Attributes:
+        folder: the generated files. total: the map that they hold. software: the compiled C.
+    """
+
+    folder: Folder
+    total: TotalMap
+    software: Software
+
+    @functools.cached_property
+    def lookup(self) -> Lookup:
+        """The NumPy reference in the precision of the build."""
+        return Lookup.from_map(self.total, self.software.real)
+
+    @property
+    def eps(self) -> float:
+        """Spacing of the numbers at 1."""
+        return float(np.finfo(self.software.real).eps)
+
+    def next(self, value: float, toward: float) -> float:
+        """The neighbour of a value in the precision of the build."""
+        real = self.software.real
+        return float(np.nextafter(real(value), real(toward)))
+
+    def reference(self, speed: float = SPEED, front_angle: float = FRONT_ANGLE) -> float:
+        """Reference yaw rate in rad/s on the road that the map assumes."""
+        return float(self.lookup(speed, front_angle))
+
+    def turn(self, error: float = 0.0, speed: float = SPEED, front_angle: float = FRONT_ANGLE, **others: Any) -> Measurement:
+        """A turn with a yaw-rate error (rad/s, reference minus measured)."""
+        return Measurement(speed, front_angle, self.reference(speed, front_angle) - error, **others)
+
+
+def render(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Folder:
+    """The generated folder of a map."""
+    return build(
+        reference_map, config, BuildOptions("sample", precision=precision), BuildInputs("sample.npz", "0" * 64, "preset")
+    )
+
+
+def make(reference_map: ReferenceMap, config: Config = CONFIG, precision: Precision = "single") -> Built:
+    """Render and compile."""
+    folder = render(reference_map, config, precision)
+    return Built(folder, extend(reference_map, config), compile_build(folder.files, folder.manifest))
+
+
+@functools.cache
+def paper_map() -> ReferenceMap:
+    """The 4WS-2 map of the paper's car."""
+    return solve_case(CONFIG, "4ws-2")
+
+
+@functools.cache
+def paper(precision: Precision = "single") -> Built:
+    """The paper's build: 4WS-2 map, rate limit off."""
+    return make(paper_map(), CONFIG, precision)
+
+
+@functools.cache
+def altered(path: str, old: str, new: str) -> Built:
+    """The paper's build with one place of its C changed.
+
+    Without optimisation, which compiles faster, and without warnings, for what is planted may leave a function unused.
+
+    Raises:
+        LookupError: the text to replace does not stand there exactly once, so nothing, or too much, would be planted.
+    """
+    original = paper()
+    text = original.folder.files[path].decode("ascii")
+    if text.count(old) != 1:
+        raise LookupError(f"{path} holds {text.count(old)} times, instead of once: {old}")
+    files = {**original.folder.files, path: text.replace(old, new).encode("ascii")}
+    flags = ("-O0" if flag == "-O2" else flag for flag in (*DEFAULT_FLAGS, "-w"))
+    return Built(original.folder, original.total, compile_build(files, original.folder.manifest, flags=tuple(flags)))
+
+
+def _grid(**changes: Any) -> ReferenceMap:
+    config = CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
+    return solve_case(config, "4ws-2")
+
+
+def _bare(speed: Any, front_angle: Any, yaw_rate: Any) -> ReferenceMap:
+    arrays = {"vx": np.array(speed), "delta_f": np.array(front_angle), "yaw_rate": np.array(yaw_rate)}
+    return refmap.from_arrays(arrays, "sample")
+
+
+def _rough() -> ReferenceMap:
+    """Uneven on both axes, any value beside any other: no neighbour can stand in for another."""
+    speed = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0])
+    front_angle = np.array([0.003, 0.01, 0.02, 0.1, 0.11])
+    ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g
+    return _bare(speed, front_angle, np.random.default_rng(3).uniform(0.02, 1.0, (6, 5)) * ceiling)
+
+
+UNEVEN_SPEED = [20.0, 23.0, 30.0, 42.5, 60.0, 61.0, 90.0, 120.0]
+UNEVEN_ANGLE = [0.1, 0.5, 1.0, 2.0, 2.5, 4.0, 6.75, 10.0]
+
+MAPS: dict[str, Callable[[], ReferenceMap]] = {
+    "paper": paper_map,
+    "uneven speed": lambda: _grid(speed_breakpoints_km_h=UNEVEN_SPEED),
+    "uneven angle": lambda: _grid(front_angle_breakpoints_deg=UNEVEN_ANGLE),
+    "uneven": lambda: _grid(speed_breakpoints_km_h=UNEVEN_SPEED, front_angle_breakpoints_deg=UNEVEN_ANGLE),
+    "two points each": lambda: _grid(speed_points=2, front_angle_points=2),
+    "bare 2 x 2": lambda: _bare([5.0, 30.0], [0.02, 0.2], [[0.03, 0.3], [0.1, 0.15]]),
+    "one cell": lambda: _bare([0.0, 30.0], [0.0, 0.7], [[0.0, 0.0], [0.0, 0.3]]),
+    "even from zero": lambda: _bare(
+        np.linspace(0.0, 30.0, 7), np.linspace(0.0, 0.7, 8), np.outer(np.linspace(0.0, 0.3, 7), np.linspace(0.0, 1.0, 8))
+    ),
+    "rough": _rough,
+}
+
+
+@functools.cache
+def of_map(name: str, precision: Precision) -> Built:
+    """The build of one of MAPS."""
+    return paper(precision) if name == "paper" else make(MAPS[name](), CONFIG, precision)

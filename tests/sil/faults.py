@@ -1,0 +1,326 @@
+"""Faults to plant in the generated C, each beside the check that must see it.
+
+The text to replace stands exactly once in the generated file; `builds.altered` refuses anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tests.sil import checks_control, checks_lookup, checks_supervision
+from tests.sil.builds import Built
+
+Check = Callable[[Built], object]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault: what it is, the check that must see it, and the text that `new` takes the place of."""
+
+    name: str
+    check: Check
+    old: str
+    new: str
+
+
+IN_THE_LOOKUP = (
+    Fault(
+        "transposed map",
+        checks_lookup.check_same_bits,
+        "const float *const slower = &yaw_rate_table[row.cell][column.cell];\n"
+        "    const float *const faster = &yaw_rate_table[row.cell + 1u][column.cell];",
+        "const float *const slower = &yaw_rate_table[column.cell][row.cell];\n"
+        "    const float *const faster = &yaw_rate_table[column.cell + 1u][row.cell];",
+    ),
+    Fault("row not interpolated", checks_lookup.check_error_bound, "[row.cell + 1u]", "[row.cell]"),
+    Fault("cap missing", checks_lookup.check_cap, "yaw_rate = lateral_acceleration / forward_speed;", "yaw_rate = yaw_rate;"),
+    Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * forward_speed) >", "(yaw_rate * speed_top) >"),
+    Fault(
+        "cap a millionth too high",
+        checks_lookup.check_cap,
+        "return with_sign_of(front_angle, speed, lateral_acceleration);",
+        "return with_sign_of(front_angle, speed, lateral_acceleration * 1.000001f);",
+    ),
+    Fault(
+        "cap two millionths too low",
+        checks_lookup.check_cap_is_reached,
+        "return with_sign_of(front_angle, speed, lateral_acceleration);",
+        "return with_sign_of(front_angle, speed, lateral_acceleration * 0.999998f);",
+    ),
+    Fault(
+        "symmetry lost",
+        checks_lookup.check_odd_symmetry,
+        "return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;",
+        "return yaw_rate;",
+    ),
+    Fault(
+        "right turns look straight",
+        checks_lookup.check_odd_symmetry,
+        "at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle)",
+        "at_least_zero(front_angle)",
+    ),
+    Fault(
+        "axis constant one unit in the last place off",
+        checks_lookup.check_same_bits,
+        "(clamped - speed_core_first)",
+        "(clamped - (speed_core_first + 5.0e-7f))",
+    ),
+    Fault(
+        "axis constant a thousandth off",
+        checks_lookup.check_error_bound,
+        "clamped * front_angle_inverse_step",
+        "clamped * (1.001f * front_angle_inverse_step)",
+    ),
+    Fault("no clamp at the last speed", checks_lookup.check_edges, "(speed > speed_top) ? speed_top : speed", "speed"),
+    Fault("NaN let in", checks_lookup.check_finite, "return (canonical > 0.0f) ? canonical : 0.0f;", "return canonical;"),
+    Fault("checksum of fewer rows", checks_lookup.check_checksum, "row < (uint32_t)ARS_MAP_SPEED_POINTS", "row < 50u"),
+    Fault("estimate of friction ignored", checks_lookup.check_cap, "if (friction < map_friction)", "if (friction < -1.0f)"),
+)
+
+IN_THE_LAW = (
+    Fault(
+        "command not clamped",
+        checks_control.check_command_within_limit,
+        "self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "",
+    ),
+    Fault(
+        "wrong sign",
+        checks_control.check_sign,
+        "const float error = self->yaw_rate_reference - measurement->yaw_rate;\n    const float proportional",
+        "const float error = measurement->yaw_rate - self->yaw_rate_reference;\n    const float proportional",
+    ),
+    Fault(
+        "wrong sign of the integral",
+        checks_control.check_sign,
+        "integral -= (parameters",
+        "integral += (parameters",
+    ),
+    Fault(
+        "wrong sign of the proportional part",
+        checks_control.check_gains,
+        "demand = integral - proportional;",
+        "demand = integral + proportional;",
+    ),
+    Fault(
+        "stuck integrator",
+        checks_control.check_saturation,
+        "integral -= (parameters->integral_gain * sampling_time) * error;",
+        "",
+    ),
+    Fault(
+        "integral per sample instead of per second",
+        checks_control.check_gains,
+        "(parameters->integral_gain * sampling_time) * error",
+        "parameters->integral_gain * error",
+    ),
+    Fault(
+        "the integral of a new sample is used one sample late",
+        checks_control.check_same_as_model,
+        "demand = integral - proportional;",
+        "demand = self->integral - proportional;",
+    ),
+    Fault("no saturation in the law", checks_control.check_anti_windup, "demand = clamp(demand, low, high);", ""),
+    Fault("no anti-windup", checks_control.check_anti_windup, "integral = demand + proportional;", ""),
+    Fault(
+        "anti-windup blind to the achieved angle",
+        checks_control.check_windup_by_a_stuck_actuator,
+        "low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, low, high);\n"
+        "        high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);",
+        "",
+    ),
+    Fault(
+        "anti-windup on one side",
+        checks_control.check_windup_by_a_stuck_actuator,
+        "high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);",
+        "",
+    ),
+    Fault(
+        "no rate limit",
+        checks_control.check_rate_limit,
+        "command = clamp(demand, self->rear_angle - step, self->rear_angle + step);",
+        "command = demand;",
+    ),
+    Fault(
+        "no anti-windup of the rate limit",
+        checks_control.check_windup_by_the_rate_limit,
+        "integral = self->integral;\n        }\n    }\n    self->integral",
+        "}\n    }\n    self->integral",
+    ),
+    Fault(
+        "start with a bump",
+        checks_control.check_bumpless,
+        "self->integral = self->rear_angle + (parameters->proportional_gain * error);",
+        "self->integral = 0.0f;",
+    ),
+    Fault(
+        "start forgets the proportional part",
+        checks_control.check_bumpless,
+        "self->integral = self->rear_angle + (parameters->proportional_gain * error);",
+        "self->integral = self->rear_angle;",
+    ),
+    Fault(
+        "inhibit ignored",
+        checks_control.check_inhibit,
+        "if (!measurement->inhibit) {\n        integral -=",
+        "if (true) {\n        integral -=",
+    ),
+    Fault(
+        "inhibit ignored at a limit",
+        checks_control.check_inhibit,
+        "if (!measurement->inhibit) {\n            integral = demand",
+        "if (true) {\n            integral = demand",
+    ),
+    Fault("friction below its minimum", checks_control.check_friction, "friction = parameters->friction_min;", ""),
+    Fault(
+        "status does not tell of the limit",
+        checks_control.check_saturation,
+        "? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING",
+        "? ARS_STATUS_TRACKING : ARS_STATUS_TRACKING",
+    ),
+    Fault(
+        "a static variable shared by all instances",
+        checks_control.check_instances,
+        "float integral = self->integral;",
+        "static float shared; float integral = self->integral + shared; shared = 1e-6f * (float)(self->speed > 14.0f);",
+    ),
+)
+
+IN_THE_SUPERVISION = (
+    Fault(
+        "NaN accepted",
+        checks_supervision.check_inputs,
+        "return (value >= low) && (value <= high);",
+        "return !((value < low) || (value > high));",
+    ),
+    Fault(
+        "range of the yaw rate not checked",
+        checks_supervision.check_inputs,
+        "&& is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)",
+        "",
+    ),
+    Fault(
+        "range of the measured rear angle not checked",
+        checks_supervision.check_inputs,
+        "&& is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)",
+        "",
+    ),
+    Fault(
+        "yaw rate always believed",
+        checks_supervision.check_plausibility_time,
+        "trusted = self->implausible_samples <= parameters->implausible_samples_max;",
+        "",
+    ),
+    Fault(
+        "implausible samples never forgiven",
+        checks_supervision.check_plausibility_time,
+        "if (is_plausible(parameters, measurement)) {\n            self->implausible_samples = 0u;",
+        "if (is_plausible(parameters, measurement)) {",
+    ),
+    Fault(
+        "plausible only to the left",
+        checks_supervision.check_plausibility_limit,
+        "const float low = (turn < 0.0f) ? turn : 0.0f;",
+        "const float low = 0.0f;",
+    ),
+    Fault(
+        "standby ignored",
+        checks_supervision.check_standby,
+        "self->enabled = false;\n        } else {",
+        "} else {",
+    ),
+    Fault(
+        "no hysteresis",
+        checks_supervision.check_standby,
+        "self->speed < parameters->disable_speed",
+        "self->speed < parameters->enable_speed",
+    ),
+    Fault(
+        "reverse counts as forward",
+        checks_supervision.check_standby,
+        "if (self->speed >= parameters->enable_speed)",
+        "if ((self->speed * self->speed) >= (parameters->enable_speed * parameters->enable_speed))",
+    ),
+    Fault(
+        "standby drops to zero",
+        checks_supervision.check_standby,
+        "toward_zero(self->rear_angle, parameters->standby_rate * sampling_time)",
+        "0.0f",
+    ),
+    Fault(
+        "a short gap drops to zero",
+        checks_supervision.check_gap,
+        "self->status = ARS_STATUS_DEGRADED;",
+        "self->status = ARS_STATUS_DEGRADED; self->rear_angle = 0.0f;",
+    ),
+    Fault(
+        "gap one sample longer",
+        checks_supervision.check_gap,
+        "self->bad_samples > parameters->degraded_samples_max",
+        "self->bad_samples > (parameters->degraded_samples_max + 1)",
+    ),
+    Fault(
+        "control goes on after a gap as if there had been none",
+        checks_supervision.check_gap,
+        "if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {",
+        "if (self->status == ARS_STATUS_STANDBY) {",
+    ),
+    Fault(
+        "fail-safe drops to zero",
+        checks_supervision.check_fail_safe_ramp,
+        "toward_zero(self->rear_angle, rate * sampling_time)",
+        "0.0f",
+    ),
+    Fault(
+        "fail-safe drops to zero at speed",
+        checks_supervision.check_fail_safe_hold,
+        "if (speed < parameters->hold_speed) {",
+        "if (!(speed < parameters->hold_speed)) { self->rear_angle = 0.0f; } else {",
+    ),
+    Fault(
+        "fail-safe ramps at any speed",
+        checks_supervision.check_fail_safe_hold,
+        "if (speed < parameters->hold_speed) {",
+        "if (true) {",
+    ),
+    Fault(
+        "fail-safe ramp the wrong way round",
+        checks_supervision.check_fail_safe_ramp,
+        "const float share = speed / parameters->hold_speed;",
+        "const float share = 1.0f - (speed / parameters->hold_speed);",
+    ),
+    Fault(
+        "ramp past zero",
+        checks_supervision.check_fail_safe_ramp,
+        "if (value > step) {",
+        "if (value > 0.0f) {",
+    ),
+    Fault(
+        "speed out of range kept",
+        checks_supervision.check_last_speed,
+        "if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {",
+        "{",
+    ),
+    Fault(
+        "recovery in one sample",
+        checks_supervision.check_recovery,
+        "if (self->good_samples >= parameters->recovery_samples) {",
+        "{",
+    ),
+    Fault(
+        "recovery does not start again after a bad sample",
+        checks_supervision.check_recovery,
+        "self->good_samples = 0u;\n    if (self->bad_samples",
+        "if (self->bad_samples",
+    ),
+    Fault(
+        "integral from a lost measurement",
+        checks_supervision.check_always_bounded,
+        "if (!is_trusted(self, parameters, measurement)) {",
+        "if (!is_trusted(self, parameters, measurement) && !(measurement->yaw_rate > 1.0e9f)) {",
+    ),
+)
+
+FAULTS = {"src/ars_map.c": IN_THE_LOOKUP, "src/ars_controller.c": (*IN_THE_LAW, *IN_THE_SUPERVISION)}
+"""By the file that they are planted in."""

@@ -1,0 +1,181 @@
+"""The controller as its header and README describe it, in Python: an independent model to hold the C against.
+
+It keeps one number type throughout, so the bits of a sample can be compared and not only its size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from codegen.sil.software import Command, Measurement, Status
+
+Reference = Callable[[Any, Any, Any], Any]
+"""(speed, front angle, friction) -> reference yaw rate."""
+
+NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
+"""Fields of a measurement in order, without `inhibit`."""
+
+
+class ModelController:
+    """PI on the yaw-rate error with its supervision.
+
+    Args:
+        parameters: anything with the fields of the C parameter struct.
+        reference: the lookup.
+        period: sampling time in s.
+        actuator_max: rad, the actuator's own limit.
+        real: number type.
+    """
+
+    def __init__(
+        self, parameters: Any, reference: Reference, period: float, actuator_max: float, real: Any, angle: float
+    ) -> None:
+        self.p = parameters
+        self.reference = reference
+        self.real = real
+        self.period = real(period)
+        self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
+        self.integral = self.angle
+        self.last_speed = real(0.0)
+        self.status = Status.STANDBY
+        self.above_enabling_speed = False
+        self.lost = self.found = self.unbelieved = 0
+
+    def parameter(self, name: str) -> Any:
+        return self.real(getattr(self.p, name))
+
+    def step(self, measurement: Measurement) -> Command:
+        numbers = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
+        sample = Measurement(**numbers, inhibit=measurement.inhibit)
+        yaw_rate_reference = self.real(0.0)
+        if not self._usable(sample):
+            self.lost, self.found = self.lost + 1, 0
+            gap_is_short = self.lost <= self.p.degraded_samples_max and self.status is not Status.FAIL_SAFE
+            self.status = Status.DEGRADED if gap_is_short else Status.FAIL_SAFE
+            if gap_is_short:
+                yaw_rate_reference = self._last_reference
+            else:
+                self.above_enabling_speed = False
+        else:
+            self.lost = 0
+            self._recover()
+            if self.status is not Status.FAIL_SAFE:
+                self._choose_by_speed(sample.speed)
+                if self.above_enabling_speed:
+                    yaw_rate_reference = self._control(sample)
+        if self.status is Status.STANDBY:
+            self._approach_zero(self.parameter("standby_rate"))
+        elif self.status is Status.FAIL_SAFE:
+            self._fail_safe()
+        self._last_reference = yaw_rate_reference
+        bound = self.parameter("rear_angle_max")
+        self.angle = min(max(self.angle, -bound), bound)
+        return Command(float(self.angle), float(yaw_rate_reference), self.status)
+
+    _last_reference: Any = 0.0
+
+    def _usable(self, m: Measurement) -> bool:
+        if abs(m.speed) <= self.parameter("speed_max"):
+            self.last_speed = m.speed
+        needed = (("speed", "speed_max"), ("front_angle", "front_angle_max"), ("yaw_rate", "yaw_rate_max"))
+        if not all(abs(getattr(m, field)) <= self.parameter(limit) for field, limit in needed):
+            return False
+        if not math.isnan(m.rear_angle) and abs(m.rear_angle) > self.parameter("rear_angle_input_max"):
+            return False
+        if not math.isnan(m.friction) and not 0.0 <= m.friction <= self.parameter("friction_max"):
+            return False
+        self.unbelieved = 0 if self._plausible(m) else self.unbelieved + 1
+        return bool(self.unbelieved <= self.p.implausible_samples_max)
+
+    def _plausible(self, m: Measurement) -> bool:
+        wheelbase = self.parameter("wheelbase")
+        kinematic = m.speed * m.front_angle
+        more = abs(m.speed) * self.parameter("rear_angle_max") + wheelbase * self.parameter("yaw_rate_tolerance")
+        low, high = sorted((self.real(0.0), kinematic))
+        return bool(low - more <= wheelbase * m.yaw_rate <= high + more)
+
+    def _recover(self) -> None:
+        if self.status is Status.FAIL_SAFE:
+            self.found += 1
+            if self.found >= self.p.recovery_samples:
+                self.found, self.status = 0, Status.STANDBY
+
+    def _choose_by_speed(self, speed: Any) -> None:
+        if speed >= self.parameter("enable_speed"):
+            self.above_enabling_speed = True
+        if speed < self.parameter("disable_speed"):
+            self.above_enabling_speed = False
+        if not self.above_enabling_speed:
+            self.status = Status.STANDBY
+
+    def _approach_zero(self, rate: Any) -> None:
+        left = abs(self.angle) - rate * self.period
+        self.angle = self.real(math.copysign(max(left, self.real(0.0)), self.angle))
+
+    def _fail_safe(self) -> None:
+        hold_speed, speed = self.parameter("hold_speed"), abs(self.last_speed)
+        if speed < hold_speed:
+            at_rest, at_hold = self.parameter("ramp_rate_standstill"), self.parameter("ramp_rate_hold_speed")
+            self._approach_zero(at_rest + speed / hold_speed * (at_hold - at_rest))
+
+    def _control(self, m: Measurement) -> Any:
+        p, clip = self.parameter, np.clip
+        friction = m.friction if math.isnan(m.friction) else max(m.friction, p("friction_min"))
+        reference = self.reference(m.speed, m.front_angle, friction)
+        error = reference - m.yaw_rate
+        proportional = p("proportional_gain") * error
+        if self.status not in (Status.TRACKING, Status.LIMITED):
+            self.integral = self.angle + proportional
+        low, high = -p("rear_angle_max"), p("rear_angle_max")
+        if not math.isnan(m.rear_angle):
+            ahead = p("rear_angle_error_max")
+            low, high = (clip(m.rear_angle + offset, low, high) for offset in (-ahead, ahead))
+
+        integral = self.integral if m.inhibit else self.integral - p("integral_gain") * self.period * error
+        demand = integral - proportional
+        limited = not low <= demand <= high
+        demand = clip(demand, low, high)
+        if limited and not m.inhibit:
+            integral = demand + proportional
+        travel = p("rear_rate_max") * self.period
+        reachable = clip(demand, self.angle - travel, self.angle + travel)
+        if reachable != demand:
+            limited = True
+            if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
+                integral = self.integral
+        self.integral, self.angle = integral, reachable
+        self.status = Status.LIMITED if limited else Status.TRACKING
+        return reference
+
+
+def drive(rng: np.random.Generator, count: int, reference: Reference, wheelbase: float) -> list[Measurement]:
+    """A drive of `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible spells of any length.
+
+    The yaw rate mostly lies near the reference, so that the integrator is not always at a limit.
+    """
+
+    def spells(probability: float, longest: int) -> Any:
+        active = np.zeros(count, dtype=bool)
+        for start in np.flatnonzero(rng.random(count) < probability):
+            active[start : start + rng.integers(1, longest + 1)] = True
+        return active
+
+    t = np.arange(count)
+    speed = 14.0 + 16.0 * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
+    front = 0.12 * np.sin(2.0 * np.pi * t / 330.0 + rng.uniform(0.0, 6.0))
+    slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
+    yaw = reference(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
+    yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 1.5, yaw)
+    rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
+    friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
+    inhibit = spells(0.01, 20)
+    fields = np.stack([speed, front, yaw, rear, friction])
+    nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
+    for column in np.flatnonzero(spells(0.006, 6)):
+        fields[rng.integers(5), column] = rng.choice(nonsense)
+    rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
+    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=held) for row, held in rows]
