@@ -70,8 +70,8 @@ def init(folder: Path) -> None:
 @json_option
 def solve(config_path: Path | None, case: str, output: Path, method: str, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
-    from codegen.emit.from_files import choose_config
     from codegen.refmap import map as npz
+    from codegen.refmap.choose import choose_config
     from codegen.refmap.solve import solve_case
     from codegen.report.summary import map_summary
 
@@ -95,12 +95,13 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, as_jso
 def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
     from codegen.refmap import map as npz
-    from codegen.report import plots
     from codegen.report.summary import map_summary, table
 
     reference_map = npz.load(map_path)
     summary = map_summary(reference_map)
     if plot is not None:
+        from codegen.report import plots
+
         plots.save(plots.map_figure(reference_map, map_path.stem), plot)
     if as_json:
         console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})

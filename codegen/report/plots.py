@@ -210,8 +210,10 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
     Where the cut is the paper's (its car, its cases, 4 deg), the values of its table are marked.
 
     Raises:
-        PlotError: the angle is outside a map.
+        PlotError: no map, or the angle is outside one.
     """
+    if not maps:
+        raise PlotError("no maps to show", remedy="give at least one")
     with style():
         figure = new_figure(6.4, 5.6)
         yaw_axes, sideslip_axes = figure.subplots(2, 1, sharex=True)
@@ -219,7 +221,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
         marked = False
         for name, one in maps.items():
             look = CASE_LINES.get(name.lower()) or next(lines)
-            for axes, quantity, column in ((yaw_axes, YAW_RATE, 0), (sideslip_axes, SIDESLIP, 1)):
+            for axes, quantity, entry in ((yaw_axes, YAW_RATE, 0), (sideslip_axes, SIDESLIP, 1)):
                 table = quantity.degrees(one)
                 if table is None:
                     continue
@@ -228,7 +230,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
                 if _is_paper(one, name.lower()) and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
                     here = np.interp(PAPER_SPEED, one.speed, values)
                     # The table gives |beta|: it is marked on the side where the map has it.
-                    value = math.copysign(PAPER_TABLE[name.lower()][column], here)
+                    value = math.copysign(PAPER_TABLE[name.lower()][entry], here)
                     axes.plot([43.9], [value], "o", color=look["color"], markerfacecolor=WHITE, markersize=6, zorder=5)
                     marked = True
         _finish_cut(figure, yaw_axes, sideslip_axes, front_angle, marked)

@@ -6,13 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from codegen.config import KM_H
 from codegen.refmap.map import Binding, ReferenceMap
-from hil_sim.metrics import StepMetrics
+
+if TYPE_CHECKING:
+    from hil_sim.metrics import StepMetrics
 
 BINDING_NAMES = {
     Binding.SIDESLIP: "sideslip",

@@ -1,0 +1,50 @@
+"""`python -m benchmarks [NAME…] [--quick]`: measure, print, and leave with 1 where a required ratio is missed."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from typing import Any
+
+NAMES = {
+    "solve": "solving",
+    "loop": "closed_loop",
+    "start": "processes",
+    "lookup": "lookup",
+}
+"""What the user calls a benchmark -> its module."""
+
+
+def main() -> int:
+    """Run the chosen benchmarks one after the other."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Measure against peers, in one run.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)}; by default all")
+    parser.add_argument("--quick", action="store_true", help="fewer repeats, and IPOPT on a part of the grid")
+    options = parser.parse_args()
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f"there is no benchmark {unknown[0]!r}; known: {', '.join(NAMES)}")
+
+    from benchmarks import machine
+    from codegen.errors import CodegenError
+
+    print(machine.description())
+    missed = 0
+    for name in options.names or NAMES:
+        module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
+        try:
+            report = module.run(options.quick, lambda text: print(f"... {text}", file=sys.stderr, flush=True))
+        except CodegenError as error:
+            print(f"\n{name}: not measured: {error}", flush=True)
+            missed += 1
+            continue
+        print(f"\n{report}", flush=True)
+        missed += sum(not comparison.met for comparison in report.comparisons)
+    print("\nTimes: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side.")
+    print(f"At the end: {machine.load()}.")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""The machine and the tools of a run, in words."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+from codegen.sil.toolchain import compiler_command, compiler_identity
+
+LIBRARIES = ("casadi", "numpy", "scipy")
+
+
+def description() -> str:
+    """Processor, cores, system, compiler, Python and libraries: a line each."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    return "\n".join(
+        (
+            f"{_processor()}, {usable} cores usable; {platform.system()} {platform.release()}; {load()}",
+            f"{compiler_identity(compiler_command(), ())[0]}",
+            f"Python {platform.python_version()}, {libraries}",
+        )
+    )
+
+
+def load() -> str:
+    """How busy the machine is with everything that runs on it."""
+    return f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,57 @@
+"""Whole commands as the user starts them, against what Python and CasADi take by themselves."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from benchmarks.timing import Comparison, Report, interleaved
+
+REPEATS, QUICK_REPEATS = 15, 5
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("casadi", "matplotlib", "numpy", "scipy", "pydantic", "jinja2")
+
+PEERS = {"python -c pass": ("-c", "pass"), "python -c 'import casadi'": ("-c", "import casadi")}
+
+
+def run(quick: bool, say: Callable[[str], None]) -> Report:
+    """Start everything in turns."""
+    say("starting processes")
+    with tempfile.TemporaryDirectory() as scratch:
+        # Also where the wheel is not installed the commands are this checkout's.
+        commands = {
+            "codegen --help": ("--help",),
+            "codegen solve": ("solve", "--case", "4ws-2", "-o", f"{scratch}/4ws2.npz"),
+            "codegen build": ("build", "--map", f"{scratch}/4ws2.npz", "-o", f"{scratch}/4ws2"),
+        }
+        arguments = PEERS | {name: ("-m", "codegen", *words) for name, words in commands.items()}
+        works: dict[str, Callable[[], object]] = {name: partial(_start, words) for name, words in arguments.items()}
+        works["codegen build"] = partial(_build_afresh, arguments["codegen build"], Path(scratch, "4ws2"))
+        times = interleaved(works, QUICK_REPEATS if quick else REPEATS)
+        notes = [f"{name} loads {_loaded(arguments[name])}" for name in commands]
+    comparisons = [Comparison(name, times[peer], times[name]) for name in commands for peer in PEERS]
+    return Report("Starting the command, whole processes", tuple(comparisons), tuple(notes))
+
+
+def _start(arguments: tuple[str, ...]) -> str:
+    """Run Python in the checkout; what it prints on standard error."""
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stderr
+
+
+def _build_afresh(arguments: tuple[str, ...], target: Path) -> None:
+    # A folder that is up to date is not written again.
+    shutil.rmtree(target, ignore_errors=True)
+    _start(arguments)
+
+
+def _loaded(arguments: tuple[str, ...]) -> str:
+    """Which of the heavy packages a command imports, by Python's own account."""
+    lines = _start(("-X", "importtime", *arguments)).splitlines()
+    names = {line.rpartition("|")[2].strip().partition(".")[0] for line in lines if line.startswith("import time:")}
+    return ", ".join(name for name in HEAVY if name in names) or f"none of {', '.join(HEAVY)}"

@@ -1,0 +1,76 @@
+"""The exact solution over the whole default grid, against IPOPT point by point."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.paper_build import CONFIG
+from benchmarks.timing import Comparison, Report, Times, interleaved, once
+from codegen.refmap import exact, ipopt
+from codegen.refmap.exact import Solution
+from codegen.refmap.problem import FloatArray, SteadyTurnProblem, breakpoints
+
+CASES = ("fws", "4ws-1", "4ws-2")
+REQUIRED = 1000.0
+REPEATS = 30
+CLOCK = time.process_time
+"""Both keep one thread busy: what else runs on the machine shall not lengthen the one run that IPOPT has."""
+QUICK_STRIDE = 10
+NARROW = 1e-6
+"""rad. Cells whose feasible interval is narrower are counted, not compared: there, rounding decides."""
+
+
+def run(quick: bool, say: Callable[[str], None]) -> Report:
+    """Measure all cases of the paper; `quick` gives IPOPT every tenth speed and angle, and extrapolates to all cells."""
+    speed, front_angle = breakpoints(CONFIG)
+    stride = QUICK_STRIDE if quick else 1
+    comparisons, notes = [], []
+    for case in CASES:
+        say(f"solving {case}")
+        comparison, note = _case(case, speed, front_angle, stride)
+        comparisons.append(comparison)
+        notes.append(note)
+    work = {"describing the problem": lambda: SteadyTurnProblem.from_config(CONFIG, CONFIG.case(CASES[-1]))}
+    (description,) = interleaved(work, REPEATS, CLOCK).values()
+    notes.append(f"exact: the whole grid, repeated; {description} comes before it and is not counted for either.")
+    notes.append("IPOPT: one run, warm-started along the grid, building its solver included, loading the library not.")
+    if quick:
+        notes.append(f"--quick: IPOPT solved every {stride}th speed and angle only; its time is extrapolated to all cells.")
+    return Report(
+        f"Solving the map, {speed.size} x {front_angle.size} operating points; processor time", tuple(comparisons), tuple(notes)
+    )
+
+
+def _case(case: str, speed: FloatArray, front_angle: FloatArray, stride: int) -> tuple[Comparison, str]:
+    problem = SteadyTurnProblem.from_config(CONFIG, CONFIG.case(case))
+    ours = interleaved({"exact": lambda: exact.solve(problem, speed, front_angle)}, REPEATS, CLOCK)["exact"]
+    solution = exact.solve(problem, speed, front_angle)
+    results: list[Solution] = []
+
+    def by_ipopt(step: int) -> Callable[[], None]:
+        return lambda: results.append(ipopt.solve(CONFIG, problem, speed[::step], front_angle[::step]))
+
+    # Mostly the building of the solver; the call before it loads IPOPT.
+    first_cell = interleaved({"first cell": by_ipopt(speed.size)}, 3, CLOCK)["first cell"].median
+    seconds = once(by_ipopt(stride), CLOCK)
+    cells = results[-1].feasible.size
+    extrapolated = first_cell + (seconds - first_cell) * (solution.feasible.size - 1) / (cells - 1)
+    comparison = Comparison(case, Times("IPOPT", (extrapolated,)), ours, REQUIRED, paired=False)
+    return comparison, f"{case}: {_agreement(solution, results[-1], stride)}"
+
+
+def _agreement(ours: Solution, peer: Solution, stride: int) -> str:
+    cells = (slice(None, None, stride), slice(None, None, stride))
+    clear = np.abs(ours.margin[cells]) >= NARROW
+    feasible = ours.feasible[cells]
+    both = clear & feasible & peer.feasible
+    largest = float(np.max(np.abs(ours.yaw_rate[cells] - peer.yaw_rate)[both]))
+    otherwise = int(np.sum(clear & (feasible != peer.feasible)))
+    narrow = int(np.sum(~clear))
+    return (
+        f"yaw rates differ by at most {largest:.1e} rad/s in {both.sum()} feasible cells, "
+        f"feasibility in {otherwise} of {clear.size}, {narrow} too narrow to compare"
+    )

@@ -1,0 +1,127 @@
+"""Times that stand beside each other: taken in turns, told as a median with its range."""
+
+from __future__ import annotations
+
+import gc
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+Clock = Callable[[], float]
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds of the repeats of one piece of work, in the order in which they were taken, and what was at work."""
+
+    name: str
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """s."""
+        return statistics.median(self.seconds)
+
+    def each(self, count: int) -> Times:
+        """The time of one of `count` equal parts."""
+        return Times(self.name, tuple(value / count for value in self.seconds))
+
+    def __str__(self) -> str:
+        """Name, median and, where there are several, smallest and largest: "IPOPT 1.23 ms (1.2–1.4)"."""
+        scale, unit = next((entry for entry in UNITS if self.median >= entry[0]), UNITS[-1])
+        shown = f"{self.name} {number(self.median / scale)} {unit}"
+        if len(self.seconds) > 1:
+            shown += f" ({number(min(self.seconds) / scale)}–{number(max(self.seconds) / scale)})"
+        return shown
+
+
+def once(work: Callable[[], object], clock: Clock = time.perf_counter) -> float:
+    """Seconds that one call takes, without the garbage collector in between."""
+    gc.collect()
+    gc.disable()
+    try:
+        start = clock()
+        work()
+        return clock() - start
+    finally:
+        gc.enable()
+
+
+def interleaved(works: Mapping[str, Callable[[], object]], repeats: int, clock: Clock = time.perf_counter) -> dict[str, Times]:
+    """The works in turns, so that a slow spell of the machine meets all of them; every other round in reverse order.
+
+    One round before is not counted: it fills caches and loads what is loaded late. Times of a round stand at the same index.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in works}
+    for work in works.values():
+        work()
+    for round_number in range(repeats):
+        order = list(works)
+        for name in order if round_number % 2 == 0 else reversed(order):
+            seconds[name].append(once(works[name], clock))
+    return {name: Times(name, tuple(values)) for name, values in seconds.items()}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One line of a table: what was done, the peer's times and ours.
+
+    Attributes:
+        required: how many times faster than the peer ours has to be.
+        paired: whether times of the same index were taken side by side.
+    """
+
+    what: str
+    peer: Times
+    ours: Times
+    required: float | None = None
+    paired: bool = True
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """How many times faster ours is, for each pair; of the medians where there are no pairs."""
+        if not self.paired:
+            return (self.peer.median / self.ours.median,)
+        return tuple(theirs / own for theirs, own in zip(self.peer.seconds, self.ours.seconds, strict=True))
+
+    @property
+    def ratio(self) -> float:
+        """The median of `ratios`."""
+        return statistics.median(self.ratios)
+
+    @property
+    def met(self) -> bool:
+        """Whether ours is as much faster as it has to be."""
+        return self.required is None or self.ratio >= self.required
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """As printed."""
+        ratio = number(self.ratio)
+        if len(self.ratios) > 1:
+            ratio += f" ({number(min(self.ratios))}–{number(max(self.ratios))})"
+        required = "-" if self.required is None else f">= {number(self.required)}: {'met' if self.met else 'MISSED'}"
+        return self.what, str(self.peer), str(self.ours), ratio, required
+
+
+@dataclass(frozen=True)
+class Report:
+    """What one benchmark found: its table, and what has to be said beside it."""
+
+    title: str
+    comparisons: tuple[Comparison, ...]
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        rows = [("what", "peer", "ours", "times faster", "required"), *(line.cells for line in self.comparisons)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        rule = "-" * max(map(len, lines))
+        return "\n".join([self.title, *(f"  {line}" for line in (rule, lines[0], rule, *lines[1:], rule, *self.notes))])
+
+
+def number(value: float) -> str:
+    """Three digits, more only before the point."""
+    return f"{value:,.0f}" if abs(value) >= 99.95 else f"{value:.3g}"
