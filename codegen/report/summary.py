@@ -83,7 +83,7 @@ class MapSummary:
     @property
     def value_rows(self) -> list[tuple[str, ...]]:
         """Rows for the values: name, from, to, unit."""
-        rows = [
+        rows: list[tuple[str, ...]] = [
             ("yaw rate", *_span(self.yaw_rate_deg_s), "deg/s"),
             ("lateral acceleration", "", f"{self.lateral_acceleration_max_m_s2:.4g}", "m/s^2"),
         ]

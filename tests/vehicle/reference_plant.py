@@ -9,6 +9,7 @@ closed form, so only lateral speed, yaw rate, heading and position are integrate
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,9 @@ FloatArray = npt.NDArray[np.float64]
 
 ROLLING_SPEED_MIN = 0.5
 """m/s: a wheel that rolls slower counts as rolling at this speed."""
+
+STEP_MAX = 0.02
+"""s. Longer steps would meet the tolerance at their ends; between those, the interpolation of the method is less accurate."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class Car:
     def tyre_force(self, wheel: int, slip: float, load: float, friction: float) -> float:
         """Magnitude-signed side force of one tyre, N."""
         tyre = self.front if wheel < 2 else self.rear
-        nominal = self.static_loads()[wheel]
+        nominal = float(self.static_loads()[wheel])
         stiffness_factor = tyre.slope / (tyre.shape * self.dry_friction * tyre.peak * nominal)
         height = friction * max(tyre.peak + tyre.peak_with_load * (load - nominal) / nominal, 0.0) * load
         argument = stiffness_factor * (slip - tyre.shift_angle)
@@ -128,7 +132,7 @@ class Car:
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
         forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
-        return forces[:, 1].sum() / self.mass, (torque.sum() + yaw_moment) / self.inertia
+        return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
 
     def derivative(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
         """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] under [speed, steering wheel command,
@@ -188,7 +192,7 @@ def _hold(car: Car, start: FloatArray, duration: float, inputs: FloatArray, peri
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
         return [acceleration - speed * yaw_rate, yaw_acceleration, drift.real, drift.imag, yaw_rate]
 
-    times = period * np.arange(1, round(duration / period) + 1)
+    times: FloatArray = period * np.arange(1.0, round(duration / period) + 1)
     kinks = (car.steering.ramp_time(start[2], wheel_command), car.rear_actuator.ramp_time(start[3], rear_command))
     edges = [0.0, *sorted({kink for kink in kinks if 0.0 < kink < times[-1]}), float(times[-1])]
     bodies = _piecewise(motion, start[[0, 1, 4, 5, 6]], edges, times)
@@ -200,10 +204,10 @@ def _piecewise(
 ) -> list[FloatArray]:
     """The solution at `times` (the last one is the last edge); the integrator starts anew at each edge."""
     found: list[FloatArray] = []
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         inside = times[(times > left) & (times <= right)]
         ends = inside if inside.size and inside[-1] == right else np.append(inside, right)
-        solution = solve_ivp(motion, (left, right), start, method="DOP853", t_eval=ends, rtol=1e-11, atol=1e-13)
+        solution = solve_ivp(motion, (left, right), start, "DOP853", ends, rtol=1e-11, atol=1e-13, max_step=STEP_MAX)
         if not solution.success:
             raise ArithmeticError(solution.message)
         start = solution.y[:, -1]
