@@ -15,7 +15,8 @@ PACKAGES = ("codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors",),
-    ("codegen.config", "codegen.files"),
+    ("codegen.files", "codegen.sections"),
+    ("codegen.config",),
     ("codegen.vehicle",),
     ("codegen.refmap",),
     ("codegen.emit",),

@@ -71,6 +71,8 @@ def _expression(operation: int, arguments: list[str], precision: Precision) -> s
         return f"{_LIBRARY[operation]}{suffix}({first})"
     if operation in _COMPARISON:
         return f"({first} {_COMPARISON[operation]} {second}) ? {one} : {zero}"
+    # Any number but zero is true; written without comparing reals for equality, as MISRA wants it.
+    truth = f"(({first} < {zero}) || ({first} > {zero}))"
     simple = {
         ca.OP_ASSIGN: first,
         ca.OP_NEG: f"-{first}",
@@ -79,8 +81,8 @@ def _expression(operation: int, arguments: list[str], precision: Precision) -> s
         ca.OP_INV: f"{one} / {first}",
         ca.OP_FMIN: f"({first} < {second}) ? {first} : {second}",
         ca.OP_FMAX: f"({first} > {second}) ? {first} : {second}",
-        ca.OP_NOT: f"({first} > {zero}) ? {zero} : {one}",
-        ca.OP_IF_ELSE_ZERO: f"({first} > {zero}) ? {second} : {zero}",
+        ca.OP_NOT: f"{truth} ? {zero} : {one}",
+        ca.OP_IF_ELSE_ZERO: f"{truth} ? {second} : {zero}",
     }
     if operation not in simple:
         raise ValueError(f"CasADi operation {operation} has no C form here")

@@ -26,6 +26,7 @@ from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.report import plots
+from codegen.report.published import PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.summary import step_rows, table
 from codegen.sil.software import load
 from hil_sim.metrics import StepMetrics, step_metrics
@@ -34,15 +35,8 @@ from hil_sim.runs import run
 from hil_sim.scenarios import DEFAULT, find
 
 CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
-TABLE_FRONT_ANGLE_DEG = 4.0
-TABLE_SPEEDS_KM_H = (43.9, 43.35)
+TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
 """The speed that the paper's table names, and the one at which its three rows come out together: see `Reproduction.lines`."""
-
-PAPER_TABLE = {"fws": (15.35, 1.101), "4ws-1": (26.82, 1.08), "4ws-2": (21.35, 0.03)}
-"""Yaw rate (deg/s) and |sideslip| (deg) that the paper's table of optimisation results gives."""
-
-PAPER_RUNS = {"C1": (27.39, 0.44), "C2": (24.86, 0.22)}
-"""Largest yaw rate (deg/s) and smallest |sideslip| (deg) that the paper's table of simulation results gives."""
 
 RUNS = {"C1": "4ws-2", "C2": "fws"}
 

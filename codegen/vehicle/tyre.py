@@ -96,10 +96,14 @@ class MagicFormulaTyre:
         result: FloatArray = np.abs(self._shape(slip) / (self.stiffness_factor * self.shape_factor * slip) - 1.0)
         return result
 
-    def slip_bound(self, departure: float) -> float:
+    def slip_bound(self, departure: float, where: str = "tyre") -> float:
         """The smallest slip angle (rad) at which F departs from its tangent at zero by `departure` (0.1 for 10 %).
 
         This is the bound alpha_bar of the paper. Static load, nominal friction, no shifts.
+
+        Args:
+            departure: share, above zero.
+            where: the place that an error names.
 
         Raises:
             ConfigError: the tyre stays within `departure` of its tangent up to 45 degrees.
@@ -110,8 +114,8 @@ class MagicFormulaTyre:
         beyond = np.flatnonzero(self.departure(slips) >= departure)
         if not beyond.size:
             raise ConfigError(
-                f"the tyre never departs {departure:.3g} from its tangent below 45 deg of slip",
-                where="tyre",
+                f"the tyre never departs {100.0 * departure:.3g} % from its tangent below 45 deg of slip",
+                where=where,
                 remedy="check its Magic Formula factors or lower limits.slip_departure_percent",
             )
         high = float(slips[beyond[0]])
@@ -139,7 +143,7 @@ class AxleTyres:
         front = MagicFormulaTyre.from_config(config.tyre.front, front_load, friction)
         rear = MagicFormulaTyre.from_config(config.tyre.rear, rear_load, friction)
         departure = config.limits.slip_departure_percent / 100.0
-        return cls(front, rear, front.slip_bound(departure), rear.slip_bound(departure))
+        return cls(front, rear, front.slip_bound(departure, "tyre.front"), rear.slip_bound(departure, "tyre.rear"))
 
 
 def static_wheel_loads(config: Config) -> tuple[float, float]:

@@ -30,8 +30,8 @@ enum {
 /*
  * Reference yaw rate on the road that the map assumes (friction 0.9).
  *
- * speed:       m/s; NaN and what is below zero count as 0, infinity as the last breakpoint.
- * front_angle: rad at the road wheel; NaN counts as 0, infinity as the last breakpoint.
+ * speed:       m/s; NaN and what is below zero count as 0. Beyond the last breakpoint the last row holds, capped.
+ * front_angle: rad at the road wheel; NaN counts as 0. Beyond the last breakpoint the last column holds.
  * Returns rad/s with the sign of front_angle; at most 5.611 m/s^2 / speed.
  */
 float ars_map_yaw_rate(float speed, float front_angle);
@@ -43,7 +43,7 @@ float ars_map_yaw_rate(float speed, float front_angle);
  */
 float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction);
 
-/* CRC-32 (IEEE 802.3) over the table's numbers, least significant byte first, row by row. */
+/* CRC-32 (IEEE 802.3) over the numbers of the table, row by row; least significant byte first. */
 uint32_t ars_map_checksum(void);
 
 /* The checksum that this build must have. */

@@ -21,6 +21,9 @@
 static const float sampling_time = 0.01f; /* s */
 static const float actuator_angle_max = 0.061086524f; /* rad */
 
+/* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
+static const float speed_unknown = 1000.0f;
+
 ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .proportional_gain = 0.01f,
     .integral_gain = 1.0f,
@@ -284,6 +287,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
         && (parameters->disable_speed < parameters->enable_speed)
         && (parameters->implausible_samples_max < UINT16_MAX)
+        && (parameters->degraded_samples_max < UINT16_MAX)
         && (parameters->recovery_samples > 0u);
 }
 
@@ -296,7 +300,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     }
     self->rear_angle = start;
     self->yaw_rate_reference = 0.0f;
-    self->speed = 0.0f;
+    self->speed = speed_unknown;
     self->bad_samples = 0u;
     self->good_samples = 0u;
     self->implausible_samples = 0u;
@@ -333,26 +337,31 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
 
 ARS_SECTION_CODE bool ars_selftest(void)
 {
-    /* speed, front angle, and the yaw rate that the lookup gave at build */
-    ARS_SECTION_CONST static const float known[9][3] = {
-        { 0.0f, 0.0f, 0.0f },
-        { 0.0f, 0.61086524f, 0.0f },
-        { 33.333332f, 0.0f, 0.0f },
-        { 33.333332f, 0.61086524f, 0.16833672f },
-        { 33.333332f, -0.61086524f, -0.16833672f },
-        { 13.333333f, 0.061086524f, 0.33716822f },
-        { 13.333333f, -0.061086524f, -0.33716822f },
-        { 1.6666666f, 0.30543262f, 0.19456801f },
-        { 50.0f, 1.2217305f, 0.112224475f }
+    /* speed, front angle, friction, and the yaw rate that the lookup gave at build */
+    ARS_SECTION_CONST static const float known[14][4] = {
+        { 0.0f, 0.0f, 0.9f, 0.0f },
+        { 0.0f, 0.61086524f, 0.9f, 0.0f },
+        { 33.333332f, 0.0f, 0.9f, 0.0f },
+        { 33.333332f, 0.61086524f, 0.9f, 0.16833672f },
+        { 33.333332f, -0.61086524f, 0.9f, -0.16833672f },
+        { 13.333333f, 0.061086524f, 0.9f, 0.33716822f },
+        { 13.333333f, -0.061086524f, 0.9f, -0.33716822f },
+        { 1.6666666f, 0.30543262f, 0.9f, 0.19456801f },
+        { 40.0f, 0.0061086523f, 0.9f, 0.02936902f },
+        { 1.0f, 0.91629785f, 0.9f, 0.21402481f },
+        { 50.0f, 1.2217305f, 0.9f, 0.112224475f },
+        { 33.333332f, 0.61086524f, 0.882f, 0.16497f },
+        { 50.0f, 0.61086524f, 0.918f, 0.112224475f },
+        { 33.333332f, 0.61086524f, 0.36f, 0.06733469f }
     };
     const float tolerance = 1.0e-05f; /* rad/s: a compiler may fuse multiply and add */
     bool passed = (ars_map_checksum() == ars_map_expected_checksum)
         && ars_parameters_valid(&ars_parameters_default);
     uint32_t index;
 
-    for (index = 0u; index < 9u; index++) {
-        const float yaw_rate = ars_map_yaw_rate(known[index][0], known[index][1]);
-        passed = passed && is_within(yaw_rate, known[index][2] - tolerance, known[index][2] + tolerance);
+    for (index = 0u; index < 14u; index++) {
+        const float yaw_rate = ars_map_yaw_rate_on_road(known[index][0], known[index][1], known[index][2]);
+        passed = passed && is_within(yaw_rate, known[index][3] - tolerance, known[index][3] + tolerance);
     }
     return passed;
 }

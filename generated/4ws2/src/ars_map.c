@@ -1773,26 +1773,34 @@ ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     return with_sign_of(front_angle, speed, lateral_acceleration);
 }
 
-ARS_SECTION_CODE uint32_t ars_map_checksum(void)
+/* Reflected polynomial 0x04C11DB7, four bits at a time. */
+static uint32_t crc_of(uint32_t start, const float *numbers, uint32_t count)
 {
-    /* Reflected polynomial 0x04C11DB7, four bits at a time. */
     ARS_SECTION_CONST static const uint32_t table[16] = {
         0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u, 0x4DB26158u, 0x5005713Cu,
         0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu, 0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu
     };
-    uint32_t crc = 0xFFFFFFFFu;
-    uint32_t row;
-    uint32_t column;
+    uint32_t crc = start;
+    uint32_t index;
     uint32_t shift;
 
-    for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
-        for (column = 0u; column < (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS; column++) {
-            uint32_t bits;
-            (void)memcpy(&bits, &yaw_rate_table[row][column], sizeof(bits));
-            for (shift = 0u; shift < 32u; shift += 4u) {
-                crc = table[(crc ^ (uint32_t)(bits >> shift)) & 0xFu] ^ (crc >> 4u);
-            }
+    for (index = 0u; index < count; index++) {
+        uint32_t bits;
+        (void)memcpy(&bits, &numbers[index], sizeof(bits));
+        for (shift = 0u; shift < 32u; shift += 4u) {
+            crc = table[(crc ^ (uint32_t)(bits >> shift)) & 0xFu] ^ (crc >> 4u);
         }
+    }
+    return crc;
+}
+
+ARS_SECTION_CODE uint32_t ars_map_checksum(void)
+{
+    uint32_t crc = 0xFFFFFFFFu;
+    uint32_t row;
+
+    for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
+        crc = crc_of(crc, yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
     }
     return ~crc;
 }

@@ -1,0 +1,194 @@
+"""Runs over time: signals, references, status."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from codegen.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RUN_NAMES,
+    SKY,
+    VERMILION,
+    FloatArray,
+    PlotError,
+    new_figure,
+    plain,
+    style,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """A panel of a run: a column of RECORD_COLUMNS, and what is drawn dashed beside it."""
+
+    label: str
+    column: str
+    dashed: str | None = None
+
+
+YAW_RATE_SIGNAL = _Signal("Yaw rate\n(deg/s)", "yaw_rate_rad_s", "yaw_rate_reference_rad_s")
+SIGNALS = (
+    YAW_RATE_SIGNAL,
+    _Signal("Sideslip\n(deg)", "sideslip_rad"),
+    _Signal("Rear angle\n(deg)", "rear_angle_rad", "rear_angle_command_rad"),
+    _Signal("Front angle\n(deg)", "front_angle_rad"),
+    _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
+)
+RUN_LINES: Mapping[str, Mapping[str, Any]] = {
+    "C1": {"color": BLUE},
+    "C2": {"color": GREY},
+    "passive": {"color": BLACK, "linestyle": ":"},
+}
+RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
+STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
+
+BEFORE_START = 0.5
+AFTER_START = 3.0
+MOVED = math.radians(0.01)
+
+
+def column(run: FloatArray, name: str) -> FloatArray:
+    """One column of a run as it is drawn: angles in deg, others in SI; no reference where the controller gives none."""
+    from codegen.sil.software import RECORD_COLUMNS, Status
+
+    values = np.array(run[:, RECORD_COLUMNS.index(name)], dtype=np.float64)
+    if name == "yaw_rate_reference_rad_s":
+        idle = np.isin(run[:, RECORD_COLUMNS.index("status")], (Status.STANDBY, Status.FAIL_SAFE))
+        values[idle] = np.nan
+    return np.degrees(values) if name.endswith(("_rad", "_rad_s")) else values
+
+
+def run_window(runs: Mapping[str, FloatArray]) -> tuple[float, float]:
+    """The time worth showing: from 0.5 s before the front angle first moves to 3 s after, or until all has settled."""
+    starts, ends = [], []
+    for run in runs.values():
+        time, front_angle = column(run, "time_s"), np.radians(column(run, "front_angle_rad"))
+        moved = np.flatnonzero(np.abs(front_angle - front_angle[0]) > MOVED)
+        starts.append(time[moved[0]] - BEFORE_START if moved.size else time[0])
+        unsettled = [time[moved[0]] + AFTER_START if moved.size else time[-1]]
+        for name in ("yaw_rate_rad_s", "front_angle_rad", "rear_angle_rad", "speed_m_s", "status"):
+            values = column(run, name)
+            late = np.flatnonzero(~(np.abs(values - values[-1]) <= 0.02 * np.ptp(values)))
+            unsettled += [time[late[-1]] + BEFORE_START] if late.size else []
+        ends.append(max(unsettled))
+    first, last = (min(run[0, 0] for run in runs.values()), max(run[-1, 0] for run in runs.values()))
+    return float(max(min(starts), first)), float(min(max(ends), last))
+
+
+def run_figure(runs: Mapping[str, FloatArray], title: str) -> Figure:
+    """Runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
+
+    A name that starts with "passive" is a car without control: no command, no status. Status is shown where it ever leaves
+    normal operation.
+
+    Raises:
+        PlotError: no run, or an array of another shape.
+    """
+    looks, window = looks_of(runs), run_window(runs)
+    status = {name: run for name, run in runs.items() if _has_incident(name, run, window)}
+    heights = [1.5, *[1.0] * (len(SIGNALS) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
+    with style():
+        figure = new_figure(7.2, 1.6 * sum(heights) + 0.9)
+        panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        for axes, signal in zip(panels, SIGNALS, strict=False):
+            draw_signal(axes, runs, looks, signal, window)
+        handles = run_handles(panels[0], "reference, command")
+        if status:
+            handles += _draw_status(panels[-1], status, window)
+        panels[-1].set(xlabel="Time (s)", xlim=window)
+        figure.align_ylabels()
+        figure.suptitle(plain(title))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    return figure
+
+
+def looks_of(runs: Mapping[str, FloatArray]) -> dict[str, Mapping[str, Any]]:
+    from codegen.sil.software import RECORD_COLUMNS
+
+    if not runs:
+        raise PlotError("no runs to show", remedy="give at least one")
+    for name, run in runs.items():
+        if run.ndim != 2 or run.shape[1] != len(RECORD_COLUMNS) or run.shape[0] < 2:
+            raise PlotError(
+                f"shape {run.shape}, where (samples, {len(RECORD_COLUMNS)}) with two samples or more is needed",
+                where=f"run {name}",
+                remedy=f"give the columns {', '.join(RECORD_COLUMNS)}",
+            )
+    free = [colour for colour in RUN_COLOURS if not ("C1" in runs and colour == BLUE)]
+    others = iter(free * len(runs))
+    return {name: RUN_LINES.get("passive" if _is_passive(name) else name) or {"color": next(others)} for name in runs}
+
+
+def _is_passive(name: str) -> bool:
+    return name.lower().startswith("passive")
+
+
+def draw_signal(
+    axes: Axes,
+    runs: Mapping[str, FloatArray],
+    looks: Mapping[str, Mapping[str, Any]],
+    signal: _Signal,
+    window: tuple[float, float],
+) -> None:
+    for name, run in runs.items():
+        inside = run[(run[:, 0] >= window[0]) & (run[:, 0] <= window[1])]
+        time = column(inside, "time_s")
+        axes.plot(time, column(inside, signal.column), label=RUN_NAMES.get(name, plain(name)), zorder=3, **looks[name])
+        if signal.dashed is not None and not _is_passive(name):
+            dashed = {**looks[name], "linestyle": (0, (4, 2)), "linewidth": 1.1}
+            axes.plot(time, column(inside, signal.dashed), label="_", zorder=2.5, **dashed)
+    axes.set_ylabel(signal.label)
+    axes.margins(x=0.0)
+    axes.grid(True)
+
+
+def run_handles(axes: Axes, dashed_name: str) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = list(axes.get_legend_handles_labels()[0])
+    if len(axes.get_lines()) > len(handles):
+        handles.append(Line2D([], [], color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
+    return handles
+
+
+def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:
+    from codegen.sil.software import Status
+
+    inside = (run[:, 0] >= window[0]) & (run[:, 0] <= window[1])
+    return not _is_passive(name) and bool(np.isin(column(run, "status")[inside], [Status[one] for one in STATUS_SHOWN]).any())
+
+
+def _draw_status(axes: Axes, runs: Mapping[str, FloatArray], window: tuple[float, float]) -> list[Patch]:
+    from matplotlib.patches import Patch
+
+    from codegen.sil.software import Status
+
+    seen = set()
+    for row, run in enumerate(runs.values()):
+        time, status = column(run, "time_s"), column(run, "status")
+        starts = np.flatnonzero(np.diff(status, prepend=np.nan) != 0.0)
+        for first, last in zip(starts, [*starts[1:], len(time) - 1], strict=True):
+            name = Status(int(status[first])).name
+            if name in STATUS_COLOURS and time[last] > window[0] and time[first] < window[1]:
+                axes.broken_barh([(time[first], time[last] - time[first])], (row - 0.4, 0.8), color=STATUS_COLOURS[name])
+                seen.add(name)
+    axes.set_yticks(range(len(runs)), [plain(name) for name in runs])
+    axes.set(ylabel="Status", ylim=(len(runs) - 0.5, -0.5))
+    shown = [(name, colour) for name, colour in STATUS_COLOURS.items() if name in seen]
+    return [Patch(color=colour, label=name.lower().replace("_", "-")) for name, colour in shown]

@@ -1,0 +1,159 @@
+"""Random cars, and the steady turn of any car by a way that shares nothing with the closed forms under test.
+
+The equations come from the CasADi model through its Jacobian and a linear solve, the slip angles from their definitions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Case, Config, parse
+from codegen.refmap.map import Binding
+from codegen.refmap.problem import SteadyTurnProblem, breakpoints
+from codegen.vehicle.dynamics import Model, single_track
+from codegen.vehicle.single_track import SingleTrack
+
+FloatArray = npt.NDArray[np.float64]
+
+CASE = "random"
+
+
+def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None) -> Config:
+    """A car between a small one and a van with any sensible tyres, limits and weight, and a grid of 4 by 4 cells.
+
+    About half of the cars oversteer; their grids end below the critical speed. One in seven does not steer its rear wheels,
+    unless told.
+    """
+
+    def draw(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    def tyre() -> dict[str, float]:
+        return {
+            "cornering_stiffness_n_per_rad": draw(40e3, 250e3),
+            "shape_factor_c": draw(1.0, 1.9),
+            "curvature_factor_e": draw(-3.0, 0.8),
+            "peak_factor_p1": draw(0.7, 1.4),
+        }
+
+    steers = draw(0.0, 1.0) > 1.0 / 7.0
+    data = {
+        "vehicle": {
+            "mass_kg": draw(600.0, 4_000.0),
+            "yaw_inertia_kg_m2": draw(800.0, 8_000.0),
+            "cg_to_front_axle_m": draw(0.8, 2.2),
+            "cg_to_rear_axle_m": draw(0.8, 2.2),
+        },
+        "road": {"friction": draw(0.3, 1.2)},
+        "tyre": {"front": tyre(), "rear": tyre()},
+        "limits": {
+            "sideslip_max_deg": draw(0.8, 8.0),
+            "lateral_acceleration_max_g": draw(0.1, 1.0),
+            "rear_angle_max_deg": draw(0.5, 8.0),
+            "slip_departure_percent": draw(3.0, 20.0),
+        },
+        "cases": {
+            CASE: {
+                "rear_steering": steers if rear_steering is None else rear_steering,
+                # From where sideslip is all but free (the objective is concave) to where it is all that counts.
+                "sideslip_weight_per_s2": 10.0 ** draw(-2.0, 4.5),
+            }
+        },
+    }
+    top = min(draw(60.0, 250.0), 0.97 * 3.6 * SingleTrack.from_config(parse(data, "random car")).critical_speed)
+    data["grid"] = {
+        "speed_min_km_h": min(10.0, 0.3 * top),
+        "speed_max_km_h": top,
+        "speed_points": 4,
+        "front_angle_min_deg": 0.2,
+        "front_angle_max_deg": draw(3.0, 20.0),
+        "front_angle_points": 4,
+    }
+    return parse(data, "random car")
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Steady turns at one speed and front angle over rear angles (k,): each attribute (k,), rad and rad/s."""
+
+    sideslip: FloatArray
+    yaw_rate: FloatArray
+    used: dict[Binding, FloatArray]  # share of each constraint's bound that is used; 1 is the bound itself
+
+    @property
+    def feasible(self) -> npt.NDArray[np.bool_]:
+        """Where no constraint is violated."""
+        result: npt.NDArray[np.bool_] = np.all([share <= 1.0 for share in self.used.values()], axis=0)
+        return result
+
+    def objective(self, weight: float) -> FloatArray:
+        """-r^2 + weight beta^2."""
+        return -(self.yaw_rate**2) + weight * self.sideslip**2
+
+
+@dataclass(frozen=True)
+class SteadyModel:
+    """Steady turns of a car by a linear solve with the CasADi model's Jacobian."""
+
+    model: Model
+    problem: SteadyTurnProblem
+
+    @classmethod
+    def of(cls, config: Config, case: Case) -> SteadyModel:
+        """The car and the bounds of one case."""
+        return cls(single_track(config, "linear"), SteadyTurnProblem.from_config(config, case))
+
+    def turns(self, speed: float, front_angle: float, rear_angle: FloatArray) -> Turns:
+        """Solve 0 = A [beta, r] + B [delta_f, delta_r] for each rear angle."""
+        state, steering = (np.array(matrix) for matrix in self.model.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
+        angles = np.vstack([np.full(rear_angle.shape, front_angle), rear_angle])
+        sideslip, yaw_rate = -np.linalg.solve(state, steering[:, 1:3] @ angles)
+        problem = self.problem
+        slip_front = sideslip + problem.car.front_arm * yaw_rate / speed - front_angle
+        slip_rear = sideslip - problem.car.rear_arm * yaw_rate / speed - rear_angle
+        used = {
+            Binding.SIDESLIP: np.abs(sideslip) / problem.sideslip_max,
+            Binding.LATERAL_ACCELERATION: np.abs(speed * yaw_rate) / problem.lateral_acceleration_max,
+            Binding.SLIP_FRONT: np.abs(slip_front) / problem.front_slip_max,
+            Binding.SLIP_REAR: np.abs(slip_rear) / problem.rear_slip_max,
+        }
+        if problem.rear_angle_max > 0.0:
+            used[Binding.REAR_ANGLE] = np.abs(rear_angle) / problem.rear_angle_max
+        return Turns(sideslip, yaw_rate, used)
+
+    def scan(self, speed: float, front_angle: float, points: int = 4_001) -> tuple[float, float] | None:
+        """(rear angle, objective) of the best of `points` rear angles, refined thrice around the best and around both ends of
+        the feasible ones; None where none is feasible."""
+        limit = self.problem.rear_angle_max
+        rear = np.linspace(-limit, limit, points) if limit > 0.0 else np.zeros(1)
+        first, best, last = self._feasible_best(speed, front_angle, rear)
+        if best is None or first is None or last is None:
+            return None
+        found = [best]
+        for centre in {first[0], best[0], last[0]}:
+            width = 2.0 * limit / (points - 1)
+            for _ in range(3 if limit > 0.0 else 0):
+                around = np.clip(np.linspace(centre - width, centre + width, points), -limit, limit)
+                _, refined, _ = self._feasible_best(speed, front_angle, around)
+                if refined is not None:
+                    found.append(refined)
+                    centre, width = refined[0], 2.0 * width / (points - 1)
+        return min(found, key=lambda candidate: candidate[1])
+
+    def _feasible_best(self, speed: float, front_angle: float, rear: FloatArray) -> tuple[tuple[float, float] | None, ...]:
+        """First, best and last feasible rear angle of a list, each with its objective."""
+        turns = self.turns(speed, front_angle, rear)
+        inside = np.flatnonzero(turns.feasible)
+        if not inside.size:
+            return None, None, None
+        value = turns.objective(self.problem.sideslip_weight)
+        chosen = (inside[0], inside[np.argmin(value[inside])], inside[-1])
+        return tuple((float(rear[k]), float(value[k])) for k in chosen)
+
+
+def grid_of(config: Config) -> tuple[FloatArray, FloatArray]:
+    """Speeds (m/s) and front angles (rad) of the configured grid."""
+    return breakpoints(config)

@@ -1,0 +1,611 @@
+"""`ars.toml`: what is accepted, and for everything else one line that names the key and the remedy."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+import pydantic
+import pytest
+from pydantic import BaseModel
+
+from codegen import config as configuration
+from codegen.config import Case, Config, check_name, load, parse, preset, preset_text
+from codegen.errors import CodegenError, ConfigError
+
+
+def refused(text: str) -> str:
+    """The message for a TOML text, after the checks that hold for every message."""
+    with pytest.raises(ConfigError) as caught:
+        parse(tomllib.loads(text), "car.toml")
+    return checked(caught.value)
+
+
+def checked(error: CodegenError) -> str:
+    message = str(error)
+    assert "\n" not in message
+    assert message.isprintable()
+    assert len(message) < 950  # three parts of 300 at most
+    assert error.what
+    assert error.where
+    assert error.remedy
+    assert error.exit_code == 2
+    return message
+
+
+def table(key: str, value: str) -> str:
+    """TOML that sets one dotted key."""
+    section, _, name = key.rpartition(".")
+    return f"[{section}]\n{name} = {value}\n" if section else f"{name} = {value}\n"
+
+
+# --- defaults and the preset ---------------------------------------------------------------------------------------
+
+
+def differences(left: Any, right: Any, key: str = "") -> dict[str, tuple[Any, Any]]:
+    """Leaves that differ, by their dotted key."""
+    if isinstance(left, dict) and isinstance(right, dict):
+        found: dict[str, tuple[Any, Any]] = {}
+        for name in left.keys() | right.keys():
+            found |= differences(left.get(name), right.get(name), f"{key}.{name}".lstrip("."))
+        return found
+    return {} if left == right and type(left) is type(right) else {key: (left, right)}
+
+
+def test_defaults_are_the_preset_but_for_the_rear_rate() -> None:
+    """The paper limits no rate; a controller for a car should."""
+    found = differences(Config().model_dump(mode="json"), preset().model_dump(mode="json"))
+    assert found == {"controller.rear_rate_max_deg_s": (25.0, "off")}
+
+
+def test_an_empty_file_is_the_default_car(tmp_path: Path) -> None:
+    (tmp_path / "ars.toml").write_text("")
+    assert load(tmp_path / "ars.toml") == Config()
+
+
+def test_preset_holds_the_published_numbers() -> None:
+    paper = preset()
+    assert (paper.vehicle.mass_kg, paper.vehicle.yaw_inertia_kg_m2) == (2335.07, 5376.432)
+    assert (paper.vehicle.cg_height_m, paper.vehicle.track_m, paper.vehicle.front_roll_share) == (0.42, 1.627, 0.6)
+    assert paper.vehicle.wheelbase == pytest.approx(3.14, rel=1e-15)
+    assert paper.tyre.front.cornering_stiffness_n_per_rad == 119_540.0
+    assert paper.tyre.rear.cornering_stiffness_n_per_rad == 119_830.0
+    assert (paper.road.friction, paper.road.gravity_m_s2) == (0.9, 9.81)
+    assert (paper.limits.sideslip_max_deg, paper.limits.rear_angle_max_deg) == (3.0, 3.5)
+    assert (paper.limits.lateral_acceleration_max_g, paper.limits.slip_departure_percent) == (0.8, 10.0)
+    assert (paper.controller.proportional_gain_s, paper.controller.integral_gain) == (0.01, 1.0)
+    assert (paper.controller.sampling_time_s, paper.plant.sampling_time_s) == (0.01, 0.001)
+    assert paper.steering.ratio * 6.75 == pytest.approx(90.0, rel=1e-15)
+    assert paper.steering.wheel_rate_max_deg_s == 300.0
+    assert paper.case("fws") == Case(rear_steering=False, sideslip_weight_per_s2=100.0)
+    assert paper.case("4ws-1") == Case(rear_steering=True, sideslip_weight_per_s2=100.0)
+    assert paper.case("4ws-2") == Case(rear_steering=True, sideslip_weight_per_s2=3000.0)
+
+
+def leaves(model: type[BaseModel], key: str = "") -> dict[str, Any]:
+    """Every field that is not a table, by its dotted key, with its annotation."""
+    found: dict[str, Any] = {}
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            found |= leaves(kind, f"{key}{name}.")
+        elif name != "cases":
+            found[f"{key}{name}"] = kind
+    return found
+
+
+LEAVES = leaves(Config)
+
+
+def test_preset_shows_every_key() -> None:
+    """What a user may set stands in the file that they edit; of two ways to say the same, one."""
+    shown = tomllib.loads(preset_text())
+    for key in LEAVES:
+        node: Any = shown
+        for part in key.split("."):
+            node = node.get(part) if isinstance(node, dict) else None
+        if node is None:
+            assert key.rpartition(".")[2] in preset_text(), key  # named in a comment
+
+
+def test_every_number_names_its_unit() -> None:
+    units = re.compile(r"_(kg|kg_m2|m|m_s2|n|n_per_rad|per_rad|per_s2|deg|deg_s|km_h|g|percent|s)\Z")
+    # Ratios, friction, gain of an integral of angle: no unit. `b_per_rad` is one by its suffix.
+    bare = {"friction", "front_roll_share", "shape_factor_c", "curvature_factor_e", "peak_factor_p1", "ratio", "friction_max"}
+    bare |= {"peak_load_sensitivity_p2", "friction_min", "integral_gain"}
+    for key, kind in {**LEAVES, "cases.X.sideslip_weight_per_s2": float}.items():
+        name = key.rpartition(".")[2]
+        alternatives = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+        if any(alternative is float or typing.get_origin(alternative) is list for alternative in alternatives):
+            assert units.search(name) or name in bare, key
+
+
+def test_configuration_cannot_be_changed() -> None:
+    with pytest.raises(pydantic.ValidationError, match="frozen"):
+        Config().vehicle.mass_kg = 1.0
+
+
+def test_units_are_turned_into_si() -> None:
+    config = parse(
+        {
+            "limits": {"sideslip_max_deg": 2.0, "rear_angle_max_deg": 4.0},
+            "steering": {"front_angle_stop_deg": 30.0},
+            "rear_actuator": {"angle_max_deg": 5.0},
+        },
+        "car.toml",
+    )
+    assert config.limits.sideslip_max == math.radians(2.0)
+    assert config.limits.rear_angle_max == math.radians(4.0)
+    assert config.steering.front_angle_stop == math.radians(30.0)
+    assert config.rear_actuator.angle_max == math.radians(5.0)
+    assert pytest.approx(1.0, rel=1e-15) == 3.6 * configuration.KM_H
+
+
+# --- values --------------------------------------------------------------------------------------------------------
+
+FLOATS = [
+    key
+    for key, kind in LEAVES.items()
+    if any(part is float for part in (typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)))
+]
+
+
+def test_there_are_fields_to_try() -> None:
+    assert len(FLOATS) > 50
+    assert {key.partition(".")[0] for key in FLOATS} == {
+        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant")
+    }
+
+
+@pytest.mark.parametrize("key", [*FLOATS, "cases.mine.sideslip_weight_per_s2"])
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1e9", "1e9", "true", '"1.0"', "[1.0]", "{}", "2020-01-01"])
+def test_no_number_takes_what_no_car_has(key: str, value: str) -> None:
+    message = refused(table(key, value))
+    assert message.startswith(f"car.toml: {key}: ")  # the key as written, no label of a checker's inner path
+
+
+# A value in another unit is one that no car can have. The paper's own values, converted.
+@pytest.mark.parametrize(
+    ("key", "value", "unit"),
+    [
+        ("vehicle.mass_kg", 2.33507, "kg"),  # t
+        ("vehicle.mass_kg", 2335070.0, "kg"),  # g
+        ("vehicle.yaw_inertia_kg_m2", 5.376432, "kg m^2"),  # t m^2
+        ("vehicle.cg_height_m", 420.0, "m"),  # mm
+        ("vehicle.cg_height_m", 42.0, "m"),  # cm
+        ("vehicle.track_m", 1627.0, "m"),  # mm
+        ("vehicle.cg_to_front_axle_m", 1574.0, "m"),  # mm
+        ("vehicle.cg_to_rear_axle_m", 156.6, "m"),  # cm
+        ("vehicle.front_roll_share", 60.0, ""),  # percent
+        ("road.friction", 90.0, ""),  # percent
+        ("road.gravity_m_s2", 981.0, "m/s^2"),  # cm/s^2
+        ("tyre.front.cornering_stiffness_n_per_rad", 119.54, "N/rad"),  # kN/rad
+        ("tyre.rear.stiffness_factor_b_per_rad", 17.9 / 57.3, "1/rad"),  # 1/deg
+        ("tyre.rear.horizontal_shift_deg", 5.0, "deg"),  # mrad
+        ("tyre.front.vertical_shift_n", 150e3, "N"),  # mN
+        ("limits.sideslip_max_deg", 0.05236, "deg"),  # rad
+        ("limits.rear_angle_max_deg", 0.06109, "deg"),  # rad
+        ("limits.lateral_acceleration_max_g", 7.848, "g"),  # m/s^2
+        ("limits.slip_departure_percent", 0.1, "%"),  # a share
+        ("grid.speed_max_km_h", 3333.0, "km/h"),  # cm/s
+        ("grid.front_angle_max_deg", 0.17453, "deg"),  # rad
+        ("grid.front_angle_min_deg", 0.00175, "deg"),  # rad
+        ("grid.front_angle_breakpoints_deg", [0.00175, 0.17453], "deg"),  # rad
+        ("grid.speed_breakpoints_km_h", [556.0, 3333.0], "km/h"),  # cm/s
+        ("steering.ratio", 0.075, ""),  # its inverse
+        ("steering.lag_s", 5.0, "s"),  # ms
+        ("steering.front_angle_stop_deg", 0.61087, "deg"),  # rad
+        ("rear_actuator.angle_max_deg", 0.06109, "deg"),  # rad
+        ("rear_actuator.lag_s", 50.0, "s"),  # ms
+        ("controller.sampling_time_s", 10.0, "s"),  # ms
+        ("controller.rear_rate_max_deg_s", 0.43633, "deg/s"),  # rad/s
+        ("controller.rear_angle_error_max_deg", 0.03491, "deg"),  # rad
+        ("controller.friction_min", 10.0, ""),  # percent
+        ("controller.enable_speed_km_h", 416.7, "km/h"),  # cm/s
+        ("controller.inputs.front_angle_max_deg", 0.7854, "deg"),  # rad
+        ("controller.inputs.yaw_rate_max_deg_s", 2.618, "deg/s"),  # rad/s
+        ("controller.inputs.implausible_time_s", 300.0, "s"),  # ms
+        ("plant.sampling_time_s", 1.0, "s"),  # ms
+    ],
+)
+def test_a_wrong_unit_is_told_by_its_size(key: str, value: float | list[float], unit: str) -> None:
+    message = refused(table(key, str(value)))
+    assert message.startswith(f"car.toml: {key}: ")
+    first = value[0] if isinstance(value, list) else value
+    assert f"{first:g} is outside " in message
+    assert re.search(rf" to \S+ {re.escape(unit)}" if unit else r" to \S+;", message)
+    assert message.endswith("check the value and its unit")
+
+
+def test_negative_mass() -> None:
+    assert refused("[vehicle]\nmass_kg = -2335.07\n") == (
+        "car.toml: vehicle.mass_kg: -2335.07 is outside 200 to 60000 kg; check the value and its unit"
+    )
+
+
+@pytest.mark.parametrize(("value", "shown"), [("true", "True"), ('"2000"', "'2000'")])
+def test_text_and_booleans_are_not_numbers(value: str, shown: str) -> None:
+    assert f"car.toml: vehicle.mass_kg: a number is needed, not {shown}" in refused(table("vehicle.mass_kg", value))
+
+
+def test_whole_numbers_are_numbers() -> None:
+    """`mass_kg = 2000` is the same car as `mass_kg = 2000.0`, also in its canonical text."""
+    texts = {parse({"vehicle": {"mass_kg": mass}}, "car.toml").to_json() for mass in (2000, 2000.0)}
+    assert len(texts) == 1
+
+
+@pytest.mark.parametrize("key", ["grid.speed_points", "grid.front_angle_points"])
+@pytest.mark.parametrize("value", ["1", "0", "-5", "2001", "10.0", "true", '"10"', "nan", "1" + 400 * "0"])
+def test_numbers_of_points(key: str, value: str) -> None:
+    assert refused(table(key, value)).startswith(f"car.toml: {key}: ")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("controller.fail_safe.degraded_samples_max", "-1"),
+        ("controller.fail_safe.recovery_samples", "0"),
+        ("plant.command_delay_samples", "101"),
+        ("plant.command_delay_samples", "0.5"),
+        ("plant.load_transfer", '"half"'),
+        ("controller.kind", '"pid"'),
+        ("controller.rear_rate_max_deg_s", '"of"'),
+        ("controller.rear_rate_max_deg_s", "false"),
+        ("cases.mine.rear_steering", "1"),
+        ("cases.mine.rear_steering", '"yes"'),
+        ("schema_version", "2"),
+        ("schema_version", '"1"'),
+    ],
+)
+def test_other_values(key: str, value: str) -> None:
+    assert refused(table(key, value)).startswith(f"car.toml: {key}: ")
+
+
+@pytest.mark.parametrize(("key", "wanted"), [("plant.load_transfer", "moment-balance"), ("controller.kind", "pi")])
+def test_choices_are_listed(key: str, wanted: str) -> None:
+    assert f"'{wanted}'" in refused(table(key, '"other"'))
+
+
+@pytest.mark.parametrize("section", ["vehicle", "tyre", "tyre.front", "grid", "cases", "cases.mine", "controller.inputs"])
+@pytest.mark.parametrize("value", ["1.0", '"text"', "[]", "true"])
+def test_a_value_where_a_table_belongs(section: str, value: str) -> None:
+    message = refused(f"{section} = {value}\n")
+    assert message.startswith(f"car.toml: {section}: ")
+    assert "instance of" not in message  # a word of the checker, which the user does not know
+
+
+# --- keys ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "suggestion"),
+    [
+        ("vehicel", "vehicle"),
+        ("vehicle.mass", "mass_kg"),
+        ("vehicle.mas_kg", "mass_kg"),
+        ("road.frction", "friction"),
+        ("tyre.frnt", "front"),
+        ("tyre.front.cornering_stifness_n_per_rad", "cornering_stiffness_n_per_rad"),
+        ("tyre.rear.cornering_stiffness_kn_per_rad", "cornering_stiffness_n_per_rad"),
+        ("limits.sideslip_max_rad", "sideslip_max_deg"),
+        ("grid.speed_min_m_s", "speed_min_km_h"),
+        ("cases.mine.sideslip_weight", "sideslip_weight_per_s2"),
+        ("cases.mine.rear_stering", "rear_steering"),
+        ("steering.ration", "ratio"),
+        ("rear_actuator.angle_max_rad", "angle_max_deg"),
+        ("controller.proportional_gain", "proportional_gain_s"),
+        ("controller.inputs.speed_max", "speed_max_km_h"),
+        ("controller.fail_safe.recovery", "recovery_samples"),
+        ("plant.load_transfr", "load_transfer"),
+        ("schema_versoin", "schema_version"),
+    ],
+)
+def test_a_misspelt_key_is_named_with_the_nearest_one(key: str, suggestion: str) -> None:
+    assert refused(table(key, "1.0")) == f"car.toml: {key}: unknown key; did you mean '{suggestion}'?"
+
+
+def test_a_key_like_no_other_is_told_what_there_is() -> None:
+    message = refused("[road]\nqqq = 1\n")
+    assert "unknown key" in message
+    assert "known here: friction, gravity_m_s2" in message
+
+
+def test_a_misspelt_key_is_told_before_what_it_explains() -> None:
+    """Without its stiffness the tyre is incomplete; that it is misspelt is the cause."""
+    message = refused("[tyre.front]\ncornering_stifness_n_per_rad = 1e5\n[vehicle]\nmass_kg = -1\n")
+    assert message.startswith("car.toml: tyre.front.cornering_stifness_n_per_rad: unknown key")
+
+
+def test_a_key_with_control_characters_stays_on_its_line() -> None:
+    message = refused('"mass\\u001b[31m\\nkg" = 1\n')
+    assert "unknown key" in message
+
+
+# --- rules between keys --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[grid]\nspeed_min_km_h = 120.0\n", ("grid", "speed_min_km_h", "speed_max_km_h")),
+        ("[grid]\nspeed_min_km_h = 90\nspeed_max_km_h = 30\n", ("grid", "speed_min_km_h", "speed_max_km_h")),
+        ("[grid]\nfront_angle_min_deg = 10.0\n", ("grid", "front_angle_min_deg", "front_angle_max_deg")),
+        ("[controller]\nenable_speed_km_h = 12.0\n", ("controller", "disable_speed_km_h", "enable_speed_km_h")),
+        ("[controller]\nsampling_time_s = 0.0105\n", ("controller.sampling_time_s", "plant.sampling_time_s")),
+        ("[plant]\nsampling_time_s = 0.003\n", ("controller.sampling_time_s", "plant.sampling_time_s")),
+        ("[controller]\nsampling_time_s = 0.001\n[plant]\nsampling_time_s = 0.002\n", ("controller.sampling_time_s",)),
+        ("[steering]\nfront_angle_stop_deg = 9.9\n", ("steering.front_angle_stop_deg", "grid")),
+        ("[grid]\nfront_angle_breakpoints_deg = [1.0, 35.5]\n", ("steering.front_angle_stop_deg", "grid")),
+        (
+            "[controller.inputs]\nrear_angle_max_deg = 3.4\n",
+            ("controller.inputs.rear_angle_max_deg", "rear_actuator.angle_max_deg"),
+        ),
+        ("[rear_actuator]\nangle_max_deg = 16.0\n", ("controller.inputs.rear_angle_max_deg", "rear_actuator.angle_max_deg")),
+        (
+            "[controller.inputs]\nfront_angle_max_deg = 34.9\n",
+            ("controller.inputs.front_angle_max_deg", "steering.front_angle_stop_deg"),
+        ),
+        ("[controller.inputs]\nfriction_max = 0.89\n", ("controller.inputs.friction_max", "road.friction")),
+        ("[tyre.front]\nshape_factor_c = 1.2\n", ("tyre.front", "exactly one", "cornering_stiffness_n_per_rad")),
+        (
+            "[tyre.rear]\ncornering_stiffness_n_per_rad = 1e5\nstiffness_factor_b_per_rad = 15.0\n",
+            ("tyre.rear", "exactly one", "stiffness_factor_b_per_rad"),
+        ),
+    ],
+)
+def test_rules_between_keys(text: str, named: tuple[str, ...]) -> None:
+    message = refused(text)
+    for part in named:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[controller]\nsampling_time_s = 0.001\n",  # one plant step a sample
+        "[controller]\nsampling_time_s = 0.03\n[plant]\nsampling_time_s = 0.0001\n",  # 300, but for rounding
+        "[steering]\nfront_angle_stop_deg = 10.0\n",
+        "[grid]\nfront_angle_breakpoints_deg = [1.0, 35.0]\nspeed_breakpoints_km_h = [20, 21.5, 60]\n",
+        "[controller.inputs]\nrear_angle_max_deg = 3.5\n",
+        "[tyre.front]\nstiffness_factor_b_per_rad = 17.9\n",
+        '[controller]\nrear_rate_max_deg_s = "off"\n',
+        "[controller]\nrear_rate_max_deg_s = 1.0\n",
+        "[cases.mine]\n",
+        '[cases."My_car-2.1"]\nsideslip_weight_per_s2 = 0\n',
+    ],
+)
+def test_what_is_just_allowed(text: str) -> None:
+    parse(tomllib.loads(text), "car.toml")
+
+
+# --- breakpoints ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["grid.speed_breakpoints_km_h", "grid.front_angle_breakpoints_deg"])
+@pytest.mark.parametrize(
+    ("values", "fragment"),
+    [
+        ("[5.0, 20.0, 10.0]", "breakpoint 2 (10) is not above the one before it (20); sort the list"),
+        ("[5.0, 5.0]", "breakpoint 1 (5) is not above"),
+        ("[5.0]", "1 breakpoints; 2 to 2000 are needed"),
+        ("[]", "0 breakpoints"),
+        ("[5.0, nan]", "nan is outside"),
+        ("[5.0, inf]", "inf is outside"),
+        ("[-5.0, 5.0]", "-5 is outside"),
+        ('[5.0, "10"]', ".1: "),
+        ("[5.0, true]", ".1: "),
+        ("[5.0, [6.0]]", ".1: "),
+        ("5.0", "list"),
+        ('"5, 10"', "list"),
+    ],
+)
+def test_breakpoints(key: str, values: str, fragment: str) -> None:
+    message = refused(table(key, values))
+    assert message.startswith(f"car.toml: {key}")
+    assert fragment in message
+
+
+def test_too_many_breakpoints() -> None:
+    values = ", ".join(f"{20.0 + 0.01 * k:.2f}" for k in range(2001))
+    assert "2001 breakpoints; 2 to 2000 are needed" in refused(table("grid.speed_breakpoints_km_h", f"[{values}]"))
+
+
+# --- names of cases ------------------------------------------------------------------------------------------------
+
+BAD_NAMES = [
+    "a*/",
+    "/*a",
+    'a"b',
+    "a'b",
+    "a\nb",
+    "a\\",
+    "é",
+    "４ws",
+    "a b",
+    "",
+    "-a",
+    ".a",
+    "_a",
+    "a/b",
+    "a\x00",
+    "a\u202eb",
+    "x" * 64,
+]
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_names_that_cannot_stand_in_c(name: str) -> None:
+    with pytest.raises(ValueError, match="cannot stand in C"):
+        check_name(name)
+    with pytest.raises(ConfigError) as caught:
+        parse({"cases": {name: {}}}, "car.toml")
+    message = checked(caught.value)
+    assert message.startswith("car.toml: cases.")
+    assert "use 1 to 63 ASCII letters, digits, '.', '_' or '-'" in message
+
+
+@pytest.mark.parametrize("name", ["a\n", "4ws-2\n"])
+def test_a_newline_at_the_end_is_seen(name: str) -> None:
+    with pytest.raises(ValueError, match="cannot stand in C"):
+        check_name(name)
+
+
+@pytest.mark.parametrize("name", ["a", "4ws-2", "My_car-2.1", "0", "x" * 63])
+def test_names_that_may(name: str) -> None:
+    assert check_name(name) == name
+
+
+def test_an_unknown_case_suggests_the_nearest() -> None:
+    with pytest.raises(ConfigError) as caught:
+        preset().case("4ws2")
+    message = checked(caught.value)
+    assert message.startswith("[cases]: there is no case '4ws2'; known cases: fws, 4ws-1, 4ws-2; did you mean '4ws-")
+    with pytest.raises(ConfigError) as caught:
+        preset().case("sport\n\x1b[31m", where="--case")
+    message = checked(caught.value)
+    assert message.startswith("--case: ")
+    assert "did you mean" not in message
+
+
+def test_own_cases_replace_the_paper_s() -> None:
+    config = parse({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}}, "car.toml")
+    assert config.case("mine") == Case(rear_steering=True, sideslip_weight_per_s2=10.0)
+    with pytest.raises(ConfigError, match="known cases: mine"):
+        config.case("fws")
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+def refused_file(path: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    message = checked(caught.value)
+    assert message.startswith(str(path))
+    return message
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("[vehicle]\nmass_kg = \n", 2),
+        ("[vehicle\nmass_kg = 1\n", 1),
+        ("# a car\n\n[vehicle]\nmass_kg = 2000 kg\n", 4),
+        ("[vehicle]\nmass_kg = 2000\nmass_kg = 2000\n", 3),
+        ("[vehicle]\nmass_kg = 2000,5\n", 2),
+        ('[plant]\nload_transfer = "paper\n', 2),
+        ("[road]\n[road]\n", 2),
+    ],
+)
+def test_syntax_errors_name_the_line(tmp_path: Path, text: str, line: int) -> None:
+    path = tmp_path / "ars.toml"
+    path.write_text(text)
+    message = refused_file(path)
+    assert "TOML syntax" in message
+    assert f"line {line}," in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[vehicle]\nmass_kg = 1" + 5000 * "0" + "\n",  # more digits than Python turns into a number
+        "[vehicle]\nmass_kg = " + 3000 * "[" + 3000 * "]" + "\n",
+        "a = " + 3000 * "{a = " + "1" + 3000 * "}" + "\n",
+    ],
+    ids=["digits", "brackets", "braces"],
+)
+def test_text_beyond_the_limits_of_the_parser(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "ars.toml"
+    path.write_text(text)
+    refused_file(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "byte"),
+    [(b"# caf\xe9\n", 5), ("# mass\n".encode("utf-16"), 0), (b"\x80", 0)],
+)
+def test_a_file_that_is_not_utf8(tmp_path: Path, content: bytes, byte: int) -> None:
+    path = tmp_path / "ars.toml"
+    path.write_bytes(content)
+    message = refused_file(path)
+    assert f"byte {byte}" in message
+    assert "UTF-8" in message
+
+
+def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
+    assert "No such file" in refused_file(tmp_path / "ars.toml")
+    assert "codegen init" in refused_file(tmp_path / "ars.toml")
+    assert "directory" in refused_file(tmp_path)
+
+
+def test_a_file_name_with_a_newline_stays_on_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path / "my\ncar.toml")
+    assert "my car.toml" in checked(caught.value)
+
+
+def test_what_is_wrong_in_a_file_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "ars.toml"
+    path.write_text("[vehicle]\nmass_kg = 2.3\n")
+    assert refused_file(path).startswith(f"{path}: vehicle.mass_kg: 2.3 is outside")
+
+
+def test_preset_and_line_ends_of_windows(tmp_path: Path) -> None:
+    path = tmp_path / "ars.toml"
+    path.write_bytes(preset_text().replace("\n", "\r\n").encode())
+    assert load(path) == preset()
+
+
+# --- canonical text ------------------------------------------------------------------------------------------------
+
+EVERYTHING = """
+[vehicle]
+mass_kg = 1480
+front_roll_share = 0.1
+[tyre.front]
+stiffness_factor_b_per_rad = 17.3
+[grid]
+speed_breakpoints_km_h = [20, 33.3, 120]
+[cases.b]
+[cases.a]
+rear_steering = false
+[controller]
+rear_rate_max_deg_s = "off"
+"""
+
+
+@pytest.mark.parametrize("text", ["", EVERYTHING, preset_text()], ids=["defaults", "everything", "preset"])
+def test_canonical_text_reads_back(text: str) -> None:
+    config = parse(tomllib.loads(text), "car.toml")
+    again = parse(json.loads(config.to_json()), "map")
+    assert again == config
+    assert again.to_json() == config.to_json()
+
+
+def test_canonical_text_does_not_depend_on_order() -> None:
+    forward = parse({"vehicle": {"mass_kg": 1500.0, "track_m": 1.5}, "cases": {"a": {}, "b": {}}}, "car.toml")
+    backward = parse({"cases": {"b": {}, "a": {}}, "vehicle": {"track_m": 1.5, "mass_kg": 1500.0}}, "car.toml")
+    assert forward.to_json() == backward.to_json()
+    assert " " not in forward.to_json()
+    assert forward.to_json().isascii()
+
+
+def test_canonical_text_changes_with_every_value() -> None:
+    texts = {
+        parse(tomllib.loads(text), "car.toml").to_json()
+        for text in (
+            "",
+            f"[vehicle]\nmass_kg = {math.nextafter(2335.07, math.inf)!r}\n",  # one unit in the last place
+            "[plant]\ncommand_delay_samples = 1\n",
+            '[plant]\nload_transfer = "paper"\n',
+            "[controller.fail_safe]\nrecovery_samples = 11\n",
+            "[cases.fws]\n",
+        )
+    }
+    assert len(texts) == 6
