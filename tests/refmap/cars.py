@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linprog
 
 from codegen.config import Case, Config, parse
 from codegen.refmap.map import Binding
@@ -152,6 +153,30 @@ class SteadyModel:
         value = turns.objective(self.problem.sideslip_weight)
         chosen = (inside[0], inside[np.argmin(value[inside])], inside[-1])
         return tuple((float(rear[k]), float(value[k])) for k in chosen)
+
+    def widest_turn(self, speed: float) -> tuple[float, float]:
+        """The largest feasible front angle and the rear angle (rad) that goes with it, by linear programming."""
+        problem = self.problem
+        columns = []
+        for front, rear in ((1.0, 0.0), (0.0, 1.0)):
+            turns = self.turns(speed, front, np.array([rear]))
+            beta, r = float(turns.sideslip[0]), float(turns.yaw_rate[0])
+            slip_front = beta + problem.car.front_arm * r / speed - front
+            slip_rear = beta - problem.car.rear_arm * r / speed - rear
+            columns.append(
+                [
+                    beta / problem.sideslip_max,
+                    speed * r / problem.lateral_acceleration_max,
+                    slip_front / problem.front_slip_max,
+                    slip_rear / problem.rear_slip_max,
+                ]
+            )
+        rows = np.array(columns).T
+        limit = problem.rear_angle_max
+        answer = linprog([-1.0, 0.0], np.vstack([rows, -rows]), np.ones(8), bounds=[(0.0, None), (-limit, limit)])
+        assert answer.status == 0
+        front, rear = (float(value) for value in answer.x)
+        return front, rear
 
 
 def grid_of(config: Config) -> tuple[FloatArray, FloatArray]:

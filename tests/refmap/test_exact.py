@@ -227,33 +227,6 @@ def test_a_left_turn_even_without_a_weight_on_sideslip() -> None:
 # --- where feasibility ends ---------------------------------------------------------------------------------------------
 
 
-def widest_front_angle(model: SteadyModel, speed: float) -> float:
-    """The largest feasible front angle by linear programming over (front angle, rear angle)."""
-    from scipy.optimize import linprog
-
-    problem = model.problem
-    unit = [model.turns(speed, front, np.array([rear])) for front, rear in ((1.0, 0.0), (0.0, 1.0))]
-    columns = []
-    for turns, front, rear in ((unit[0], 1.0, 0.0), (unit[1], 0.0, 1.0)):
-        beta, r = float(turns.sideslip[0]), float(turns.yaw_rate[0])
-        slip_front = beta + problem.car.front_arm * r / speed - front
-        slip_rear = beta - problem.car.rear_arm * r / speed - rear
-        columns.append([beta, speed * r, slip_front, slip_rear, rear])
-    bounds = [
-        problem.sideslip_max,
-        problem.lateral_acceleration_max,
-        problem.front_slip_max,
-        problem.rear_slip_max,
-        problem.rear_angle_max,
-    ]
-    matrix = np.array(columns).T
-    scale = np.maximum(np.array(bounds), 1e-3)[:, np.newaxis]
-    rows, limits = matrix / scale, np.array(bounds) / scale[:, 0]
-    answer = linprog([-1.0, 0.0], np.vstack([rows, -rows]), np.concatenate([limits, limits]), bounds=[(0, None), (None, None)])
-    assert answer.status == 0
-    return float(-answer.fun)
-
-
 @pytest.mark.parametrize("rear_steering", [False, True])
 def test_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
     """Just inside feasible and just outside not, by a part in 1e9; the place itself against linear programming, whose
@@ -274,8 +247,8 @@ def test_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
             assert at_cap == edge.grip_limited[i]
             assert speed * edge.yaw_rate[i] <= cap * (1.0 + 1e-12)
         grip_limited.extend(edge.grip_limited)
-        assert edge.front_angle[0] == pytest.approx(widest_front_angle(model, float(speeds[0])), rel=1e-6)
-        assert edge.front_angle[-1] == pytest.approx(widest_front_angle(model, float(speeds[-1])), rel=1e-6)
+        assert edge.front_angle[0] == pytest.approx(model.widest_turn(speeds[0])[0], rel=1e-6)
+        assert edge.front_angle[-1] == pytest.approx(model.widest_turn(speeds[-1])[0], rel=1e-6)
     assert 0.2 < np.mean(grip_limited) < 0.95  # both kinds are met
 
 
