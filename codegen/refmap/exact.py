@@ -1,8 +1,8 @@
 """Exact solution of the steady-turn problem with linear tyres, for a whole grid at once.
 
 With linear tyres r and beta are affine in delta_r (see `vehicle.single_track`). Every constraint is then an interval of
-delta_r and the objective a parabola: the optimum is its vertex, clipped to the feasible interval, or an end of it where the
-parabola opens downwards (small weight).
+delta_r and the objective a parabola: the optimum is its vertex, clipped to the feasible interval, or the end with the larger
+yaw rate where the parabola opens downwards (small weight).
 """
 
 from __future__ import annotations
@@ -110,13 +110,9 @@ def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex = -front_angle * (1.0 + weight * steepness * per_yaw_rate) / curvature
 
-    def objective(rear: FloatArray) -> FloatArray:
-        r = gain * (front_angle - rear)
-        result: FloatArray = -(r**2) + weight * (rear + per_yaw_rate * r) ** 2
-        return result
-
-    best_end = np.where(objective(low) <= objective(high), low, high)
-    rear_angle = np.where(curvature > 0.0, np.clip(vertex, low, high), best_end)
+    # Without curvature the objective falls all the way with the yaw rate (its slope over r is -2 r (1 - weight steepness^2)
+    # - 2 weight steepness delta_f), and a turn to the other side costs at least as much as its mirror image: the low end.
+    rear_angle = np.where(curvature > 0.0, np.clip(vertex, low, high), low)
     rear_angle = np.where(feasible, rear_angle, np.nan)
     yaw_rate = gain * (front_angle - rear_angle)
     sideslip = rear_angle + per_yaw_rate * yaw_rate

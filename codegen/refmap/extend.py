@@ -176,8 +176,12 @@ def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray) -> _Edges:
     problem = _problem(reference_map)
     if problem is not None:
         found = exact.edge(problem, reference_map.speed)
-        # An edge beyond the last breakpoint is not reached by the table: the last cell itself is where the slope starts.
-        inside = found.front_angle < front_angle[-1]
+        # The edge counts where the cells end at it. Beyond the last breakpoint it is not reached by the table; elsewhere the
+        # user has taken cells out of a solved map, which then ends where its cells do.
+        below = np.where(some, front_angle[last], 0.0)
+        above = np.append(front_angle, -np.inf)[np.where(some, last + 1, 0)]
+        slack = 1e-9 * front_angle[-1]
+        inside = (found.front_angle >= below - slack) & (found.front_angle <= above + slack)
         angle = np.where(inside, found.front_angle, angle)
         value = np.where(inside, found.yaw_rate, value)
         grip = inside & found.grip_limited

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 
 from codegen.config import Case, Config, parse
 from codegen.refmap.map import Binding
-from codegen.refmap.problem import SteadyTurnProblem, breakpoints
+from codegen.refmap.problem import SteadyTurnProblem
 from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 
@@ -177,8 +177,3 @@ class SteadyModel:
         assert answer.status == 0
         front, rear = (float(value) for value in answer.x)
         return front, rear
-
-
-def grid_of(config: Config) -> tuple[FloatArray, FloatArray]:
-    """Speeds (m/s) and front angles (rad) of the configured grid."""
-    return breakpoints(config)

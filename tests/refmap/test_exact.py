@@ -17,7 +17,7 @@ from codegen.refmap import exact
 from codegen.refmap.map import Binding, ReferenceMap
 from codegen.refmap.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.refmap.solve import solve_case
-from tests.refmap.cars import CASE, SteadyModel, grid_of, random_config
+from tests.refmap.cars import CASE, SteadyModel, random_config
 
 FloatArray = npt.NDArray[np.float64]
 SLIPS = int(Binding.SLIP_FRONT | Binding.SLIP_REAR)
@@ -124,7 +124,7 @@ def test_binding_sets_are_those_of_the_definitions() -> None:
     for _ in range(60):
         config = random_config(rng)
         model = SteadyModel.of(config, config.case(CASE))
-        speeds, angles = grid_of(config)
+        speeds, angles = breakpoints(config)
         found = exact.solve(model.problem, speeds, angles)
         for i, j in np.argwhere(found.feasible):
             used = model.turns(speeds[i], angles[j], found.rear_angle[i, j : j + 1]).used
@@ -134,6 +134,28 @@ def test_binding_sets_are_those_of_the_definitions() -> None:
                     assert bool(found.active[i, j] & flag) == (beyond > 0.0)
             seen |= int(found.active[i, j])
     assert seen == sum(Binding)
+
+
+@pytest.mark.parametrize("flag", Binding)
+def test_binding_tolerance_is_a_millionth_of_the_bound(paper: Config, flag: Binding) -> None:
+    """One bound at a time used up to 0.9 and 1.1 millionths, on both sides of zero; the slips by what the definitions make of a
+    yaw rate."""
+    problem = SteadyTurnProblem.from_config(paper, paper.case("4ws-2"))
+    model, speed = SteadyModel.of(paper, paper.case("4ws-2")), 15.0
+    one = model.turns(speed, 0.05, np.zeros(1))
+    bound = {
+        Binding.SIDESLIP: problem.sideslip_max,
+        Binding.REAR_ANGLE: problem.rear_angle_max,
+        Binding.LATERAL_ACCELERATION: float((one.yaw_rate / one.used[Binding.LATERAL_ACCELERATION])[0]),
+        Binding.SLIP_FRONT: float((one.yaw_rate / one.used[Binding.SLIP_FRONT])[0]),
+        Binding.SLIP_REAR: float((one.yaw_rate / one.used[Binding.SLIP_REAR])[0]),
+    }[flag]
+    for sign in (-1.0, 1.0):
+        values = sign * bound * np.array([1.0 - 1.1e-6, 1.0 - 0.9e-6, 1.0, np.nan])
+        sideslip, rear_angle = (values if flag == own else np.zeros(4) for own in (Binding.SIDESLIP, Binding.REAR_ANGLE))
+        yaw_rate = np.zeros(4) if flag in (Binding.SIDESLIP, Binding.REAR_ANGLE) else values
+        found = exact.binding(problem, np.full(4, speed), yaw_rate, sideslip, rear_angle)
+        assert ((found & flag) != 0).tolist() == [False, True, True, False]
 
 
 def test_infeasible_cells_hold_nothing(maps: Mapping[str, ReferenceMap]) -> None:
@@ -183,7 +205,7 @@ def test_brute_force_on_random_cars() -> None:
     for _ in range(80):
         config = random_config(rng)
         model = SteadyModel.of(config, config.case(CASE))
-        speeds, angles = grid_of(config)
+        speeds, angles = breakpoints(config)
         check_against_scan(model, speeds, angles)
         curvature = np.diff(
             model.turns(speeds[0], 0.0, np.array([-0.01, 0.0, 0.01])).objective(model.problem.sideslip_weight), 2
@@ -220,7 +242,7 @@ def test_a_left_turn_even_without_a_weight_on_sideslip() -> None:
     for _ in range(200):
         config = random_config(rng, rear_steering=True)
         problem = replace(SteadyTurnProblem.from_config(config, config.case(CASE)), sideslip_weight=0.0)
-        found = exact.solve(problem, *grid_of(config))
+        found = exact.solve(problem, *breakpoints(config))
         assert np.all(found.yaw_rate[found.feasible] > 0.0)
 
 
@@ -236,7 +258,7 @@ def test_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
     for _ in range(120):
         config = random_config(rng, rear_steering=rear_steering)
         model = SteadyModel.of(config, config.case(CASE))
-        speeds, _ = grid_of(config)
+        speeds, _ = breakpoints(config)
         edge = exact.edge(model.problem, speeds)
         for i, speed in enumerate(speeds):
             near = exact.solve(model.problem, speeds[i : i + 1], edge.front_angle[i] * np.array([1.0 - 1e-9, 1.0 + 1e-9]))

@@ -20,7 +20,7 @@ from codegen.refmap.exact import Solution
 from codegen.refmap.map import Binding
 from codegen.refmap.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.refmap.solve import solve_case
-from tests.refmap.cars import CASE, grid_of, random_config
+from tests.refmap.cars import CASE, random_config
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -121,7 +121,7 @@ def test_random_vehicles(batch: int, record_property: Any) -> None:
     compared = oversteering = thin = 0
     for number in range(VEHICLES // BATCHES):
         config = random_config(rng)
-        speed, front_angle = grid_of(config)
+        speed, front_angle = breakpoints(config)
         found = both_ways(config, config.case(CASE), speed, front_angle)
         assert found.agrees, (batch, number, found, config)
         for cell in found.thin:
@@ -138,7 +138,7 @@ def test_without_a_weight_on_sideslip() -> None:
     rng = np.random.default_rng(20_240_616)
     for _ in range(12):
         config = random_config(rng, rear_steering=True)
-        found = both_ways(config, Case(sideslip_weight_per_s2=0.0), *grid_of(config))
+        found = both_ways(config, Case(sideslip_weight_per_s2=0.0), *breakpoints(config))
         assert found.agrees, (found, config)
 
 
