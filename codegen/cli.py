@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from codegen import __version__, console
-from codegen.errors import CheckFailed, CodegenError, one_line
+from codegen.errors import CheckFailed, CodegenError, one_line, within
 
 if TYPE_CHECKING:
     from codegen.refmap.map import ReferenceMap
@@ -70,19 +70,23 @@ def init(folder: Path) -> None:
 @json_option
 def solve(config_path: Path | None, case: str, output: Path, method: str, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
+    from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
     from codegen.refmap.solve import solve_case
     from codegen.report.summary import map_summary
 
+    check_output(output, ".npz", (config_path,))
     chosen = choose_config(None, config_path)
-    with console.progress(f"solving {case}") as progress:
+    with within(config_path or "the paper's preset"), console.progress(f"solving {case}") as progress:
         reference_map = solve_case(chosen.config, case, "ipopt" if method == "ipopt" else "exact", progress)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
     if as_json:
         console.print_json({"map": str(output), "configuration": chosen.source, **summary.to_dict()})
         return
+    for text in chosen.notes:
+        console.note(text)
     if config_path is None:
         console.note("no --config: the paper's preset is taken")
     console.say(f"{output}: {summary.headline}")
@@ -94,9 +98,11 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, as_jso
 @json_option
 def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
+    from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.report.summary import map_summary, table
 
+    check_output(plot, ".png", (map_path,))
     reference_map = npz.load(map_path)
     summary = map_summary(reference_map)
     if plot is not None:
@@ -177,6 +183,7 @@ def build(
 @json_option
 def sil(build_path: Path, map_path: Path | None, scenario: str, plot: Path | None, csv: Path | None, as_json: bool) -> None:
     """Run the generated C in closed loop with the two-track plant, software in the loop."""
+    from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.report import plots
     from codegen.report.summary import step_rows, table
@@ -186,8 +193,12 @@ def sil(build_path: Path, map_path: Path | None, scenario: str, plot: Path | Non
     from hil_sim.runs import run
     from hil_sim.scenarios import find
 
+    check_output(plot, ".png", (map_path,))
+    check_output(csv, ".csv", (map_path,))
     manoeuvre = find(scenario)
     config = npz.load(map_path).config if map_path is not None else None
+    if map_path is not None and config is None:
+        console.note(f"{map_path} brings no car; the build's own is taken")
     software = load(build_path, config)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
@@ -247,17 +258,21 @@ def main() -> NoReturn:
     signal.signal(signal.SIGTERM, _terminate)
     try:
         cli.main(arguments, standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the caller
+            sys.stdout.flush()
     except CodegenError as error:
         _fail(f"error: {error}", error.exit_code, debug)
     except click.exceptions.Exit as error:
         raise SystemExit(error.exit_code) from None
     except (click.Abort, KeyboardInterrupt):
         _fail("interrupted; nothing is left half-written", EXIT_INTERRUPTED, debug)
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message(), file=sys.stderr)
+        raise SystemExit(EXIT_BAD_INPUT) from None
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f"; see `{context.command_path} --help`" if context is not None else ""
-        _fail(f"error: {one_line(error.format_message())}{hint}", EXIT_BAD_INPUT, debug)
+        _fail(f"error: {one_line(error.format_message()).rstrip('.')}{hint}", EXIT_BAD_INPUT, debug)
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: no error, and nothing more to say.
         sys.stdout = None

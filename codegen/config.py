@@ -60,6 +60,10 @@ __all__ = [
 ]
 
 
+MAX_FILE_BYTES = 2**20
+"""Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
+
+
 def _whole_number(value: object) -> object:
     # Python takes true and 1.0 for 1.
     if isinstance(value, bool) or not isinstance(value, int):
@@ -141,6 +145,10 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
     try:
+        if path.exists() and not path.is_file():  # a device would be read without end, a pipe waited for
+            raise ConfigError("not a file", where=path, remedy="name an ars.toml")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ConfigError(f"over {MAX_FILE_BYTES >> 20} MiB", where=path, remedy="name an ars.toml")
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None

@@ -5,7 +5,9 @@ Layer 0: imports nothing of the project.
 
 from __future__ import annotations
 
+import contextlib
 import unicodedata
+from collections.abc import Iterator
 
 
 def one_line(text: object, limit: int = 300) -> str:
@@ -44,6 +46,16 @@ class CodegenError(Exception):
         place = f"{self.where}: " if self.where else ""
         remedy = f"; {self.remedy}" if self.remedy else ""
         return f"{place}{self.what}{remedy}"
+
+
+@contextlib.contextmanager
+def within(place: object) -> Iterator[None]:
+    """Put `place`, mostly a file, before the place that an error inside the block names."""
+    try:
+        yield
+    except CodegenError as error:
+        where = f"{place}: {error.where}" if error.where else place
+        raise type(error)(error.what, where=where, remedy=error.remedy) from error
 
 
 class ConfigError(CodegenError):

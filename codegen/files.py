@@ -15,14 +15,16 @@ from codegen.errors import CodegenError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a temporary file beside `path`, then put it in place; on any failure what stood before still stands.
+    """Write a temporary file beside `path`, then put it in place; on any failure what stood before still stands. A link is
+    followed.
 
     Raises:
-        CodegenError: the folder is missing, `path` is a folder, the disk is full, and the like.
+        CodegenError: the folder is missing, `path` is a folder or a device, the disk is full, and the like.
     """
     with _told(path):
-        if path.is_dir():
-            raise IsADirectoryError(0, "it is a folder")
+        path = path.resolve()  # through a link, to what it names
+        if path.exists() and not path.is_file():
+            raise OSError(0, "there is something that is not a file")
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
         temporary = Path(name)
         try:
@@ -50,8 +52,8 @@ def make_folder(path: Path) -> None:
 def _told(path: Path) -> Iterator[None]:
     try:
         yield
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or str(error)
         raise CodegenError(
             f"cannot be written ({reason})", where=path, remedy="check that the folder exists, is writable and has space"
         ) from None

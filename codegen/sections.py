@@ -29,6 +29,10 @@ def check_name(name: str) -> str:
 
     Such a name starts with an ASCII letter or digit and goes on with those, dot, hyphen or underscore; 63 characters at most.
     """
+    if len(name) > 63:
+        raise ValueError(
+            f"the name {name[:20]!r}... has {len(name)} characters; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"
+        )
     if not NAME_PATTERN.match(name):
         raise ValueError(
             f"the name {name!r} has characters that cannot stand in C; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"

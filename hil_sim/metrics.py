@@ -18,16 +18,20 @@ FloatArray = npt.NDArray[np.float64]
 STEADY_WINDOW = 1.0
 """s at the end of the run over which steady values are averaged."""
 
+SETTLED_SHARE = 0.01
+"""A run counts as settled where the yaw rate swings by less than this share of its mean over that window."""
+
 
 @dataclass(frozen=True)
 class StepMetrics:
     """Step response (ISO 7401, lateral transient response). Units in the names; rear angle: the actuator's, not the command.
 
-    The reference is None for a car that is not controlled at the end.
+    The reference is None for a car that is not controlled at the end. Where `settled` is false, "steady" is only a mean.
 
     `overshoot_percent` is of the steady yaw rate; `rise_time_s` runs from the start of steering to 90 % of the steady value.
     """
 
+    settled: bool
     yaw_rate_steady_deg_s: float
     yaw_rate_peak_deg_s: float
     yaw_rate_reference_deg_s: float | None
@@ -43,7 +47,7 @@ class StepMetrics:
     slip_rear_abs_max_deg: float
     lateral_acceleration_max_m_s2: float
 
-    def to_dict(self) -> dict[str, float | None]:
+    def to_dict(self) -> dict[str, float | bool | None]:
         """Name to value."""
         return asdict(self)
 
@@ -75,7 +79,9 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
     risen = after & (sign * yaw_rate >= 0.9 * abs(yaw_rate_steady))
     first = int(np.flatnonzero(risen)[0]) if risen.any() else len(time) - 1
     settled = np.arange(len(time)) >= first
+    swing = float(np.ptp(yaw_rate[steady]))
     return StepMetrics(
+        settled=swing <= SETTLED_SHARE * max(abs(yaw_rate_steady), 1e-9),
         yaw_rate_steady_deg_s=yaw_rate_steady,
         yaw_rate_peak_deg_s=peak,
         yaw_rate_reference_deg_s=float(degrees("yaw_rate_reference_rad_s")[steady].mean()) if controlled else None,

@@ -441,7 +441,7 @@ BAD_NAMES = [
 
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_names_that_cannot_stand_in_c(name: str) -> None:
-    with pytest.raises(ValueError, match="cannot stand in C"):
+    with pytest.raises(ValueError, match=r"cannot stand in C|has 64 characters"):
         check_name(name)
     with pytest.raises(ConfigError) as caught:
         parse({"cases": {name: {}}}, "car.toml")
@@ -452,7 +452,7 @@ def test_names_that_cannot_stand_in_c(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["a\n", "4ws-2\n"])
 def test_a_newline_at_the_end_is_seen(name: str) -> None:
-    with pytest.raises(ValueError, match="cannot stand in C"):
+    with pytest.raises(ValueError, match=r"cannot stand in C|has 64 characters"):
         check_name(name)
 
 
@@ -541,7 +541,7 @@ def test_a_file_that_is_not_utf8(tmp_path: Path, content: bytes, byte: int) -> N
 def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
     assert "No such file" in refused_file(tmp_path / "ars.toml")
     assert "codegen init" in refused_file(tmp_path / "ars.toml")
-    assert "directory" in refused_file(tmp_path)
+    assert "not a file" in refused_file(tmp_path)
 
 
 def test_a_file_name_with_a_newline_stays_on_one_line(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ PACKAGES = ("codegen", "hil_sim")
 
 LEVELS = (
     ("codegen",),  # the package itself: its version
-    ("codegen.errors",),
+    ("codegen.errors", "codegen.interrupts"),
     ("codegen.files", "codegen.sections"),
     ("codegen.config",),
     ("codegen.vehicle",),

@@ -183,6 +183,7 @@ def _readme_facts(
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
         "map_file": comment_text(inputs.map_file),
         "flags": flags,
+        "borrowed": inputs.config_source == "preset",
         "precision": options.precision,
         "kind": config.controller.kind,
         "rules": [(rule.value, count, RULE_TEXT[rule]) for rule, count in rule_counts(total).items()],

@@ -9,6 +9,7 @@ from pathlib import Path
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
+from codegen.errors import within
 from codegen.refmap import map as npz
 from codegen.refmap.choose import Chosen, choose_config
 from codegen.refmap.map import ReferenceMap
@@ -48,5 +49,6 @@ def prepare(
         map_sha256=hashlib.sha256(map_path.read_bytes()).hexdigest(),
         config_source=chosen.source,
     )
-    folder = build(reference_map, chosen.config, options, inputs)
+    with within(map_path):
+        folder = build(reference_map, chosen.config, options, inputs)
     return Prepared(folder, target or Path("generated") / map_path.stem, reference_map, chosen)

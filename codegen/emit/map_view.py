@@ -127,7 +127,7 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, pr
         unit=unit,
         locate=f"locate_{name}",
         size=axis.size,
-        text=_describe(axis),
+        text=_describe(axis, unit),
         top=literal(constants.top, precision),
         top_text=_with_unit(float(axis.breakpoints[-1]), unit),
         even=axis.even,
@@ -151,9 +151,9 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value:.4g} {unit} ({other})"
 
 
-def _describe(axis: Axis) -> str:
+def _describe(axis: Axis, unit: str) -> str:
     first, last = axis.breakpoints[0], axis.breakpoints[-1]
-    span = f"{axis.size} breakpoints from {first:.4g} to {last:.4g}"
+    span = f"{axis.size} breakpoints from {first:.4g} to {last:.4g} {unit}"
     if not axis.even:
         return f"{span}, uneven"
     cells = [

@@ -51,7 +51,9 @@ def comment_text(text: str) -> str:
 
 def check_prefix(prefix: str) -> str:
     """`prefix` if C names may start with it, else BuildError."""
-    if not _PREFIX.match(prefix) or prefix in _RESERVED or prefix.endswith("_"):
+    if prefix in _RESERVED:
+        raise BuildError(f"{prefix!r} is a word of C", where="--prefix", remedy="use another one, such as ars")
+    if not _PREFIX.match(prefix) or prefix.endswith("_"):
         raise BuildError(
             f"{prefix!r} cannot start C names",
             where="--prefix",

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen import config as configuration
-from codegen.config import Config
+from codegen.config import Config, Controller
 from codegen.refmap.map import ReferenceMap
 
-PRESET_NOTE = "the map brings no configuration: the paper's car and controller are taken"
+PRESET_NOTE = "the map brings no configuration: the paper's car and the default controller are taken"
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,21 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     own = reference_map.config if reference_map is not None else None
     if config_path is not None:
         config = configuration.load(config_path)
-        notes: tuple[str, ...] = ()
+        notes = _borrowed(config)
         if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
-            notes = (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
+            notes += (f"{config_path.name} describes another car than the map was solved for; the map is taken as it is",)
         return Chosen(config, config_path.name, notes)
     if own is not None:
         return Chosen(own, "map")
-    return Chosen(configuration.preset(), "preset", (PRESET_NOTE,) if reference_map is not None else ())
+    paper = configuration.preset()
+    if reference_map is None:
+        return Chosen(paper, "preset")
+    # The paper's controller belongs to the paper's maps; another table gets the one with its rate limit on.
+    return Chosen(paper.model_copy(update={"controller": Controller()}), "preset", (PRESET_NOTE,))
+
+
+def _borrowed(config: Config) -> tuple[str, ...]:
+    """A note where the data of the car itself are not all given, and the paper's stand in for them."""
+    missing = [f"vehicle.{key}" for key in type(config.vehicle).model_fields if key not in config.vehicle.model_fields_set]
+    missing += [f"tyre.{axle}" for axle in type(config.tyre).model_fields if axle not in config.tyre.model_fields_set]
+    return (f"not given, so the paper's car stands in: {', '.join(missing)}",) if missing else ()

@@ -17,6 +17,7 @@ import numpy as np
 
 from codegen.config import KM_H, Config
 from codegen.errors import MapError
+from codegen.interrupts import deferred
 from codegen.refmap.exact import Solution, binding
 from codegen.refmap.problem import FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import single_track
@@ -123,16 +124,18 @@ def solve(
     solvers = _build(config, problem)
     shape = (speed.size, front_angle.size)
     result = np.full((*shape, 3), np.nan)
-    for i, vx in enumerate(speed):
-        warm, feasible_expected = np.zeros(3), True
-        for j, delta_f in enumerate(front_angle):
-            point = _solve_point(solvers, np.array([vx, delta_f]), warm, feasible_expected=feasible_expected)
-            feasible_expected = point is not None
-            if point is not None:
-                result[i, j] = point * solvers.scale
-                warm = point
-        if progress is not None:
-            progress((i + 1) * front_angle.size, speed.size * front_angle.size)
+    with deferred() as stop_if_asked:
+        for i, vx in enumerate(speed):
+            warm, feasible_expected = np.zeros(3), True
+            for j, delta_f in enumerate(front_angle):
+                point = _solve_point(solvers, np.array([vx, delta_f]), warm, feasible_expected=feasible_expected)
+                stop_if_asked()
+                feasible_expected = point is not None
+                if point is not None:
+                    result[i, j] = point * solvers.scale
+                    warm = point
+            if progress is not None:
+                progress((i + 1) * front_angle.size, speed.size * front_angle.size)
     sideslip, yaw_rate, rear_angle = (result[..., k] for k in range(3))
     return Solution(
         yaw_rate=yaw_rate,

@@ -26,8 +26,9 @@ from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.report import plots
-from codegen.report.published import PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.summary import step_rows, table
+from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
 from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.recording import save_csv
@@ -82,7 +83,7 @@ class Reproduction:
             f"Optimum at a front angle of {TABLE_FRONT_ANGLE_DEG:g} deg, beside the paper's table for 43.9 km/h",
             "",
             table(
-                ("", "speed", "yaw rate", "paper", "differs", "over FWS", "|sideslip|", "paper"),
+                ("", "speed", "yaw rate", "paper", "differs", "over FWS", "paper", "|sideslip|", "paper"),
                 [self._table_cells(row) for row in self.table],
             ),
             "",
@@ -94,13 +95,15 @@ class Reproduction:
             table(("", *self.runs, "passive car"), step_rows((*self.runs.values(), self.passive))),
             "",
             table(
-                ("", "steady, here", "peak, here", "paper's maximum"),
+                ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's"),
                 [
                     (
-                        f"{name} ({CASES[RUNS[name]]} map) yaw rate [deg/s]",
-                        f"{metrics.yaw_rate_steady_deg_s:.2f}",
+                        f"{name} ({CASES[RUNS[name]]} map)",
+                        f"{metrics.yaw_rate_steady_deg_s:.2f} deg/s",
                         f"{metrics.yaw_rate_peak_deg_s:.2f}",
                         f"{PAPER_RUNS[name][0]:.2f}",
+                        f"{metrics.sideslip_abs_min_deg:.2f} deg",
+                        f"{PAPER_RUNS[name][1]:.2f}",
                     )
                     for name, metrics in self.runs.items()
                 ],
@@ -125,6 +128,7 @@ class Reproduction:
             f"{row.paper_yaw_rate_deg_s:.2f}",
             f"{round(row.yaw_rate_difference_percent, 1) + 0.0:+.1f} %",
             "" if row.case == "fws" else f"{gain:+.1f} %",
+            "" if row.case == "fws" else f"{PAPER_GAINS[row.case]:+.1f} %",
             f"{row.sideslip_abs_deg:.3f} deg",
             f"{row.paper_sideslip_abs_deg:g}",
         )
@@ -137,6 +141,7 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
         CodegenError: a folder that cannot be written, no compiler, a self-test that fails.
     """
     config = configuration.preset() if config is None else config
+    find_compiler()  # before anything is written
     make_folder(folder)
     maps = {case: solve_case(config, case) for case in CASES}
     outputs: dict[str, Path] = {}

@@ -191,10 +191,10 @@ def draw_table(
 
 
 def _ends(breakpoints: FloatArray) -> tuple[float, float]:
-    """Where the outer cells end: half a step beyond the breakpoints, as they are drawn, but not below zero."""
-    first, second = (float(value) for value in breakpoints[:2])
-    before, last = (float(value) for value in breakpoints[-2:])
-    return max(0.0, first - 0.5 * (second - first)), last + 0.5 * (last - before)
+    """The outer breakpoints, and half of an even step beyond them, as the cells are drawn; not below zero."""
+    steps = np.diff(breakpoints)
+    margin = 0.5 * float(steps[0]) if np.allclose(steps, steps[0], rtol=1e-6) else 0.0
+    return max(0.0, float(breakpoints[0]) - margin), float(breakpoints[-1]) + margin
 
 
 def phase_lines(reference_map: ReferenceMap) -> list[FloatArray]:

@@ -155,4 +155,5 @@ def step_rows(runs: tuple[StepMetrics, ...]) -> list[tuple[str, ...]]:
         # Adding zero takes the sign off a zero: "-0.00" would be read as a direction.
         return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
-    return [(title, *(cell(getattr(run, name), digits) for run in runs)) for title, name, digits in described]
+    rows = [(title, *(cell(getattr(run, name), digits) for run in runs)) for title, name, digits in described]
+    return [("settled at the end", *("yes" if run.settled else "NO: means only" for run in runs)), *rows]

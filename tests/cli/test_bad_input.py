@@ -172,6 +172,77 @@ def test_output_that_cannot_be_written(run: Run, refused: Refused, tmp_path: Pat
     assert "missing" in refused(*arguments)
 
 
+def test_output_that_is_the_input(refused: Refused, tmp_path: Path) -> None:
+    path = write_config(tmp_path).rename(tmp_path / "mine.npz")
+    line = refused("solve", "--config", path, "--case", "fws", "-o", path)
+    assert "what this command reads" in line
+
+
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
+def test_output_that_is_no_file(run: Run, refused: Refused, tmp_path: Path, solved: Path, option: str) -> None:
+    """A device or a pipe must stay what it is."""
+    run("build", "--map", solved, "-o", tmp_path / "out")
+    pipe = tmp_path / ("pipe.csv" if option == "--csv" else "pipe.png")
+    os.mkfifo(pipe)
+    with_link = tmp_path / f"link{pipe.suffix}"
+    with_link.symlink_to(pipe)
+    for output in (pipe, with_link):
+        assert "not a file" in answer_of(run, tmp_path, "sil", "--build", tmp_path / "out", option, output)
+    assert pipe.is_fifo()
+
+
+def answer_of(run: Run, folder: Path, *arguments: object) -> str:
+    """As `refused`, where the folder holds what cannot be hashed."""
+    names = sorted(folder.rglob("*"))
+    answer = run(*arguments)
+    assert (answer.code, len(answer.err.splitlines())) == (2, 1)
+    assert sorted(folder.rglob("*")) == names
+    return answer.err
+
+
+def test_output_inside_a_build(run: Run, refused: Refused, tmp_path: Path, solved: Path) -> None:
+    run("build", "--map", solved, "-o", tmp_path / "out")
+    for output in ("run.csv", "src/run.csv"):
+        assert "inside a build" in refused("sil", "--build", tmp_path / "out", "--csv", tmp_path / "out" / output)
+    assert "inside a build" in refused("solve", "--case", "fws", "-o", tmp_path / "out" / "fws.npz")
+
+
+@pytest.mark.parametrize(("option", "name"), [("--csv", "manifest.json"), ("--plot", "run.jpg")])
+def test_output_with_another_ending(run: Run, refused: Refused, tmp_path: Path, solved: Path, option: str, name: str) -> None:
+    run("build", "--map", solved, "-o", tmp_path / "out")
+    assert "name it" in refused("sil", "--build", tmp_path / "out", option, tmp_path / name)
+
+
+def test_one_bad_output_writes_none(run: Run, refused: Refused, tmp_path: Path, solved: Path) -> None:
+    run("build", "--map", solved, "-o", tmp_path / "out")
+    bad = tmp_path / "missing" / "run.png"
+    assert "missing" in refused("sil", "--build", tmp_path / "out", "--csv", tmp_path / "run.csv", "--plot", bad)
+
+
+def test_output_through_a_link(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "real.npz").write_bytes(b"what stood before")
+    (tmp_path / "link.npz").symlink_to(tmp_path / "real.npz")
+    assert run("solve", "--case", "fws", "-o", tmp_path / "link.npz").code == 0
+    assert (tmp_path / "link.npz").is_symlink()
+    assert npz.load(tmp_path / "real.npz").case == "fws"
+
+
+def test_configuration_that_is_no_file(run: Run, tmp_path: Path) -> None:
+    """Neither read without end nor waited for."""
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), tmp_path):
+        answer = run("solve", "--config", path, "--case", "fws", "-o", tmp_path / "map.npz")
+        assert answer.code == 2
+        assert "not a file" in answer.err
+
+
+def test_paper_without_a_compiler_writes_nothing(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
+    assert "compiler" in refused("paper", "-o", tmp_path / "build")
+
+
 def test_build_folder_that_is_none(refused: Refused, tmp_path: Path) -> None:
     assert "codegen build" in refused("sil", "--build", tmp_path)
 
@@ -241,8 +312,9 @@ def test_full_disk_while_solving(tmp_path: Path) -> None:
 def killed_while_writing(arguments: tuple[str | Path, ...], number: int, folder: Path) -> int:
     """Run a command that gets signal `number` when the first generated source is about to be on disk."""
     script = (
-        "import os, sys\n"
+        "import os, signal, sys\n"
         "from codegen import cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in whatever the shell runs in the background
         "real, count = os.fsync, 0\n"
         "def fsync(handle):\n"
         "    global count\n"
@@ -287,3 +359,38 @@ def test_killed_in_the_middle_of_a_build(run: Run, tmp_path: Path, solved: Path)
     # The next build clears away what the killed one left beside the folder.
     assert run("build", "--map", solved, "-o", tmp_path / "out").code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"4ws2.npz", "out"}
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 128 + signal.SIGTERM)])
+def test_stopped_while_ipopt_solves(tmp_path: Path, number: int, code: int) -> None:
+    """CasADi swallows the exception of a signal that comes while its solver runs; the command must end all the same."""
+    path = write_config(tmp_path, "speed_points = 101", "speed_points = 11")
+    before = everything_in(tmp_path)
+    script = (
+        "import os, signal, sys\n"
+        "import casadi\n"
+        "from codegen import cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from codegen.refmap import ipopt\n"
+        "real, count = ipopt._run, 0\n"
+        "def run(*arguments, **options):\n"
+        "    global count\n"
+        "    count += 1\n"
+        f"    if count == 5: os.kill(os.getpid(), {number})\n"
+        "    assert count < 50, 'the signal was lost'\n"
+        "    return real(*arguments, **options)\n"
+        "ipopt._run = run\n"
+        "sys.argv[0] = 'codegen'\n"
+        "cli.main()\n"
+    )
+    solve = ("solve", "--config", str(path), "--case", "4ws-2", "-o", "m.npz", "--method", "ipopt")
+    answer = subprocess.run(
+        [sys.executable, "-B", "-c", script, *solve],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert answer.returncode == code, answer.stderr
+    assert everything_in(tmp_path) == before

@@ -100,7 +100,10 @@ def test_a_bare_map_builds_with_the_papers_car_and_says_so(run: Run, tmp_path: P
     np.savez("mine.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 3.2, angle), 5.0 / speed[:, np.newaxis]))
     answer = run("build", "--map", "mine.npz")
     assert answer.code == 0
-    assert "the paper's car and controller" in answer.err
+    assert "the default controller" in answer.err
+    # The default controller: with its rate limit of 25 deg/s, which the paper's has not.
+    assert ".rear_rate_max = 0.43633232f" in Path("generated/mine/src/ars_controller.c").read_text()
+    assert "those of the paper's car" in Path("generated/mine/README.md").read_text()
     assert run("sil", "--build", "generated/mine").code == 0
     assert json.loads(run("build", "--map", "mine.npz", "--json").out)["notes"]
 
@@ -126,6 +129,29 @@ def test_a_configuration_of_another_car_is_noted(run: Run, solved: Path) -> None
     path = Path("ars.toml")
     path.write_text(path.read_text().replace("mass_kg = 2335.07", "mass_kg = 1800.0"))
     assert "another car" in run("build", "--map", solved, "--config", path).err
+
+
+def test_data_of_the_car_that_are_not_given_are_named(run: Run, tmp_path: Path) -> None:
+    path = small_config(tmp_path)
+    path.write_text(path.read_text().replace("mass_kg = 2335.07", ""))
+    answer = run("solve", "--config", path, "--case", "fws", "-o", tmp_path / "map.npz")
+    assert answer.code == 0
+    assert "vehicle.mass_kg" in answer.err
+
+
+def test_a_car_that_never_settles_has_no_steady_value(run: Run, solved: Path) -> None:
+    """A gain thirty times the paper's ends in a limit cycle."""
+    path = Path("ars.toml")
+    path.write_text(path.read_text().replace("integral_gain = 1.0", "integral_gain = 30.0"))
+    run("build", "--map", solved, "--config", path)
+    assert "NO: means only" in run("sil", "--build", "generated/4ws2").out
+    assert json.loads(run("sil", "--build", "generated/4ws2", "--json").out)["metrics"]["controlled"]["settled"] is False
+
+
+def test_no_arguments_show_the_help(run: Run) -> None:
+    answer = run()
+    assert answer.code == 2
+    assert "Commands:" in answer.err
 
 
 def test_a_run_of_edited_c_says_so(run: Run, solved: Path) -> None:

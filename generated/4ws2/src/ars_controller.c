@@ -18,11 +18,11 @@
 #error "ars_map.h and this source come from different builds"
 #endif
 
-static const float sampling_time = 0.01f; /* s */
-static const float actuator_angle_max = 0.061086524f; /* rad */
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
 
 /* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
-static const float speed_unknown = 1000.0f;
+ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
 
 ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .proportional_gain = 0.01f,
@@ -49,7 +49,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .recovery_samples = 10u
 };
 
-static float clamp(float value, float low, float high)
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low;
 
@@ -63,18 +63,18 @@ static float clamp(float value, float low, float high)
 }
 
 /* False for NaN. */
-static bool is_within(float value, float low, float high)
+ARS_SECTION_CODE static bool is_within(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
 
 /* True for NaN, which stands for "not available". */
-static bool is_absent_or_within(float value, float low, float high)
+ARS_SECTION_CODE static bool is_absent_or_within(float value, float low, float high)
 {
     return !((value < low) || (value > high));
 }
 
-static float toward_zero(float value, float step)
+ARS_SECTION_CODE static float toward_zero(float value, float step)
 {
     float result = 0.0f;
 
@@ -88,7 +88,7 @@ static float toward_zero(float value, float step)
     return result;
 }
 
-static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     return is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)
         && is_within(measurement->front_angle, -parameters->front_angle_max, parameters->front_angle_max)
@@ -99,7 +99,7 @@ static bool is_in_range(const ars_parameters_t *parameters, const ars_measuremen
 
 /* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
  * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
-static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     const float magnitude = (measurement->speed < 0.0f) ? -measurement->speed : measurement->speed;
     const float turn = measurement->speed * measurement->front_angle;
@@ -111,7 +111,7 @@ static bool is_plausible(const ars_parameters_t *parameters, const ars_measureme
 }
 
 /* Whether this sample may be used. An implausible yaw rate is believed for a while: a bump is not a fault. */
-static bool is_trusted(
+ARS_SECTION_CODE static bool is_trusted(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     bool trusted = is_in_range(parameters, measurement);
@@ -132,7 +132,7 @@ static bool is_trusted(
     return trusted;
 }
 
-static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->good_samples = 0u;
     if (self->bad_samples < UINT16_MAX) {
@@ -147,7 +147,7 @@ static void update_after_bad_sample(ars_controller_t *self, const ars_parameters
 }
 
 /* Returns whether the control law runs in this sample; it starts afresh where it did not run in the one before. */
-static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->bad_samples = 0u;
     if (self->status == ARS_STATUS_FAIL_SAFE) {
@@ -174,7 +174,7 @@ static bool update_after_good_sample(ars_controller_t *self, const ars_parameter
 
 /* Never simply to zero: at speed, taking the rear angle away can spin the car. Held above a speed, and below it ramped, the
  * slower the faster the car is. */
-static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
+ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     const float speed = (self->speed < 0.0f) ? -self->speed : self->speed;
 
@@ -188,13 +188,13 @@ static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters
 }
 
 /* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
-static void law_init(ars_controller_t *self)
+ARS_SECTION_CODE static void law_init(ars_controller_t *self)
 {
     self->integral = self->rear_angle;
 }
 
 /* Bumpless: with this integral the first demand is the angle that is commanded now. */
-static void law_start(
+ARS_SECTION_CODE static void law_start(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     const float error = self->yaw_rate_reference - measurement->yaw_rate;
@@ -203,7 +203,7 @@ static void law_start(
 }
 
 /* Returns whether a limit acted. */
-static bool law_step(
+ARS_SECTION_CODE static bool law_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     const float error = self->yaw_rate_reference - measurement->yaw_rate;
@@ -248,7 +248,7 @@ static bool law_step(
     return limited;
 }
 
-static void control(
+ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     float friction = measurement->friction;

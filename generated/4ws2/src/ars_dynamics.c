@@ -17,9 +17,9 @@
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 
-static const float speed_min = 1.0f; /* m/s */
+ARS_SECTION_CONST static const float speed_min = 1.0f; /* m/s */
 
-static void linear_derivative(const float x[2], const float u[4], float dx[2])
+ARS_SECTION_CODE static void linear_derivative(const float x[2], const float u[4], float dx[2])
 {
     const float t0 = 1.574f * x[1];
     const float t1 = t0 / u[0];
@@ -43,7 +43,7 @@ static void linear_derivative(const float x[2], const float u[4], float dx[2])
     dx[1] = t17;
 }
 
-static void linear_jacobian(const float x[2], const float u[4], float dfdx[4], float dfdu[8])
+ARS_SECTION_CODE static void linear_jacobian(const float x[2], const float u[4], float dfdx[4], float dfdu[8])
 {
     const float t0 = 2335.07f * u[0];
     const float t1 = (-478740.0f) / t0;
@@ -100,7 +100,7 @@ static void linear_jacobian(const float x[2], const float u[4], float dfdx[4], f
     dfdu[7] = 0.0f;
 }
 
-static void magic_formula_derivative(const float x[2], const float u[4], float dx[2])
+ARS_SECTION_CODE static void magic_formula_derivative(const float x[2], const float u[4], float dx[2])
 {
     const float t0 = 5712.169f * u[3];
     const float t1 = 1.574f * x[1];
@@ -144,7 +144,7 @@ static void magic_formula_derivative(const float x[2], const float u[4], float d
     dx[1] = t37;
 }
 
-static void magic_formula_jacobian(const float x[2], const float u[4], float dfdx[4], float dfdu[8])
+ARS_SECTION_CODE static void magic_formula_jacobian(const float x[2], const float u[4], float dfdx[4], float dfdu[8])
 {
     const float t0 = 5712.169f * u[3];
     const float t1 = 1.574f * x[1];
@@ -329,7 +329,7 @@ static void magic_formula_jacobian(const float x[2], const float u[4], float dfd
     dfdu[7] = t168;
 }
 
-static void arrange(
+ARS_SECTION_CODE static void arrange(
     const ars_dynamics_state_t *state, const ars_dynamics_input_t *input, float x[2], float u[4])
 {
     x[0] = state->sideslip_angle;
@@ -341,7 +341,7 @@ static void arrange(
 }
 
 /* CasADi stores matrices by columns. */
-static ars_dynamics_jacobian_t by_rows(const float dfdx[4], const float dfdu[8])
+ARS_SECTION_CODE static ars_dynamics_jacobian_t by_rows(const float dfdx[4], const float dfdu[8])
 {
     ars_dynamics_jacobian_t jacobian;
     unsigned int row;

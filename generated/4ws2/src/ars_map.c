@@ -22,23 +22,23 @@ typedef struct {
     float fraction;
 } position_t;
 
-/* Speed, m/s: 102 breakpoints from 0 to 33.33: one of 5.556, 100 cells of 0.277778. */
-static const float speed_top = 33.333332f;
-static const float speed_core_first = 5.5555553f;
-static const float speed_inverse_step = 3.6f;
-static const float speed_inverse_first_cell = 0.18f;
+/* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
+ARS_SECTION_CONST static const float speed_top = 33.333332f;
+ARS_SECTION_CONST static const float speed_core_first = 5.5555553f;
+ARS_SECTION_CONST static const float speed_inverse_step = 3.6f;
+ARS_SECTION_CONST static const float speed_inverse_first_cell = 0.18f;
 
-/* Front angle, rad: 102 breakpoints from 0 to 0.6109: 100 cells of 0.00174533, one of 0.4363. */
-static const float front_angle_top = 0.61086524f;
-static const float front_angle_inverse_step = 572.9578f;
-static const float front_angle_core_last = 0.17453292f;
-static const float front_angle_inverse_last_cell = 2.2918313f;
+/* Front angle: 102 breakpoints from 0 to 0.6109 rad: 100 cells of 0.00174533, one of 0.4363. */
+ARS_SECTION_CONST static const float front_angle_top = 0.61086524f;
+ARS_SECTION_CONST static const float front_angle_inverse_step = 572.9578f;
+ARS_SECTION_CONST static const float front_angle_core_last = 0.17453292f;
+ARS_SECTION_CONST static const float front_angle_inverse_last_cell = 2.2918313f;
 
 /* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
  * Rounded down, so that rounding never lets more through. */
-static const float lateral_acceleration_cap = 5.6112237f;
-static const float lateral_acceleration_cap_per_friction = 6.234693f;
-static const float map_friction = 0.9f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
+ARS_SECTION_CONST static const float map_friction = 0.9f;
 
 ARS_SECTION_CONST const uint32_t ars_map_expected_checksum = 0xC13F590Au;
 
@@ -1681,14 +1681,14 @@ static const float yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POIN
 
 /* The value, or 0 where it is NaN or below zero. Adding zero turns a signalling NaN into a quiet one, so that every core
  * takes the same branch. */
-static float at_least_zero(float value)
+ARS_SECTION_CODE static float at_least_zero(float value)
 {
     const float canonical = value + 0.0f;
     return (canonical > 0.0f) ? canonical : 0.0f;
 }
 
 /* speed is not negative. */
-static position_t locate_speed(float speed)
+ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
     const float clamped = (speed > speed_top) ? speed_top : speed;
     position_t position;
@@ -1710,7 +1710,7 @@ static position_t locate_speed(float speed)
 }
 
 /* magnitude is not negative. */
-static position_t locate_front_angle(float magnitude)
+ARS_SECTION_CODE static position_t locate_front_angle(float magnitude)
 {
     const float clamped = (magnitude > front_angle_top) ? front_angle_top : magnitude;
     position_t position;
@@ -1732,7 +1732,7 @@ static position_t locate_front_angle(float magnitude)
 }
 
 /* front_angle and lateral_acceleration are not negative; any speed. */
-static float interpolate(float speed, float front_angle, float lateral_acceleration)
+ARS_SECTION_CODE static float interpolate(float speed, float front_angle, float lateral_acceleration)
 {
     const float forward_speed = at_least_zero(speed);
     const position_t row = locate_speed(forward_speed);
@@ -1750,7 +1750,7 @@ static float interpolate(float speed, float front_angle, float lateral_accelerat
 }
 
 /* An odd function of the front angle, made from its half for positive angles. */
-static float with_sign_of(float front_angle, float speed, float lateral_acceleration)
+ARS_SECTION_CODE static float with_sign_of(float front_angle, float speed, float lateral_acceleration)
 {
     const float magnitude = at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle);
     const float yaw_rate = interpolate(speed, magnitude, lateral_acceleration);
@@ -1774,7 +1774,7 @@ ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
 }
 
 /* Reflected polynomial 0x04C11DB7, four bits at a time. */
-static uint32_t crc_of(uint32_t start, const float *numbers, uint32_t count)
+ARS_SECTION_CODE static uint32_t crc_of(uint32_t start, const float *numbers, uint32_t count)
 {
     ARS_SECTION_CONST static const uint32_t table[16] = {
         0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u, 0x4DB26158u, 0x5005713Cu,

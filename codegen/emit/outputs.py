@@ -1,0 +1,37 @@
+"""What a command may write to, asked before it does any work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from codegen.emit.folder import owned_paths
+from codegen.errors import CodegenError
+
+
+def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] = ()) -> None:
+    """Refuse an output that would destroy something: an input, a device, a folder, a file inside a build.
+
+    Args:
+        path: the file to write, or None where the user asked for none.
+        suffix: that its name must end in, such as ".npz".
+        inputs: files that the command reads.
+
+    Raises:
+        CodegenError: with the path and what to name instead.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() != suffix:
+        raise CodegenError(f"only {suffix} is written", where=path, remedy=f"name it {path.stem or 'result'}{suffix}")
+    target = path.resolve()
+    if not target.parent.is_dir():
+        raise CodegenError("its folder does not exist", where=path, remedy=f"make {path.parent} first")
+    if target.exists() and not target.is_file():
+        raise CodegenError("there is something that is not a file", where=path, remedy="name another file")
+    for source in inputs:
+        if source is not None and source.exists() and target.exists() and source.samefile(target):
+            raise CodegenError("it is what this command reads", where=path, remedy="name another file for the result")
+    for folder in target.parents:
+        if owned_paths(folder):
+            raise CodegenError("it lies inside a build", where=path, remedy=f"name a file outside of {folder}")

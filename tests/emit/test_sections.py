@@ -1,0 +1,71 @@
+"""The section macros of the generated code: everything that the linker places can be placed."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from elftools.elf.elffile import ELFFile
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.refmap.solve import solve_case
+from codegen.sil.toolchain import compiler_command
+
+KINDS = {"CODE": ".mine.code", "CONST": ".mine.const", "CALIBRATION": ".mine.calibration", "STATE": ".mine.state"}
+
+
+def uneven() -> Config:
+    """With breakpoints in memory too."""
+    paper = configuration.preset()
+    grid = paper.grid.model_copy(update={"speed_breakpoints_km_h": [20.0, 30.0, 50.0, 120.0], "front_angle_points": 10})
+    return paper.model_copy(update={"grid": grid})
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config = uneven()
+    inputs = BuildInputs("sample.npz", "0" * 64, "map")
+    files = build(solve_case(config, "4ws-2"), config, BuildOptions("sample"), inputs).files
+    folder = tmp_path_factory.mktemp("sections")
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
+    return folder
+
+
+def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[str]]:
+    """Section -> names of the functions and objects in it."""
+    macros = [f'-DARS_SECTION_{kind}=__attribute__((section("{name}")))' for kind, name in KINDS.items()]
+    command = [*compiler_command(), "-std=c99", level, *macros, f"-I{folder / 'include'}", "-c", str(source), "-o", str(out)]
+    subprocess.run(command, check=True, capture_output=True)
+    found: dict[str, set[str]] = {}
+    with out.open("rb") as file:
+        elf = ELFFile(file)
+        for symbol in elf.get_section_by_name(".symtab").iter_symbols():
+            if symbol["st_info"]["type"] in ("STT_FUNC", "STT_OBJECT") and symbol["st_shndx"] != "SHN_UNDEF":
+                found.setdefault(elf.get_section(symbol["st_shndx"]).name, set()).add(symbol.name)
+    return found
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-Os"])
+@pytest.mark.parametrize("name", ["src/ars_map.c", "src/ars_controller.c", "src/ars_dynamics.c"])
+def test_every_function_and_object_can_be_placed(sources: Path, tmp_path: Path, name: str, level: str) -> None:
+    found = placed(sources / name, sources, level, tmp_path / "object.o")
+    assert set(found) <= set(KINDS.values()), found
+
+
+def test_each_kind_holds_what_it_is_named_for(sources: Path, tmp_path: Path) -> None:
+    def without_number(names: set[str]) -> set[str]:
+        return {name.partition(".")[0] for name in names}  # the compiler numbers what is static inside a function
+
+    table = placed(sources / "src/ars_map.c", sources, "-O0", tmp_path / "map.o")
+    assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
+    assert {"yaw_rate_table", "speed_breakpoints"} <= table[KINDS["CALIBRATION"]]
+    assert {"lateral_acceleration_cap", "ars_map_expected_checksum", "table"} <= without_number(table[KINDS["CONST"]])
+    controller = placed(sources / "src/ars_controller.c", sources, "-O0", tmp_path / "controller.o")
+    assert "ars_parameters_default" in controller[KINDS["CALIBRATION"]]
+    example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")
+    assert example[KINDS["STATE"]] == {"controller"}
