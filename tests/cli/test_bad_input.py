@@ -376,7 +376,9 @@ def test_stopped_while_ipopt_solves(tmp_path: Path, number: int, code: int) -> N
         "def run(*arguments, **options):\n"
         "    global count\n"
         "    count += 1\n"
-        f"    if count == 5: os.kill(os.getpid(), {number})\n"
+        "    try:\n"
+        f"        if count == 5: os.kill(os.getpid(), {number})\n"
+        "    except BaseException: pass\n"  # what CasADi does with an exception that a signal raises inside its solver
         "    assert count < 50, 'the signal was lost'\n"
         "    return real(*arguments, **options)\n"
         "ipopt._run = run\n"
