@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import shlex
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -178,7 +179,7 @@ def _readme_facts(
 ) -> dict[str, Any]:
     flags = "" if options.prefix == "ars" else f" --prefix {options.prefix}"
     flags += "" if options.precision == "single" else f" --precision {options.precision}"
-    flags += "" if inputs.config_source in ("map", "preset") else f" --config {comment_text(inputs.config_source)}"
+    flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
         "map_file": comment_text(inputs.map_file),

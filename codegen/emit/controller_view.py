@@ -157,7 +157,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "implausible_samples_max",
             round(inputs.implausible_time_s / period),
-            "samples that an implausible yaw rate is believed",
+            "samples that an implausible yaw rate is held, then fail-safe",
         ),
         Parameter("degraded_samples_max", fail_safe.degraded_samples_max, "lost samples before the fail-safe"),
         Parameter("recovery_samples", fail_safe.recovery_samples, "good samples that end the fail-safe"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from codegen.config import KM_H
 from codegen.emit.text import Precision, literal, numpy_type
+from codegen.errors import MapError
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
@@ -86,6 +87,8 @@ def lines_of(numbers: list[str], last_comma: bool = False) -> tuple[str, ...]:
 def map_view(total: TotalMap, precision: Precision) -> MapView:
     """The view of a total map. Raises ValueError where a number has no literal (the map contract rules that out)."""
     lookup = Lookup.from_map(total, numpy_type(precision))
+    for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
+        _check_apart(key, constants)
     table = lookup.table
     bits = table.dtype.itemsize * 8
     rows = tuple(
@@ -115,6 +118,19 @@ def map_view(total: TotalMap, precision: Precision) -> MapView:
         bits_type=f"uint{bits}_t",
         flash_bytes=numbers.nbytes,
     )
+
+
+def _check_apart(key: str, constants: AxisConstants) -> None:
+    """Breakpoints that differ in the file may be one number in the target's precision, or too close to divide by."""
+    with np.errstate(divide="ignore", over="ignore"):
+        reciprocal = 1.0 / np.diff(constants.table)
+    for index in np.flatnonzero(~(np.isfinite(reciprocal) & (reciprocal > 0.0)))[:1]:
+        values = constants.axis.breakpoints[index : index + 2]
+        raise MapError(
+            f"the breakpoints {values[0]:.9g} and {values[1]:.9g} are one in this precision",
+            where=key,
+            remedy="take one of them out, or build with --precision double",
+        )
 
 
 def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, precision: Precision) -> AxisView:

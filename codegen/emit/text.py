@@ -13,8 +13,13 @@ from codegen.errors import BuildError
 Precision = Literal["single", "double"]
 
 _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,30}\Z", re.ASCII)
-# Words that a C or C++ compiler takes: a prefix stands before an underscore, so only the prefix itself can collide.
-_RESERVED = frozenset({"int", "float", "double", "void", "static", "const", "struct", "enum", "union", "volatile"})
+# Words of C and C++, and names of targets that CMake keeps for itself: the library is called like the prefix.
+_RESERVED_WORDS = """
+auto bool break case char class const continue default delete do double else enum extern float for goto if inline int long
+namespace new private public register restrict return short signed sizeof static struct switch template this typedef union
+unsigned virtual void volatile while all clean help install package test
+"""
+_RESERVED = frozenset(_RESERVED_WORDS.split())
 
 
 def c_type(precision: Precision) -> str:
@@ -46,14 +51,18 @@ def literal(value: float, precision: Precision) -> str:
 def comment_text(text: str) -> str:
     """`text` made safe for a C comment or string: printable ASCII on one line that cannot end a comment or continue a line."""
     safe = "".join(character if " " <= character <= "~" else "?" for character in text)
-    return safe.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace('"', "'").replace("??", "?")
+    safe = safe.replace("\\", "/").replace('"', "'")
+    for dangerous, harmless in (("*/", "* /"), ("/*", "/ *"), ("??", "? ?")):
+        while dangerous in safe:  # what one replacement leaves may be dangerous again
+            safe = safe.replace(dangerous, harmless)
+    return safe
 
 
 def check_prefix(prefix: str) -> str:
     """`prefix` if C names may start with it, else BuildError."""
     if prefix in _RESERVED:
-        raise BuildError(f"{prefix!r} is a word of C", where="--prefix", remedy="use another one, such as ars")
-    if not _PREFIX.match(prefix) or prefix.endswith("_"):
+        raise BuildError(f"{prefix!r} is a reserved word", where="--prefix", remedy="use another one, such as ars")
+    if not _PREFIX.match(prefix) or prefix.endswith("_") or "__" in prefix:
         raise BuildError(
             f"{prefix!r} cannot start C names",
             where="--prefix",

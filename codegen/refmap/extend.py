@@ -101,7 +101,7 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     yaw_rate, rule = _fill_inside(reference_map)
     edges = _edges(reference_map, yaw_rate)
     stop = config.steering.front_angle_stop if front_angle_stop is None else front_angle_stop
-    angles = np.concatenate([front_angle, [stop]]) if stop > front_angle[-1] * (1.0 + 1e-9) else front_angle
+    angles = np.concatenate([front_angle, [stop]]) if stop > front_angle[-1] * (1.0 + 1e-6) else front_angle
     filled = np.full((speed.size, angles.size), np.nan)
     filled[:, : front_angle.size] = yaw_rate
     letters = np.full(filled.shape, Rule.PASSIVE_SLOPE.value)

@@ -173,7 +173,8 @@ def check_bumpless(built: Built, start: float = 0.03, error: float = 0.1) -> Non
 
 def check_inhibit(built: Built) -> None:
     """While ESC or ABS acts the integral stays, at a limit too; the proportional part goes on."""
-    controller = built.software.controller(0.01)
+    # Errors of 1.5 rad/s are not plausible; here they shall get through.
+    controller = built.software.controller(0.01, built.software.parameters(yaw_rate_tolerance=20.0))
     run(built, controller, [0.03] * 10)
     integral = float(controller.state.integral)
     for error in (0.2, -0.3, 0.0, 1.5, -1.5):

@@ -209,8 +209,8 @@ IN_THE_SUPERVISION = (
     Fault(
         "yaw rate always believed",
         checks_supervision.check_plausibility_time,
-        "trusted = self->implausible_samples <= parameters->implausible_samples_max;",
-        "",
+        "return in_range && (self->implausible_samples == 0u);",
+        "return in_range;",
     ),
     Fault(
         "implausible samples never forgiven",
@@ -311,8 +311,8 @@ IN_THE_SUPERVISION = (
     Fault(
         "recovery does not start again after a bad sample",
         checks_supervision.check_recovery,
-        "self->good_samples = 0u;\n    if (self->bad_samples",
-        "if (self->bad_samples",
+        "self->good_samples = 0u;\n    if ((self->status",
+        "if ((self->status",
     ),
     Fault(
         "integral from a lost measurement",

@@ -53,15 +53,18 @@ class ModelController:
         sample = Measurement(**numbers, inhibit=measurement.inhibit)
         yaw_rate_reference = self.real(0.0)
         if not self._usable(sample):
-            self.lost, self.found = self.lost + 1, 0
-            gap_is_short = self.lost <= self.p.degraded_samples_max and self.status is not Status.FAIL_SAFE
+            self.found = 0
+            gap_is_short = (
+                self.lost <= self.p.degraded_samples_max
+                and self.unbelieved <= self.p.implausible_samples_max
+                and self.status is not Status.FAIL_SAFE
+            )
             self.status = Status.DEGRADED if gap_is_short else Status.FAIL_SAFE
             if gap_is_short:
                 yaw_rate_reference = self._last_reference
             else:
                 self.above_enabling_speed = False
         else:
-            self.lost = 0
             self._recover()
             if self.status is not Status.FAIL_SAFE:
                 self._choose_by_speed(sample.speed)
@@ -81,15 +84,20 @@ class ModelController:
     def _usable(self, m: Measurement) -> bool:
         if abs(m.speed) <= self.parameter("speed_max"):
             self.last_speed = m.speed
+        if not self._in_range(m):
+            self.lost += 1
+            return False
+        self.lost = 0
+        self.unbelieved = 0 if self._plausible(m) else self.unbelieved + 1
+        return self.unbelieved == 0
+
+    def _in_range(self, m: Measurement) -> bool:
         needed = (("speed", "speed_max"), ("front_angle", "front_angle_max"), ("yaw_rate", "yaw_rate_max"))
         if not all(abs(getattr(m, field)) <= self.parameter(limit) for field, limit in needed):
             return False
         if not math.isnan(m.rear_angle) and abs(m.rear_angle) > self.parameter("rear_angle_input_max"):
             return False
-        if not math.isnan(m.friction) and not 0.0 <= m.friction <= self.parameter("friction_max"):
-            return False
-        self.unbelieved = 0 if self._plausible(m) else self.unbelieved + 1
-        return bool(self.unbelieved <= self.p.implausible_samples_max)
+        return bool(math.isnan(m.friction) or 0.0 <= m.friction <= self.parameter("friction_max"))
 
     def _plausible(self, m: Measurement) -> bool:
         wheelbase = self.parameter("wheelbase")

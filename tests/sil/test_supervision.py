@@ -34,7 +34,7 @@ def test_a_yaw_rate_is_plausible_between_none_and_the_kinematic_turn(either: Bui
     checks_supervision.check_plausibility_limit(either)
 
 
-def test_an_implausible_yaw_rate_is_believed_for_the_set_time_and_no_longer(either: Built) -> None:
+def test_an_implausible_yaw_rate_is_held_for_the_set_time_and_no_longer(either: Built) -> None:
     checks_supervision.check_plausibility_time(either)
 
 

@@ -26,10 +26,10 @@ extern "C" {
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
-    ARS_STATUS_LIMITED = 1,  /* following, with the command at its angle or rate limit */
-    ARS_STATUS_STANDBY = 2,  /* slower than the enabling speed, or reversing: the rear angle returns to zero */
-    ARS_STATUS_DEGRADED = 3, /* a short gap in the inputs: the last command is held */
-    ARS_STATUS_FAIL_SAFE = 4 /* inputs lost or not plausible: held at high speed, ramped to zero below */
+    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, or distance to the measured angle */
+    ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
+    ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the last command is held */
+    ARS_STATUS_FAIL_SAFE = 4 /* they stay so: held at high speed, ramped to zero below */
 } ars_status_t;
 
 /* One sample of what the vehicle measures. */
@@ -70,7 +70,7 @@ typedef struct {
     float hold_speed;                   /* m/s, fail-safe holds the rear angle from here */
     float ramp_rate_standstill;         /* rad/s, fail-safe ramp at rest */
     float ramp_rate_hold_speed;         /* rad/s, fail-safe ramp just below hold_speed */
-    uint16_t implausible_samples_max;   /* samples that an implausible yaw rate is believed */
+    uint16_t implausible_samples_max;   /* samples that an implausible yaw rate is held, then fail-safe */
     uint16_t degraded_samples_max;      /* lost samples before the fail-safe */
     uint16_t recovery_samples;          /* good samples that end the fail-safe */
 } ars_parameters_t;
@@ -106,7 +106,8 @@ void ars_controller_init(ars_controller_t *self, float rear_angle);
 /*
  * One sample: check the measurement, look the reference up, control, limit.
  *
- * None of the pointers may be null; parameters must be valid; measurement may hold anything.
+ * None of the pointers may be null; parameters must be valid; measurement may hold any number,
+ * and inhibit must be true or false.
  * Returns a command that is finite and within +-parameters->rear_angle_max in every case.
  */
 ars_command_t ars_controller_step(

@@ -18,6 +18,11 @@
 #error "ars_map.h and this source come from different builds"
 #endif
 
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
 
@@ -110,16 +115,22 @@ ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, co
     return is_within(parameters->wheelbase * measurement->yaw_rate, low - margin, high + margin);
 }
 
-/* Whether this sample may be used. An implausible yaw rate is believed for a while: a bump is not a fault. */
+/* Whether this sample may be used. A sample that is lost and a yaw rate that cannot be are counted apart: a sensor may be
+ * implausible for longer than it may be silent, because a bump is not a fault. Neither is controlled upon. */
 ARS_SECTION_CODE static bool is_trusted(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    bool trusted = is_in_range(parameters, measurement);
+    const bool in_range = is_in_range(parameters, measurement);
 
     if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {
         self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
     }
-    if (trusted) {
+    if (!in_range) {
+        if (self->bad_samples < UINT16_MAX) {
+            self->bad_samples++;
+        }
+    } else {
+        self->bad_samples = 0u;
         if (is_plausible(parameters, measurement)) {
             self->implausible_samples = 0u;
         } else if (self->implausible_samples <= parameters->implausible_samples_max) {
@@ -127,18 +138,16 @@ ARS_SECTION_CODE static bool is_trusted(
         } else {
             /* the count stays above its limit */
         }
-        trusted = self->implausible_samples <= parameters->implausible_samples_max;
     }
-    return trusted;
+    return in_range && (self->implausible_samples == 0u);
 }
 
 ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->good_samples = 0u;
-    if (self->bad_samples < UINT16_MAX) {
-        self->bad_samples++;
-    }
-    if ((self->status == ARS_STATUS_FAIL_SAFE) || (self->bad_samples > parameters->degraded_samples_max)) {
+    if ((self->status == ARS_STATUS_FAIL_SAFE)
+        || (self->bad_samples > parameters->degraded_samples_max)
+        || (self->implausible_samples > parameters->implausible_samples_max)) {
         self->status = ARS_STATUS_FAIL_SAFE;
         self->enabled = false;
     } else {
@@ -149,7 +158,6 @@ ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, con
 /* Returns whether the control law runs in this sample; it starts afresh where it did not run in the one before. */
 ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
 {
-    self->bad_samples = 0u;
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         self->good_samples++;
         if (self->good_samples >= parameters->recovery_samples) {

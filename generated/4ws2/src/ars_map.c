@@ -16,6 +16,11 @@
 #error "ars_map.h and this source come from different builds"
 #endif
 
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
 /* Where a value lies on an axis: the cell, and 0 to 1 inside it. */
 typedef struct {
     uint32_t cell;
