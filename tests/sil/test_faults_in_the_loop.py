@@ -51,7 +51,7 @@ def test_a_mad_yaw_rate_sensor_does_not_steer_the_car(paper: Built, yaw_rate: fl
 
 @pytest.mark.parametrize("yaw_rate", [None, math.radians(100.0)])
 def test_losing_the_sensor_in_a_corner_keeps_the_car_as_it_is(paper: Built, yaw_rate: float | None) -> None:
-    """3 deg at 100 km/h, steered with the rear wheels: the sideslip stays what it was, 2.0 deg."""
+    """3 deg at 100 km/h, steered with the rear wheels: held, the sideslip stays what it was, 0.54 deg."""
     largest, statuses = drive(paper, math.radians(3.0), yaw_rate)
     assert statuses[-1] is Status.FAIL_SAFE
-    assert math.degrees(largest) < 2.5
+    assert math.degrees(largest) < 0.6
