@@ -62,7 +62,7 @@ class Loops:
 
     def by_hand(self, inputs: FloatArray) -> Run:
         """Run the hand-written loop, likewise."""
-        ffi, lib = self.software.ffi, self.software.library.lib
+        ffi, lib = self.software.ffi, self.software.compiled.lib
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
         record = np.empty((inputs.shape[0] // lib.HAND_STEPS_PER_SAMPLE, len(RECORD_COLUMNS)))
         state = ffi.new("hand_state_t *")

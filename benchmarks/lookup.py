@@ -29,7 +29,7 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
     front_angle = generator.uniform(0.0, total.front_angle[-1], count).astype(np.float32)
     friction = np.full(count, np.nan, dtype=np.float32)
     result = np.empty(count, dtype=np.float32)
-    ffi, lib = software.ffi, software.library.lib
+    ffi, lib = software.ffi, software.compiled.lib
     buffers = [ffi.cast("float *", ffi.from_buffer(array)) for array in (speed, front_angle, friction, result)]
     reference = Lookup.from_map(total)
     interpolator = RegularGridInterpolator((total.speed, total.front_angle), total.yaw_rate)

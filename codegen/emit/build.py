@@ -232,5 +232,5 @@ def _manifest(
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
         },
-        "dynamics_library_functions": list(dynamics.library),
+        "dynamics_library_functions": list(dynamics.math_functions),
     }

@@ -51,8 +51,8 @@ class DynamicsView:
 
     models: tuple[ModelView, ...]
     functions: tuple[FunctionView, ...]
-    library: tuple[str, ...]
-    library_text: str
+    math_functions: tuple[str, ...]
+    math_text: str
     speed_min: str
     speed_min_text: str
 
@@ -98,8 +98,8 @@ def dynamics_view(config: Config, precision: Precision) -> DynamicsView:
     return DynamicsView(
         models=tuple(models),
         functions=tuple(functions),
-        library=library,
-        library_text=", ".join(library) if library else "none",
+        math_functions=library,
+        math_text=", ".join(library) if library else "none",
         speed_min=literal(SPEED_MIN, precision),
         speed_min_text=f"{SPEED_MIN:g} m/s",
     )

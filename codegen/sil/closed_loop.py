@@ -39,7 +39,7 @@ class ClosedLoop:
         config = software.config
         ffi = software.ffi
         self._software = software
-        self._lib = software.library.lib
+        self._lib = software.compiled.lib
         self.steps_per_sample = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
         self.sampling_time = config.plant.sampling_time_s * self.steps_per_sample
         self._setup = ffi.new("loop_setup_t *")

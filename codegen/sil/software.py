@@ -78,14 +78,14 @@ class Software:
     """A compiled build: controller, map, dynamics, plant and closed loop in one library.
 
     Attributes:
-        library: the cffi module; `lib` holds every public C function.
+        compiled: the cffi module; `lib` holds every public C function.
         prefix: of the C names.
         precision: of the controller's numbers.
         config: the configuration of the build.
         edited: files of the build folder that are no longer as generated.
     """
 
-    library: Library
+    compiled: Library
     prefix: str
     precision: Precision
     config: Config
@@ -94,11 +94,11 @@ class Software:
     @property
     def ffi(self) -> Any:
         """The cffi object."""
-        return self.library.ffi
+        return self.compiled.ffi
 
     def function(self, name: str) -> Any:
         """The C function or object `<prefix>_<name>`."""
-        return getattr(self.library.lib, f"{self.prefix}_{name}")
+        return getattr(self.compiled.lib, f"{self.prefix}_{name}")
 
     def new(self, name: str) -> Any:
         """A zeroed C struct `<prefix>_<name>_t` that Python owns."""
@@ -136,7 +136,7 @@ class Software:
         flat = [np.ascontiguousarray(array).ravel() for array in arrays]
         result = np.empty(flat[0].size, dtype=self.real)
         pointer = f"{c_type(self.precision)} *"
-        self.library.lib.loop_map(
+        self.compiled.lib.loop_map(
             *(self.ffi.cast(pointer, self.ffi.from_buffer(array)) for array in flat),
             self.ffi.cast(pointer, self.ffi.from_buffer(result, require_writable=True)),
             result.size,
@@ -178,7 +178,7 @@ class Controller:
         for sample, measurement in zip(samples, measurements, strict=True):
             for field in fields(measurement):
                 setattr(sample, field.name, getattr(measurement, field.name))
-        self._software.library.lib.loop_controller(self.state, self.parameters, samples, commands, len(measurements))
+        self._software.compiled.lib.loop_controller(self.state, self.parameters, samples, commands, len(measurements))
         return [Command(command.rear_angle, command.yaw_rate_reference, Status(command.status)) for command in commands]
 
 

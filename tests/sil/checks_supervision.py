@@ -279,7 +279,7 @@ def check_always_bounded(built: Built, count: int = 100_000, seed: int = 0) -> N
         samples = random_measurements(built, rng, count // 2)
         commands = ffi.new(f"{software.prefix}_command_t[]", block)
         for first in range(0, count // 2, block):
-            software.library.lib.loop_controller(state, p, samples + first, commands, block)
+            software.compiled.lib.loop_controller(state, p, samples + first, commands, block)
             for command in commands:
                 assert -p.rear_angle_max <= command.rear_angle <= p.rear_angle_max
                 assert abs(command.yaw_rate_reference) <= largest_reference

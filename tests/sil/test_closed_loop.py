@@ -145,7 +145,7 @@ def test_a_command_acts_so_many_whole_samples_late(either: Built, delay: int) ->
 def test_the_delay_is_the_configuration_s_where_none_is_given(paper: Built) -> None:
     config = builds.CONFIG.model_copy(update={"plant": builds.CONFIG.plant.model_copy(update={"command_delay_samples": 2})})
     software = paper.software
-    configured = Software(software.library, software.prefix, software.precision, config)
+    configured = Software(software.compiled, software.prefix, software.precision, config)
     assert ClosedLoop(configured).run(step_steer()).tobytes() == run(paper, step_steer(), delay_samples=2).tobytes()
 
 

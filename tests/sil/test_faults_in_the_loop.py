@@ -20,7 +20,7 @@ def drive(built: Built, front_angle: float, fault_yaw_rate: float | None) -> tup
     The sensor then sticks at `fault_yaw_rate` (rad/s), or is lost (NaN).
     """
     software = built.software
-    lib, ffi = software.library.lib, software.ffi
+    lib, ffi = software.compiled.lib, software.ffi
     controller = software.controller()
     plant, output = ffi.new("plant_state_t *"), ffi.new("plant_output_t *")
     wheel = front_angle * software.config.steering.ratio

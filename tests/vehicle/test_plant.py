@@ -67,7 +67,7 @@ class CPlant:
 @pytest.fixture(scope="module")
 def plant(software: Software) -> CPlant:
     """The paper's car."""
-    return CPlant(software.library)
+    return CPlant(software.compiled)
 
 
 def compiled(config: Config) -> CPlant:
