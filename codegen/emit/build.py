@@ -85,6 +85,19 @@ class ExampleView:
     duration_text: str
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """What README and manifest both tell of."""
+
+    reference_map: ReferenceMap
+    config: Config
+    options: BuildOptions
+    inputs: BuildInputs
+    total: TotalMap
+    table: MapView
+    error_bound: float
+
+
 def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
     """Render everything.
 
@@ -119,7 +132,9 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "real": real,
         "zero": literal(0.0, options.precision),
     }
-    context["readme"] = _readme_facts(reference_map, config, options, inputs, total, table)
+    bound = error_bound(total, numpy_type(options.precision))
+    parts = _Parts(reference_map, config, options, inputs, total, table, bound)
+    context["readme"] = _readme_facts(parts)
     prefix = options.prefix
     files = {
         **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in HEADERS},
@@ -128,7 +143,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "CMakeLists.txt": render("CMakeLists.txt.j2", context),
         "README.md": render("README.md.j2", context),
     }
-    return Folder(files=files, manifest=_manifest(reference_map, config, options, inputs, total, table, dynamics, identity))
+    return Folder(files=files, manifest=_manifest(parts, dynamics, identity))
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
@@ -169,14 +184,9 @@ def rule_counts(total: TotalMap) -> dict[Rule, int]:
     return {rule: counts[rule.value] for rule in Rule if counts[rule.value]}
 
 
-def _readme_facts(
-    reference_map: ReferenceMap,
-    config: Config,
-    options: BuildOptions,
-    inputs: BuildInputs,
-    total: TotalMap,
-    table: MapView,
-) -> dict[str, Any]:
+def _readme_facts(parts: _Parts) -> dict[str, Any]:
+    config, options, inputs, total = parts.config, parts.options, parts.inputs, parts.total
+    reference_map = parts.reference_map
     flags = "" if options.prefix == "ars" else f" --prefix {options.prefix}"
     flags += "" if options.precision == "single" else f" --precision {options.precision}"
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
@@ -189,22 +199,15 @@ def _readme_facts(
         "kind": config.controller.kind,
         "rules": [(rule.value, count, RULE_TEXT[rule]) for rule, count in rule_counts(total).items()],
         "cells": total.yaw_rate.size,
-        "error_bound": f"{error_bound(total, numpy_type(options.precision)):.2g}",
-        "flash": table.flash_bytes,
+        "error_bound": f"{parts.error_bound:.2g}",
+        "flash": parts.table.flash_bytes,
         "cap_share": f"{total.lateral_acceleration_cap / config.road.gravity_m_s2:.3g}",
     }
 
 
-def _manifest(
-    reference_map: ReferenceMap,
-    config: Config,
-    options: BuildOptions,
-    inputs: BuildInputs,
-    total: TotalMap,
-    table: MapView,
-    dynamics: DynamicsView,
-    identity: str,
-) -> dict[str, Any]:
+def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str, Any]:
+    config, options, inputs, total = parts.config, parts.options, parts.inputs, parts.total
+    reference_map, table = parts.reference_map, parts.table
     return {
         "schema_version": 1,
         "version": __version__,
@@ -226,7 +229,7 @@ def _manifest(
             "front_angle_rad": [float(value) for value in total.front_angle],
             "lateral_acceleration_cap_m_s2": total.lateral_acceleration_cap,
             "friction": total.friction,
-            "lookup_error_bound_rad_s": error_bound(total, numpy_type(options.precision)),
+            "lookup_error_bound_rad_s": parts.error_bound,
             "flash_bytes": table.flash_bytes,
             "checksum_crc32": f"{table.checksum_value:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},

@@ -10,6 +10,7 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.errors import within
+from codegen.refmap import archive
 from codegen.refmap import map as npz
 from codegen.refmap.choose import Chosen, choose_config
 from codegen.refmap.map import ReferenceMap
@@ -42,11 +43,12 @@ def prepare(
     """
     # The name is checked before the map is read: a bad one is the quicker thing to mend.
     options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision)
-    reference_map = npz.load(map_path)
+    data = archive.read_file(map_path)  # once: what is hashed is what is built from
+    reference_map = npz.from_bytes(data, map_path)
     chosen = choose_config(reference_map, config_path)
     inputs = BuildInputs(
         map_file=map_path.name,
-        map_sha256=hashlib.sha256(map_path.read_bytes()).hexdigest(),
+        map_sha256=hashlib.sha256(data).hexdigest(),
         config_source=chosen.source,
     )
     with within(map_path):

@@ -37,6 +37,7 @@ from codegen.report.style import (
     plain,
     style,
 )
+from codegen.report.summary import binding_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,8 +98,6 @@ def _label_outer(grid: npt.NDArray[Any]) -> None:
 def _draw_binding(axes: Axes, reference_map: ReferenceMap, active: npt.NDArray[np.uint8]) -> list[Patch]:
     from matplotlib.colors import ListedColormap, Normalize
     from matplotlib.patches import Patch
-
-    from codegen.report.summary import binding_text
 
     found, count = np.unique(active[reference_map.feasible], return_counts=True)
     others = iter(OTHER_COLOURS)

@@ -13,6 +13,7 @@ Every function is pure SX: `emit.casadi_c` turns it into C.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -141,8 +142,6 @@ def two_track(config: Config) -> Model:
     always sum to m g. Actuators: first-order lag with a rate limit; the rear command saturates at the actuator's angle.
     States, inputs and outputs: PLANT_STATES, PLANT_INPUTS, PLANT_OUTPUTS.
     """
-    import math
-
     tyres = AxleTyres.from_config(config)
     vehicle, steering, actuator = config.vehicle, config.steering, config.rear_actuator
     x = ca.SX.sym("x", len(PLANT_STATES))
