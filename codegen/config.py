@@ -1,12 +1,13 @@
 """`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault.
 
-Layer 1: imports only `errors` and `sections`.
+Layer 1: imports only `errors`, `sections` and `can_sections`.
 """
 
 from __future__ import annotations
 
 import difflib
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -16,6 +17,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
+from codegen.can_sections import Can, RealSignal
 from codegen.errors import ConfigError
 from codegen.sections import (
     KM_H,
@@ -38,6 +40,7 @@ from codegen.sections import (
 
 __all__ = [
     "KM_H",
+    "Can",
     "Case",
     "Config",
     "Controller",
@@ -91,6 +94,7 @@ class Config(Section):
     rear_actuator: RearActuator = RearActuator()
     controller: Controller = Controller()
     plant: Plant = Plant()
+    can: Can = Can()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -117,6 +121,35 @@ class Config(Section):
         if inputs.friction_max < self.road.friction:
             raise ValueError("controller.inputs.friction_max must not be below road.friction")
         return self
+
+    @model_validator(mode="after")
+    def _sendable(self) -> Self:
+        period_ms = self.controller.sampling_time_s * 1e3
+        for role, message in self.can.messages().items():
+            if message.cycle_time_ms is not None and abs(message.cycle_time_ms - period_ms) > 1e-9 * period_ms:
+                raise ValueError(f"can.{role}.cycle_time_ms must be that of controller.sampling_time_s, {period_ms:g}")
+        for place, signal, largest in self._carried():
+            if min(-signal.physical_low if signal.signed else largest, signal.physical_high) < largest:
+                raise ValueError(
+                    f"can.{place} carries {signal.physical_low:.4g} to {signal.physical_high:.4g}, {largest:.4g} is needed; "
+                    "enlarge its factor or length"
+                )
+        return self
+
+    def _carried(self) -> tuple[tuple[str, RealSignal, float], ...]:
+        """Place, signal, and the largest magnitude (SI) that it must carry: what the controller accepts, or may command."""
+        can, inputs = self.can, self.controller.inputs
+        rear_angle = math.radians(inputs.rear_angle_max_deg)
+        yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
+        return (
+            ("vehicle_motion.speed", can.vehicle_motion.speed, inputs.speed_max_km_h * KM_H),
+            ("vehicle_motion.front_angle", can.vehicle_motion.front_angle, math.radians(inputs.front_angle_max_deg)),
+            ("vehicle_motion.yaw_rate", can.vehicle_motion.yaw_rate, yaw_rate),
+            ("vehicle_conditions.rear_angle", can.vehicle_conditions.rear_angle, rear_angle),
+            ("vehicle_conditions.friction", can.vehicle_conditions.friction, inputs.friction_max),
+            ("rear_steer_command.rear_angle", can.rear_steer_command.rear_angle, self.rear_actuator.angle_max),
+            ("rear_steer_command.yaw_rate_reference", can.rear_steer_command.yaw_rate_reference, yaw_rate),
+        )
 
     def case(self, name: str, where: object = "") -> Case:
         """The case called `name`; ConfigError with the nearest name where there is none."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from codegen import __version__
 from codegen.config import KM_H, Config, check_name
+from codegen.emit.can_view import can_view, task_view
 from codegen.emit.controller_view import LAWS, controller_view
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
 from codegen.emit.map_view import MapView, map_view
@@ -26,8 +27,8 @@ from codegen.refmap.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
-HEADERS = ("sections", "map", "controller", "dynamics")
-SOURCES = ("map", "controller", "dynamics")
+HEADERS = ("sections", "map", "controller", "dynamics", "e2e", "can", "task")
+SOURCES = ("map", "controller", "dynamics", "e2e", "can", "task", "selftest")
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H
 
@@ -128,6 +129,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "controller": controller_view(config, total, options.prefix, options.precision, real),
         "law": LAWS[config.controller.kind],
         "dynamics": dynamics,
+        "can": can_view(config, options.precision),
+        "task": task_view(config),
         "example": _example_view(reference_map, config, options.precision),
         "real": real,
         "zero": literal(0.0, options.precision),
@@ -139,6 +142,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     files = {
         **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in HEADERS},
         **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in SOURCES},
+        f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
         "CMakeLists.txt": render("CMakeLists.txt.j2", context),
         "README.md": render("README.md.j2", context),

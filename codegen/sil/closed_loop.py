@@ -23,11 +23,13 @@ class LoopOptions:
     Attributes:
         controlled: False leaves the rear command at zero: the passive car.
         delay_samples: control samples between computing a command and its acting; None takes the configuration's.
+        through_can: signals and command go through protected CAN frames, with their quantisation, as on a bus.
         parameters: a C parameter struct (see `Software.parameters`); None takes the build's.
     """
 
     controlled: bool = True
     delay_samples: int | None = None
+    through_can: bool = False
     parameters: Any | None = None
 
 
@@ -50,13 +52,14 @@ class ClosedLoop:
             raise ValueError(f"a delay of {delay} samples is outside 0 to {self._lib.LOOP_DELAY_MAX}")
         self._setup.delay_samples = delay
         self._setup.controlled = options.controlled
+        self._setup.through_can = options.through_can
         self._parameters = software.parameters() if options.parameters is None else options.parameters
         self.state = ffi.new("loop_state_t *")
         self.reset()
 
     def reset(self) -> None:
         """All states to zero."""
-        self._lib.loop_init(self.state)
+        self._lib.loop_init(self.state, self._parameters)
 
     def run(self, inputs: FloatArray) -> FloatArray:
         """A whole run in C.

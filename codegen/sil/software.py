@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import Config
+from codegen.emit.can_view import task_view
 from codegen.emit.dynamics_view import function_view
 from codegen.emit.folder import read_manifest, verify_hashes
 from codegen.emit.render import render
@@ -215,7 +216,10 @@ def compile_build(
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
     sources.update(bench_sources(config or built_for, prefix, precision))
-    headers = [f"include/{prefix}_{name}.h" for name in ("map", "controller", "dynamics")] + ["bench/plant.h", "bench/loop.h"]
+    headers = [f"include/{prefix}_{name}.h" for name in ("map", "controller", "dynamics", "e2e", "can", "task")] + [
+        "bench/plant.h",
+        "bench/loop.h",
+    ]
     library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags, mode=mode)
     return Software(library, prefix, precision, config or built_for, edited)
 
@@ -229,6 +233,7 @@ def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str
         "real": c_type(precision),
         "zero": literal(0.0, precision),
         "loop": {"columns": RECORD_COLUMNS},
+        "task": task_view(config),
         "plant": {
             "states": model.states,
             "inputs": model.inputs,

@@ -15,6 +15,7 @@ from tests.sil import builds, checks_lookup
 from tests.sil.builds import Built
 
 MAP_C, CONTROLLER_C = "src/ars_map.c", "src/ars_controller.c"
+SELFTEST_C, E2E_C = "src/ars_selftest.c", "src/ars_e2e.c"
 
 
 @pytest.fixture(scope="module", params=[(name, precision) for name in builds.MAPS for precision in builds.PRECISIONS], ids=str)
@@ -130,11 +131,11 @@ class TestSelftest:
             assert not compile_build(files, built.folder.manifest).selftest()
 
     def test_a_known_corner_is_wrong(self, paper: Built) -> None:
-        rows = re.findall(r"\{ (\S+f, \S+f, \S+f), (\S+)f \}", source(paper, CONTROLLER_C))
+        rows = re.findall(r"\{ (\S+f, \S+f, \S+f), (\S+)f \}", source(paper, SELFTEST_C))
         assert len(rows) == 14
         for place, yaw_rate in rows[3], rows[5], rows[10], rows[13]:  # at the last breakpoints, inside, beyond, slippery
             wrong = f"{float(yaw_rate) + 2e-5:.9g}"  # twice the tolerance of the self-test
-            assert self.sees(CONTROLLER_C, f"{{ {place}, {yaw_rate}f }}", f"{{ {place}, {wrong}f }}")
+            assert self.sees(SELFTEST_C, f"{{ {place}, {yaw_rate}f }}", f"{{ {place}, {wrong}f }}")
 
     def test_the_expected_checksum_is_wrong(self, paper: Built) -> None:
         right = f"0x{paper.software.function('map_expected_checksum'):08X}u"
@@ -142,6 +143,9 @@ class TestSelftest:
 
     def test_a_default_parameter_is_out_of_range(self) -> None:
         assert self.sees(CONTROLLER_C, ".friction_min = 0.1f", ".friction_min = 0.0f")
+
+    def test_the_crc_has_another_polynomial(self) -> None:
+        assert self.sees(E2E_C, "0x00u, 0x1Du, 0x3Au", "0x00u, 0x2Fu, 0x3Au")
 
 
 def source(built: Built, path: str) -> str:

@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xF300433Cu
+#define ARS_CONTROLLER_BUILD 0x341EE49Cu
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -114,8 +114,8 @@ ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Whether the map in memory has its checksum, the lookup gives the values that it had at build, and the default parameters
- * are valid. For power-up; takes about 83232 table look-ups of four bits.
+ * Whether the map in memory has its checksum, the lookup gives the values that it had at build, the default parameters are
+ * valid, and the CRC of the CAN frames has its known values. For power-up; takes about 83232 table look-ups of four bits.
  */
 bool ars_selftest(void);
 

@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xF300433Cu
+#define ARS_MAP_BUILD 0x341EE49Cu
 
 /* Breakpoints of the table. */
 enum {

@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF300433Cu
+#if ARS_CONTROLLER_BUILD != 0x341EE49Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xF300433Cu
+#if ARS_MAP_BUILD != 0x341EE49Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -341,35 +341,4 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     command.yaw_rate_reference = self->yaw_rate_reference;
     command.status = self->status;
     return command;
-}
-
-ARS_SECTION_CODE bool ars_selftest(void)
-{
-    /* speed, front angle, friction, and the yaw rate that the lookup gave at build */
-    ARS_SECTION_CONST static const float known[14][4] = {
-        { 0.0f, 0.0f, 0.9f, 0.0f },
-        { 0.0f, 0.61086524f, 0.9f, 0.0f },
-        { 33.333332f, 0.0f, 0.9f, 0.0f },
-        { 33.333332f, 0.61086524f, 0.9f, 0.16833672f },
-        { 33.333332f, -0.61086524f, 0.9f, -0.16833672f },
-        { 13.333333f, 0.061086524f, 0.9f, 0.33716822f },
-        { 13.333333f, -0.061086524f, 0.9f, -0.33716822f },
-        { 1.6666666f, 0.30543262f, 0.9f, 0.19456801f },
-        { 40.0f, 0.0061086523f, 0.9f, 0.02936902f },
-        { 1.0f, 0.91629785f, 0.9f, 0.21402481f },
-        { 50.0f, 1.2217305f, 0.9f, 0.112224475f },
-        { 33.333332f, 0.61086524f, 0.882f, 0.16497f },
-        { 50.0f, 0.61086524f, 0.918f, 0.112224475f },
-        { 33.333332f, 0.61086524f, 0.36f, 0.06733469f }
-    };
-    const float tolerance = 1.0e-05f; /* rad/s: a compiler may fuse multiply and add */
-    bool passed = (ars_map_checksum() == ars_map_expected_checksum)
-        && ars_parameters_valid(&ars_parameters_default);
-    uint32_t index;
-
-    for (index = 0u; index < 14u; index++) {
-        const float yaw_rate = ars_map_yaw_rate_on_road(known[index][0], known[index][1], known[index][2]);
-        passed = passed && is_within(yaw_rate, known[index][3] - tolerance, known[index][3] + tolerance);
-    }
-    return passed;
 }

@@ -1,0 +1,233 @@
+"""The tables `[can]` of `ars.toml`: frames, signals, identifiers and scaling, from which the DBC and both codecs are made.
+
+Which quantities are exchanged is fixed; where they lie in a frame and how they are scaled is the user's. Bit numbers are
+those of a DBC: for Intel byte order the start bit is that of the least significant bit, for Motorola that of the most
+significant one. Layer 1.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from codegen.sections import Range, Section
+
+FRAME_BYTES = 8
+CRC_BITS = frozenset(range(8))
+"""Byte 0: AUTOSAR E2E profile 1, variant 1A."""
+COUNTER_BITS = frozenset(range(8, 12))
+"""The low nibble of byte 1."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
+
+
+def _check_dbc_name(name: str) -> str:
+    if not _NAME.match(name):
+        raise ValueError(f"{name[:40]!r} cannot stand in a DBC; use a letter, then letters, digits or '_', at most 32")
+    return name
+
+
+DbcName = Annotated[str, AfterValidator(_check_dbc_name)]
+Identifier = Annotated[int, Field(ge=0, le=0x7FF)]
+
+
+class Signal(Section):
+    """Where an unsigned number lies in its frame."""
+
+    name: DbcName
+    start_bit: Annotated[int, Field(ge=0, le=63)]
+    length: Annotated[int, Field(ge=1, le=24)]
+
+    def bits(self, byte_order: str) -> tuple[int, ...]:
+        """Bit numbers (byte * 8 + bit) from the least significant bit to the most significant one.
+
+        Raises:
+            ValueError: the signal reaches beyond the frame.
+        """
+        position, bits = self.start_bit, []
+        for _ in range(self.length):
+            bits.append(position)
+            if byte_order == "intel":
+                position += 1
+            else:  # downwards within a byte, then on to the highest bit of the next
+                position += 15 if position % 8 == 0 else -1
+        if max(bits) >= 8 * FRAME_BYTES:
+            raise ValueError(f"{self.name} reaches beyond the {FRAME_BYTES} bytes of its frame; mend start_bit or length")
+        return tuple(bits if byte_order == "intel" else reversed(bits))
+
+
+class RealSignal(Signal):
+    """A physical value: factor * code + offset. One code means "not available": the lowest where `signed`, else the highest."""
+
+    length: Annotated[int, Field(ge=2, le=24)]
+    factor: Annotated[float, Range(1e-9, 1e6)]
+    offset: Annotated[float, Range(-1e6, 1e6)] = 0.0
+    signed: bool = True
+
+    @property
+    def raw_low(self) -> int:
+        """Smallest code that stands for a value."""
+        return -(2 ** (self.length - 1)) + 1 if self.signed else 0
+
+    @property
+    def raw_high(self) -> int:
+        """Largest code that stands for a value."""
+        return int(2 ** (self.length - 1)) - 1 if self.signed else int(2**self.length) - 2
+
+    @property
+    def raw_not_available(self) -> int:
+        """The code of "not available"."""
+        return self.raw_low - 1 if self.signed else self.raw_high + 1
+
+    @property
+    def physical_low(self) -> float:
+        """Smallest value that can be sent, in the signal's SI unit."""
+        return self.raw_low * self.factor + self.offset
+
+    @property
+    def physical_high(self) -> float:
+        """Largest value that can be sent, in the signal's SI unit."""
+        return self.raw_high * self.factor + self.offset
+
+
+class Message(Section):
+    """A frame of eight bytes that is sent in every sampling time, protected by AUTOSAR E2E profile 1, variant 1A."""
+
+    name: DbcName
+    id: Identifier
+    cycle_time_ms: Annotated[float, Range(1.0, 100.0, "ms")] | None = None
+    data_id: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
+    byte_order: Literal["intel", "motorola"] = "intel"
+    crc_name: DbcName
+    counter_name: DbcName
+
+    @property
+    def e2e_data_id(self) -> int:
+        """Data id of the protection: the CAN identifier where none is given."""
+        return self.id if self.data_id is None else self.data_id
+
+    def signals(self) -> dict[str, Signal]:
+        """The signals by their role, in the order of their fields."""
+        fields = ((role, getattr(self, role)) for role in type(self).model_fields)
+        return {role: value for role, value in fields if isinstance(value, Signal)}
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        names = [self.crc_name, self.counter_name, *(signal.name for signal in self.signals().values())]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise ValueError(f"two signals are called {twice}; rename one")
+        for one, other in combinations(self._places(), 2):
+            if one[1] & other[1]:
+                raise ValueError(f"{one[0]} and {other[0]} share bit {min(one[1] & other[1])}; move one of them")
+        return self
+
+    def _places(self) -> Iterator[tuple[str, frozenset[int]]]:
+        yield self.crc_name, CRC_BITS
+        yield self.counter_name, COUNTER_BITS
+        for signal in self.signals().values():
+            yield signal.name, frozenset(signal.bits(self.byte_order))
+
+
+def _needs(signal: Signal, length: int) -> None:
+    if signal.length != length:
+        raise ValueError(f"{signal.name} needs {length} bits; it has {signal.length}")
+
+
+class VehicleMotion(Message):
+    """From the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
+
+    `qualifier` has a bit for each that is valid: 0 speed, 1 front angle, 2 yaw rate.
+    """
+
+    name: DbcName = "VehicleMotion"
+    id: Identifier = 0x101
+    crc_name: DbcName = "Motion_Crc"
+    counter_name: DbcName = "Motion_Counter"
+    qualifier: Signal = Signal(name="Motion_Qualifier", start_bit=12, length=4)
+    speed: RealSignal = RealSignal(name="Speed", start_bit=16, length=16, factor=0.005)
+    front_angle: RealSignal = RealSignal(name="FrontAngle", start_bit=32, length=16, factor=5e-5)
+    yaw_rate: RealSignal = RealSignal(name="YawRate", start_bit=48, length=16, factor=2e-4)
+
+    @model_validator(mode="after")
+    def _wide_enough(self) -> Self:
+        if self.qualifier.length < 3:
+            raise ValueError(f"{self.qualifier.name} needs at least 3 bits; it has {self.qualifier.length}")
+        return self
+
+
+class VehicleConditions(Message):
+    """From the car: ESC or ABS is acting, achieved rear angle (rad), estimated peak friction."""
+
+    name: DbcName = "VehicleConditions"
+    id: Identifier = 0x102
+    crc_name: DbcName = "Conditions_Crc"
+    counter_name: DbcName = "Conditions_Counter"
+    inhibit: Signal = Signal(name="Inhibit", start_bit=12, length=1)
+    rear_angle: RealSignal = RealSignal(name="RearAngle", start_bit=16, length=16, factor=5e-5)
+    friction: RealSignal = RealSignal(name="Friction", start_bit=32, length=8, factor=0.01, signed=False)
+
+    @model_validator(mode="after")
+    def _one_bit(self) -> Self:
+        _needs(self.inhibit, 1)
+        return self
+
+
+class RearSteerCommand(Message):
+    """From the controller: status, rear angle (rad), reference yaw rate (rad/s), and one bit for each cause of trouble."""
+
+    name: DbcName = "RearSteerCommand"
+    id: Identifier = 0x201
+    crc_name: DbcName = "Command_Crc"
+    counter_name: DbcName = "Command_Counter"
+    status: Signal = Signal(name="Status", start_bit=12, length=4)
+    rear_angle: RealSignal = RealSignal(name="RearAngleCommand", start_bit=16, length=16, factor=5e-5)
+    yaw_rate_reference: RealSignal = RealSignal(name="YawRateReference", start_bit=32, length=16, factor=2e-4)
+    diagnostics: Signal = Signal(name="Diagnostics", start_bit=48, length=16)
+
+    @model_validator(mode="after")
+    def _wide_enough(self) -> Self:
+        if self.status.length < 3:
+            raise ValueError(f"{self.status.name} needs at least 3 bits; it has {self.status.length}")
+        _needs(self.diagnostics, 16)
+        return self
+
+
+class E2e(Section):
+    """What the receivers of protected frames tolerate; names of AUTOSAR's E2E profile 1."""
+
+    max_delta_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
+    max_no_new_or_repeated_data: Annotated[int, Field(ge=0, le=14)] = 3
+    sync_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
+
+
+class Can(Section):
+    """The bus and its three messages."""
+
+    bitrate_kbit_s: Annotated[float, Range(10.0, 1000.0, "kbit/s")] = 500.0
+    e2e: E2e = E2e()
+    vehicle_motion: VehicleMotion = VehicleMotion()
+    vehicle_conditions: VehicleConditions = VehicleConditions()
+    rear_steer_command: RearSteerCommand = RearSteerCommand()
+
+    def messages(self) -> dict[str, Message]:
+        """The messages by their role."""
+        return {
+            "vehicle_motion": self.vehicle_motion,
+            "vehicle_conditions": self.vehicle_conditions,
+            "rear_steer_command": self.rear_steer_command,
+        }
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        for one, other in combinations(self.messages().values(), 2):
+            if one.id == other.id:
+                raise ValueError(f"{one.name} and {other.name} have the same id 0x{one.id:X}; change one")
+            if one.name == other.name:
+                raise ValueError(f"two messages are called {one.name}; rename one")
+            if one.e2e_data_id == other.e2e_data_id:
+                raise ValueError(f"{one.name} and {other.name} have the same data_id 0x{one.e2e_data_id:X}; change one")
+        return self

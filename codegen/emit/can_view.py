@@ -1,0 +1,308 @@
+"""View models of the CAN side: frames and their signals as byte operations, the DBC, the task, the bits of `Diagnostics`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from codegen.can_sections import Can, Message, RealSignal, Signal
+from codegen.config import Config
+from codegen.emit.text import Precision, literal
+
+QUALIFIED = ("speed", "front_angle", "yaw_rate")
+"""Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
+
+UNITS = {
+    "speed": "m/s",
+    "front_angle": "rad",
+    "yaw_rate": "rad/s",
+    "rear_angle": "rad",
+    "friction": "",
+    "yaw_rate_reference": "rad/s",
+}
+MEANINGS = {
+    "speed": "speed, negative in reverse",
+    "front_angle": "front angle at the road wheel, positive to the left",
+    "yaw_rate": "yaw rate, positive to the left",
+    "qualifier": "bit 0 speed, bit 1 front angle, bit 2 yaw rate: 1 = valid",
+    "inhibit": "1 = ESC or ABS is acting, the integrator holds",
+    "rear_angle": "rear angle at the road wheel, positive to the left",
+    "friction": "estimated peak friction",
+    "status": "what the controller did",
+    "yaw_rate_reference": "reference yaw rate from the map",
+    "diagnostics": "one bit for each cause of trouble",
+}
+FIELD_TYPES = {"inhibit": "bool", "status": "uint8_t", "diagnostics": "uint16_t"}
+"""C types of what is not scaled and stands in the struct of its message."""
+
+STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A bit of `Diagnostics`."""
+
+    bit: int
+    name: str
+    text: str
+
+    @property
+    def mask(self) -> str:
+        """As a C literal."""
+        return f"0x{1 << self.bit:04X}u"
+
+
+_RECEPTION = (
+    ("MISSING", "no frame in this cycle"),
+    ("WRONG_CRC", "a frame with a wrong CRC"),
+    ("REPEATED", "a frame whose counter did not advance"),
+    ("WRONG_SEQUENCE", "a counter that jumped, or must prove itself again"),
+    ("SOME_LOST", "frames were lost in between, few enough to go on"),
+)
+_OTHERS = (
+    ("UNAVAILABLE", "a signal is not available or out of range"),
+    ("IMPLAUSIBLE", "the yaw rate is not explained by speed and steering"),
+    ("TASK_LATE", "a message came more than once since the last call of the task"),
+    ("TASK_EARLY", "no message came since the last call of the task"),
+    ("WRONG_LENGTH", "a frame that has not eight bytes"),
+    ("TIMEOUT", "samples stayed lost for longer than is tolerated"),
+)
+
+
+def _causes() -> tuple[Cause, ...]:
+    names = [(f"{side}_{name}", f"{title}: {text}") for side, title in _SIDES for name, text in _RECEPTION] + list(_OTHERS)
+    return tuple(Cause(bit, name, text) for bit, (name, text) in enumerate(names))
+
+
+_SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
+DIAGNOSTICS = _causes()
+"""Bits of `Diagnostics`, from bit 0; the five of each received message lie side by side in the same order."""
+
+
+@dataclass(frozen=True)
+class PieceView:
+    """Neighbouring bits of a signal that share a byte: C that makes them from `code`, and C that gives them back to it."""
+
+    byte: int
+    packed: str
+    unpacked: str
+
+
+@dataclass(frozen=True)
+class SignalView:
+    """A signal as the C and the DBC print it. What does not apply is empty."""
+
+    role: str
+    real: bool
+    field_type: str
+    name: str
+    comment: str
+    unit: str
+    pieces: tuple[PieceView, ...]
+    mask: str
+    low: int
+    high: int
+    not_available: int
+    steps: str
+    value: str
+    decoded: str
+    qualifier_bit: str
+    dbc: str
+    dbc_values: str
+
+
+@dataclass(frozen=True)
+class MessageView:
+    """A frame."""
+
+    role: str
+    ROLE: str
+    name: str
+    sender: str
+    receiver: str
+    title: str
+    id: str
+    dbc_id: int
+    data_id: str
+    data_id_decimal: int
+    signals: tuple[SignalView, ...]
+    crc_name: str
+    counter_name: str
+
+    @property
+    def qualified(self) -> bool:
+        """Whether a qualifier says which signals are valid."""
+        return any(signal.role == "qualifier" for signal in self.signals)
+
+    @property
+    def reals(self) -> tuple[SignalView, ...]:
+        """The scaled signals."""
+        return tuple(signal for signal in self.signals if signal.real)
+
+
+@dataclass(frozen=True)
+class CanView:
+    """Everything that the templates of the CAN side print."""
+
+    messages: tuple[MessageView, ...]
+    diagnostics: tuple[Cause, ...]
+    reception_bits: int
+    cycle_time_ms: str
+    cycle_time_is_whole: bool
+    baudrate: str
+    max_delta_counter_init: int
+    max_no_new_or_repeated_data: int
+    sync_counter_init: int
+    split: bool
+    splitter: str
+    half: str
+    nan_type: str
+    nan_bits: str
+
+
+@dataclass(frozen=True)
+class TaskView:
+    """The cyclic task."""
+
+    function: str
+
+
+def task_name(sampling_time: float) -> str:
+    """Name of the task's function after its period (s): task_10ms, task_2500us."""
+    microseconds = round(sampling_time * 1e6)
+    return f"task_{microseconds // 1000}ms" if microseconds % 1000 == 0 else f"task_{microseconds}us"
+
+
+def task_view(config: Config) -> TaskView:
+    """The view of the configured sampling time."""
+    return TaskView(task_name(config.controller.sampling_time_s))
+
+
+def can_view(config: Config, precision: Precision) -> CanView:
+    """The view of `config.can`."""
+    can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
+    digits = 24 if precision == "single" else 53
+    return CanView(
+        messages=tuple(_message(can, role, precision) for role in can.messages()),
+        diagnostics=DIAGNOSTICS,
+        reception_bits=len(_RECEPTION),
+        cycle_time_ms=_decimal(period_ms),
+        cycle_time_is_whole=period_ms == round(period_ms),
+        baudrate=_decimal(can.bitrate_kbit_s * 1e3),
+        max_delta_counter_init=can.e2e.max_delta_counter_init,
+        max_no_new_or_repeated_data=can.e2e.max_no_new_or_repeated_data,
+        sync_counter_init=can.e2e.sync_counter_init,
+        split=precision == "single",
+        splitter=literal(2.0 ** (digits // 2) + 1.0, precision),
+        half=literal(0.5, precision),
+        nan_type="uint32_t" if precision == "single" else "uint64_t",
+        nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
+    )
+
+
+_TITLES = {
+    "vehicle_motion": ("what the car does", "Car", "RearSteering"),
+    "vehicle_conditions": ("what else the controller should know of the car", "Car", "RearSteering"),
+    "rear_steer_command": ("what the controller asks for", "RearSteering", "Car"),
+}
+
+
+def _message(can: Can, role: str, precision: Precision) -> MessageView:
+    message = can.messages()[role]
+    title, sender, receiver = _TITLES[role]
+    return MessageView(
+        role=role,
+        ROLE=role.upper(),
+        name=message.name,
+        sender=sender,
+        receiver=receiver,
+        title=title,
+        id=f"0x{message.id:03X}",
+        dbc_id=message.id,
+        data_id=f"0x{message.e2e_data_id:04X}",
+        data_id_decimal=message.e2e_data_id,
+        signals=tuple(_signal(message, name, signal, precision) for name, signal in message.signals().items()),
+        crc_name=message.crc_name,
+        counter_name=message.counter_name,
+    )
+
+
+def _signal(message: Message, role: str, signal: Signal, precision: Precision) -> SignalView:
+    scaled: dict[str, Any] = {
+        **{"low": 0, "high": 2**signal.length - 1, "not_available": 0},
+        **dict.fromkeys(("steps", "value", "decoded"), ""),
+    }
+    if isinstance(signal, RealSignal):
+        sign = f"0x{1 << (signal.length - 1):X}u"
+        steps, offset = literal(1.0 / signal.factor, precision), literal(abs(signal.offset), precision)
+        more, less = (" + ", " - ") if signal.offset >= 0.0 else (" - ", " + ")
+        code = f"(int32_t)(code ^ {sign}) - (int32_t){sign}" if signal.signed else "(int32_t)code"
+        scaled = {
+            "low": signal.raw_low,
+            "high": signal.raw_high,
+            "not_available": signal.raw_not_available,
+            "value": f"signals->{role}" + (f"{less}{offset}" if signal.offset else ""),
+            # Multiplied and divided by: 200 is exact where 0.005 is not.
+            "steps": steps,
+            "decoded": f"to_value({code}, {steps}, {signal.raw_not_available})" + (f"{more}{offset}" if signal.offset else ""),
+        }
+    return SignalView(
+        role=role,
+        real=isinstance(signal, RealSignal),
+        field_type=FIELD_TYPES.get(role, ""),
+        name=signal.name,
+        comment=MEANINGS[role],
+        unit=UNITS.get(role, ""),
+        pieces=_pieces(signal, message.byte_order),
+        mask=f"0x{(1 << signal.length) - 1:X}u",
+        qualifier_bit=f"0x{1 << QUALIFIED.index(role):X}u" if "qualifier" in message.signals() and role in QUALIFIED else "",
+        dbc=_dbc(message, role, signal),
+        dbc_values=_dbc_values(role, signal),
+        **scaled,
+    )
+
+
+def _pieces(signal: Signal, byte_order: str) -> tuple[PieceView, ...]:
+    numbered = list(enumerate(signal.bits(byte_order)))
+    pieces = []
+    # From the least significant bit on, bits within a byte ascend in either byte order.
+    for byte, group in groupby(numbered, key=lambda pair: pair[1] // 8):
+        members = list(group)
+        shift, left, mask = members[0][0], members[0][1] % 8, f"0x{(1 << len(members)) - 1:02X}u"
+        packed = _shifted(f"{_shifted('code', '>>', shift)} & {mask}", "<<", left)
+        unpacked = _shifted(f"{_shifted(f'(uint32_t)data[{byte}]', '>>', left)} & {mask}", "<<", shift)
+        pieces.append(PieceView(byte, f"(uint8_t)({packed})", unpacked))
+    return tuple(pieces)
+
+
+def _shifted(expression: str, operator: str, count: int) -> str:
+    if count == 0:
+        return expression
+    return f"({expression} {operator} {count}u)" if operator == ">>" else f"({expression}) {operator} {count}u"
+
+
+def _dbc(message: Message, role: str, signal: Signal) -> str:
+    """The signal's line in a DBC up to its unit."""
+    order = 1 if message.byte_order == "intel" else 0
+    place = f"{signal.name} : {signal.start_bit}|{signal.length}@{order}"
+    if not isinstance(signal, RealSignal):
+        return f'{place}+ (1,0) [0|{2**signal.length - 1}] ""'
+    limits = f"[{_decimal(signal.physical_low)}|{_decimal(signal.physical_high)}]"
+    sign = "-" if signal.signed else "+"
+    return f'{place}{sign} ({_decimal(signal.factor)},{_decimal(signal.offset)}) {limits} "{UNITS[role]}"'
+
+
+def _dbc_values(role: str, signal: Signal) -> str:
+    """The signal's value table in a DBC; empty where it has none."""
+    if isinstance(signal, RealSignal):
+        return f'{signal.raw_not_available} "not available"'
+    tables = {"inhibit": ("free", "acting"), "status": STATUSES}
+    return " ".join(f'{code} "{text}"' for code, text in enumerate(tables.get(role, ())))
+
+
+def _decimal(value: float) -> str:
+    """Without an exponent, which not every reader of a DBC takes; twelve digits, so that no rounding shows."""
+    return np.format_float_positional(float(f"{value:.12g}"), trim="-")
