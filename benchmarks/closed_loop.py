@@ -45,7 +45,7 @@ class Loops:
         sources = {path: content for path, content in folder.files.items() if path.startswith(("include/", "src/"))}
         sources |= bench_sources(CONFIG, "ars", "single")
         sources |= {f"peer/{path.name}": path.read_bytes() for path in sorted(PEER.glob("hand_loop.[ch]"))}
-        headers = [f"include/ars_{name}.h" for name in ("map", "controller", "dynamics")]
+        headers = [f"include/ars_{name}.h" for name in ("map", "controller", "dynamics", "e2e", "can", "task")]
         headers += ["bench/plant.h", "bench/loop.h", "peer/hand_loop.h"]
         library = compile_library("ars_peer", sources, headers, include_folders=("include", "bench", "peer"))
         return cls(Software(library, "ars", "single", CONFIG))

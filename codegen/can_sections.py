@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from itertools import combinations
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -114,6 +114,16 @@ class Message(Section):
         """The signals by their role, in the order of their fields."""
         fields = ((role, getattr(self, role)) for role in type(self).model_fields)
         return {role: value for role, value in fields if isinstance(value, Signal)}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, data: Any) -> Any:
+        """A signal's keys that are not given take the defaults of that signal."""
+        if not isinstance(data, dict):
+            return data
+        defaults = {role: field.default for role, field in cls.model_fields.items() if isinstance(field.default, Signal)}
+        given = {role: data[role] for role in defaults if isinstance(data.get(role), dict)}
+        return {**data, **{role: {**defaults[role].model_dump(), **keys} for role, keys in given.items()}}
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

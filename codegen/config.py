@@ -1,6 +1,6 @@
 """`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault.
 
-Layer 1: imports only `errors`, `sections` and `can_sections`.
+Layer 1: imports only `errors`, `sections`, `can_sections` and `sensor_sections`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from codegen.sections import (
     Vehicle,
     check_name,
 )
+from codegen.sensor_sections import Sensor, Sensors
 
 __all__ = [
     "KM_H",
@@ -51,6 +52,8 @@ __all__ = [
     "Plant",
     "RearActuator",
     "Road",
+    "Sensor",
+    "Sensors",
     "Steering",
     "Tyre",
     "Tyres",
@@ -94,6 +97,7 @@ class Config(Section):
     rear_actuator: RearActuator = RearActuator()
     controller: Controller = Controller()
     plant: Plant = Plant()
+    sensors: Sensors = Sensors()
     can: Can = Can()
 
     @model_validator(mode="after")

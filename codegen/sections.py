@@ -220,11 +220,15 @@ class Steering(Section):
 
 
 class RearActuator(Section):
-    """The rear-steering actuator: what it can do, and how the plant models it (first-order lag, rate limit)."""
+    """The rear-steering actuator: what it can do, how the plant models it (first-order lag, rate limit), and what it does
+    on its own where no command comes: hold its last one, or return to zero."""
 
     angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5
     rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] = 30.0
     lag_s: Annotated[float, Range(0.002, 1.0, "s")] = 0.05
+    on_command_loss: Literal["hold", "return"] = "hold"
+    command_loss_samples_max: int = Field(default=3, ge=0, le=1_000)
+    return_rate_deg_s: Annotated[float, Range(0.1, 500.0, "deg/s")] = 5.0
 
     @property
     def angle_max(self) -> float:

@@ -1,16 +1,42 @@
-"""Run a scenario in software."""
+"""Run a scenario in software, without a bus."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.errors import CodegenError
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software
+from hil_sim.bench import BenchResult, run_in_process
+from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario
+from hil_sim.sensors import SensorModel
 
 
 def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> npt.NDArray[np.float64]:
-    """A recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car."""
+    """A recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
+
+    Raises:
+        CodegenError: the scenario has faults on the bus, and here is none; the passive car has nothing to do with the bus.
+    """
+    if scenario.faults and controlled:
+        raise CodegenError(
+            f"it has faults on the bus ({', '.join(fault.kind for fault in scenario.faults)}), and this run has no bus",
+            where=f"scenario {scenario.name}",
+            remedy="run it with `codegen hil`, or with `codegen sil --can`",
+        )
     loop = ClosedLoop(software, LoopOptions(controlled=controlled))
     return loop.run(scenario.inputs(software.config))
+
+
+def run_through_can(software: Software, scenario: Scenario, *, sensors: bool = False, seed: int = 0) -> BenchResult:
+    """A scenario through the generated task and its CAN frames, faults included, all in this process.
+
+    Args:
+        sensors: whether the car is measured by the configured sensors.
+        seed: of noise and of random faults.
+    """
+    model = SensorModel(software.config.sensors, seed) if sensors else None
+    node = PlantNode(software.config, scenario, precision=software.precision, sensors=model, seed=seed)
+    return run_in_process(node, software)

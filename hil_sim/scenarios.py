@@ -1,90 +1,280 @@
-"""What is done to the car: named manoeuvres as arrays of inputs, a row for each plant step.
+"""What is done to the car and to the bus: named scenarios, and the user's own from files.
 
-Each scenario names its source. Columns and units: `codegen.sil.closed_loop.INPUT_COLUMNS`.
+Each names its source. Inputs are arrays with a row for each plant step; columns and units:
+`codegen.sil.closed_loop.INPUT_COLUMNS`. What the driver does in each stands in `hil_sim.manoeuvres`.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
+from hil_sim import manoeuvres
+from hil_sim.faults import Fault
+from hil_sim.manoeuvres import Manoeuvre, Settings
 
 FloatArray = npt.NDArray[np.float64]
 
 DEFAULT = "step-steer"
 
+MAX_STEPS = 10_000_000
+"""Plant steps of one run: 2.8 hours at 1 ms, and half a gigabyte of inputs."""
+
+Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "straight", "corner", "recording"]
+"""Which figures are told of a run; see `hil_sim.metrics`."""
+
+STEERING_KEYS = frozenset({"speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estimate"})
+
 
 @dataclass(frozen=True)
 class Scenario:
-    """One manoeuvre.
+    """One scenario.
 
     Attributes:
-        name, title: for the command line and for plots.
+        name: for the command line.
+        subject, what: a word or two for titles, and a line for the list.
         source: the paper or standard that describes it.
         duration: s.
-        fill: writes into an array of zeros, given the times (n,) in s of its rows; speed, steering wheel angle and the like.
-        steer_time: s, when the driver starts to steer.
+        steer_time: s, when the driver starts to steer or to brake.
+        kind: which figures are told of it.
+        drive: what the driver and the road do.
+        settings: the values of this scenario that a scenario file may change.
+        angle_text: the steering angle in words, where `settings` has no number because it follows from the car.
+        adjustable: which keys a scenario file may set.
+        faults: what happens on the bus; none for a run without one.
     """
 
     name: str
-    title: str
+    subject: str
+    what: str
     source: str
     duration: float
     steer_time: float
-    fill: Callable[[FloatArray, FloatArray], None]
+    kind: Kind
+    drive: Manoeuvre
+    settings: Settings = field(default_factory=Settings)
+    angle_text: str = ""
+    adjustable: frozenset[str] = STEERING_KEYS
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """The subject with its angle, speed and road, for plots and the console."""
+        settings, parts = self.settings, []
+        if settings.steering_wheel_angle_deg is not None:
+            parts.append(f"{settings.steering_wheel_angle_deg:g} deg at the steering wheel")
+        elif self.angle_text:
+            parts.append(self.angle_text)
+        if settings.speed_km_h is not None:
+            parts.append(f"{settings.speed_km_h:g} km/h")
+        if settings.friction is not None:
+            parts.append(f"friction {settings.friction:g}")
+        if settings.friction_estimate is not None:
+            parts.append(f"estimated {settings.friction_estimate:g}")
+        return f"{self.subject}: {', '.join(parts)}" if parts else self.subject
 
     def inputs(self, config: Config) -> FloatArray:
-        """Inputs (steps, 6) of the whole manoeuvre on the road of the configuration, without a friction estimate."""
+        """Inputs (steps, 6) of the whole scenario for a car: columns INPUT_COLUMNS.
+
+        Raises:
+            CodegenError: this car cannot do it, or it has more than MAX_STEPS steps.
+        """
         step = config.plant.sampling_time_s
-        samples = round(self.duration / config.controller.sampling_time_s)
-        steps = samples * round(config.controller.sampling_time_s / step)
+        per_sample = round(config.controller.sampling_time_s / step)
+        steps = max(round(self.duration / config.controller.sampling_time_s), 1) * per_sample
+        if steps > MAX_STEPS:
+            raise CodegenError(
+                f"{steps} plant steps are more than {MAX_STEPS}",
+                where=f"scenario {self.name}",
+                remedy="shorten it, or raise plant.sampling_time_s",
+            )
         time = np.arange(steps, dtype=np.float64) * step
+        columns: dict[str, Any] = {
+            "friction": config.road.friction if self.settings.friction is None else self.settings.friction,
+            "friction_estimate": np.nan if self.settings.friction_estimate is None else self.settings.friction_estimate,
+            **self.drive(config, self.settings, time),
+        }
         inputs = np.zeros((steps, len(INPUT_COLUMNS)))
-        inputs[:, INPUT_COLUMNS.index("friction")] = config.road.friction
-        inputs[:, INPUT_COLUMNS.index("friction_estimate")] = np.nan
-        self.fill(inputs, time)
+        for name, values in columns.items():
+            inputs[:, INPUT_COLUMNS.index(name)] = values
         return inputs
 
 
-def _step_steer(speed: float, wheel_angle: float, start: float) -> Callable[[FloatArray, FloatArray], None]:
-    def fill(inputs: FloatArray, time: FloatArray) -> None:
-        inputs[:, INPUT_COLUMNS.index("speed")] = speed
-        # The plant limits the rate at which the steering wheel follows.
-        inputs[:, INPUT_COLUMNS.index("steering_wheel_command")] = np.where(time >= start - 1e-9, wheel_angle, 0.0)
+_HELD = STEERING_KEYS | {"duration_s"}
+_LOW_FRICTION = Scenario(
+    name="low-friction",
+    subject="Low friction",
+    what="a step on a slippery road that the controller takes for a dry one",
+    source="ISO 7401:2011, clause 10 (step input), on a road of friction 0.5",
+    duration=12.0,
+    steer_time=2.0,
+    kind="step",
+    drive=manoeuvres.step(2.0, front_angle_deg=2.0),
+    settings=Settings(speed_km_h=80.0, friction=0.5),
+    angle_text="2 deg at the front wheels",
+    adjustable=_HELD,
+)
 
-    return fill
-
-
-SCENARIOS = {
+SCENARIOS: Mapping[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
         Scenario(
-            name="step-steer",
-            title="Step steer: 90 deg at the steering wheel, 42.5 km/h",
-            source="Ryu, Hwang, Yoon, Choi, section Validation Setup",
+            name=DEFAULT,
+            subject="Step steer",
+            what="a step at the steering wheel, as in the paper",
+            source="Ryu, Hwang, Yoon, Choi, section Validation Setup; ISO 7401:2011, clause 10 (step input)",
             duration=15.0,
             steer_time=10.0,
-            fill=_step_steer(42.5 * KM_H, math.radians(90.0), 10.0),
+            kind="step",
+            drive=manoeuvres.step(10.0),
+            settings=Settings(speed_km_h=42.5, steering_wheel_angle_deg=90.0),
+            adjustable=_HELD,
+        ),
+        Scenario(
+            name="ramp-steer",
+            subject="Ramp steer",
+            what="slowly increasing steer at constant speed: understeer gradient",
+            source="ISO 4138:2021, constant-speed method with steadily increasing steering",
+            duration=62.0,
+            steer_time=2.0,
+            kind="ramp",
+            drive=manoeuvres.ramp(2.0, 62.0),
+            settings=Settings(speed_km_h=80.0),
+            angle_text="up to 6 m/s^2 in a linear car",
+        ),
+        Scenario(
+            name="sine-with-dwell",
+            subject="Sine with dwell",
+            what="severe lane change: yaw-rate ratios and lateral displacement",
+            source="FMVSS 126 (49 CFR 571.126), S5.2 and S7.9; UN R140, paragraphs 7 and 9",
+            duration=6.0,
+            steer_time=1.0,
+            kind="sine-with-dwell",
+            drive=manoeuvres.sine_with_dwell(1.0),
+            settings=Settings(speed_km_h=80.0),
+            angle_text="5 times the steering angle for 0.3 g",
+        ),
+        Scenario(
+            name="sine-sweep",
+            subject="Sine sweep",
+            what="0.1 to 4 Hz at the steering wheel: frequency response",
+            source="ISO 7401:2011, clause 14 (continuous sinusoidal input), its frequency rising steadily",
+            duration=85.0,
+            steer_time=1.0,
+            kind="frequency",
+            drive=manoeuvres.sine_sweep(1.0, 81.0),
+            settings=Settings(speed_km_h=80.0),
+            angle_text="the steering angle for 2 m/s^2",
+        ),
+        Scenario(
+            name="speed-ramp",
+            subject="Speed ramp",
+            what="speed up through the enable speed and down through the disable speed, steering held",
+            source="the controller's thresholds: controller.enable_speed_km_h and disable_speed_km_h",
+            duration=20.0,
+            steer_time=0.5,
+            kind="speed-ramp",
+            drive=manoeuvres.speed_ramp((2.0, 8.0, 12.0, 18.0)),
+            settings=Settings(steering_wheel_angle_deg=45.0),
+        ),
+        _LOW_FRICTION,
+        Scenario(
+            name="low-friction-estimated",
+            subject="Low friction",
+            what="the same step with the friction of the road given to the controller",
+            source=_LOW_FRICTION.source,
+            duration=_LOW_FRICTION.duration,
+            steer_time=_LOW_FRICTION.steer_time,
+            kind="step",
+            drive=_LOW_FRICTION.drive,
+            settings=Settings(speed_km_h=80.0, friction=0.5, friction_estimate=0.5),
+            angle_text=_LOW_FRICTION.angle_text,
+            adjustable=_HELD,
+        ),
+        Scenario(
+            name="split-friction",
+            subject="Split friction",
+            what="braking with one side on a slippery road: its yaw moment, steering held straight",
+            source="ISO 14512 (straight-ahead braking on split friction); UN R13-H, annex 6; forces: hil_sim.manoeuvres",
+            duration=8.0,
+            steer_time=2.0,
+            kind="straight",
+            drive=manoeuvres.split_friction(2.0, 5.0),
+            settings=Settings(speed_km_h=80.0),
+            angle_text="braking for 3 s",
+            adjustable=frozenset({"speed_km_h", "friction_estimate"}),
+        ),
+        Scenario(
+            name="ecu-loss",
+            subject="Loss of the ECU in a corner",
+            what="the ECU dies in a corner at 100 km/h and comes back a second later",
+            source="ISO 26262-4:2018 (fault injection test), in a steady corner as of ISO 4138:2021",
+            duration=14.0,
+            steer_time=2.0,
+            kind="corner",
+            drive=manoeuvres.corner(2.0, 4.0, front_angle_deg=4.0),
+            settings=Settings(speed_km_h=100.0),
+            angle_text="4 deg at the front wheels",
+            adjustable=_HELD,
+            faults=(Fault(kind="ecu-restart", start=9.0, duration=1.0),),
         ),
     )
 }
 
 
-def find(name: str) -> Scenario:
-    """The scenario called `name`; CodegenError with the nearest name where there is none."""
+@dataclass(frozen=True)
+class Listed:
+    """A line of the list of scenarios; faults in words."""
+
+    name: str
+    what: str
+    source: str
+    duration_s: float
+    faults: tuple[str, ...]
+
+
+def listing() -> tuple[Listed, ...]:
+    """The built-in scenarios, the default first."""
+    return tuple(
+        Listed(
+            scenario.name,
+            scenario.what,
+            scenario.source,
+            scenario.duration,
+            tuple(f"{fault.kind} at {fault.start:g} s for {fault.duration:g} s" for fault in scenario.faults),
+        )
+        for scenario in SCENARIOS.values()
+    )
+
+
+def find(name: str, config: Config | None = None) -> Scenario:
+    """The scenario called `name`, or the one in the file of that path (.csv: a recording, .toml: a scenario file).
+
+    Args:
+        name: of a built-in scenario, or a path.
+        config: names the messages that faults of a scenario file may speak of; None takes the default names.
+
+    Raises:
+        CodegenError: with the nearest name where there is none, or the first fault of the file.
+    """
     if name in SCENARIOS:
         return SCENARIOS[name]
+    if Path(name).suffix.lower() in (".csv", ".toml") or "/" in name or "\\" in name:
+        from hil_sim import scenario_files
+
+        return scenario_files.load(Path(name), config)
     near = difflib.get_close_matches(name, SCENARIOS, n=1)
     raise CodegenError(
         f"there is no scenario {name!r}",
         where="--scenario",
-        remedy=f"known: {', '.join(SCENARIOS)}" + (f"; did you mean {near[0]!r}?" if near else ""),
+        remedy=f"known: {', '.join(SCENARIOS)}, or a .csv or .toml file" + (f"; did you mean {near[0]!r}?" if near else ""),
     )

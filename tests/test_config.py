@@ -59,9 +59,10 @@ def differences(left: Any, right: Any, key: str = "") -> dict[str, tuple[Any, An
 
 
 def test_defaults_are_the_preset_but_for_the_rear_rate() -> None:
-    """The paper limits no rate; a controller for a car should."""
+    """The paper limits no rate; a controller for a car should. A cycle time that is not given is the sampling time."""
     found = differences(Config().model_dump(mode="json"), preset().model_dump(mode="json"))
-    assert found == {"controller.rear_rate_max_deg_s": (25.0, "off")}
+    cycle_times = {f"can.{role}.cycle_time_ms": (None, 10.0) for role in preset().can.messages()}
+    assert found == {"controller.rear_rate_max_deg_s": (25.0, "off"), **cycle_times}
 
 
 def test_an_empty_file_is_the_default_car(tmp_path: Path) -> None:
@@ -115,10 +116,11 @@ def test_preset_shows_every_key() -> None:
 
 
 def test_every_number_names_its_unit() -> None:
-    units = re.compile(r"_(kg|kg_m2|m|m_s2|n|n_per_rad|per_rad|per_s2|deg|deg_s|km_h|g|percent|s)\Z")
+    units = re.compile(r"_(kg|kg_m2|m|m_s2|n|n_per_rad|per_rad|per_s2|deg|deg_s|km_h|g|percent|s|ms|kbit_s)\Z")
     # Ratios, friction, gain of an integral of angle: no unit. `b_per_rad` is one by its suffix.
     bare = {"friction", "front_roll_share", "shape_factor_c", "curvature_factor_e", "peak_factor_p1", "ratio", "friction_max"}
     bare |= {"peak_load_sensitivity_p2", "friction_min", "integral_gain"}
+    bare |= {"factor", "offset"}  # of a CAN signal, whose unit is that of what it carries
     for key, kind in {**LEAVES, "cases.X.sideslip_weight_per_s2": float}.items():
         name = key.rpartition(".")[2]
         alternatives = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
@@ -159,7 +161,7 @@ FLOATS = [
 def test_there_are_fields_to_try() -> None:
     assert len(FLOATS) > 50
     assert {key.partition(".")[0] for key in FLOATS} == {
-        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant")
+        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant", "sensors", "can")
     }
 
 

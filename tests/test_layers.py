@@ -16,7 +16,7 @@ LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
     ("codegen.files", "codegen.sections"),
-    ("codegen.can_sections",),
+    ("codegen.can_sections", "codegen.sensor_sections"),
     ("codegen.config",),
     ("codegen.vehicle",),
     ("codegen.refmap",),

@@ -144,6 +144,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in SOURCES},
         f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
+        f"linux/{prefix}_ecu.c": render("linux/ars_ecu.c.j2", context),
         "CMakeLists.txt": render("CMakeLists.txt.j2", context),
         "README.md": render("README.md.j2", context),
     }
@@ -205,6 +206,9 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "cells": total.yaw_rate.size,
         "error_bound": f"{parts.error_bound:.2g}",
         "flash": parts.table.flash_bytes,
+        "degraded_samples": config.controller.fail_safe.degraded_samples_max,
+        "fail_safe_ms": f"{(config.controller.fail_safe.degraded_samples_max + 1) * config.controller.sampling_time_s * 1e3:g}",
+        "recovery_samples": config.controller.fail_safe.recovery_samples,
         "cap_share": f"{total.lateral_acceleration_cap / config.road.gravity_m_s2:.3g}",
     }
 

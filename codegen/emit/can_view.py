@@ -156,7 +156,7 @@ class CanView:
     max_delta_counter_init: int
     max_no_new_or_repeated_data: int
     sync_counter_init: int
-    split: bool
+    exact: bool
     splitter: str
     half: str
     nan_type: str
@@ -184,7 +184,6 @@ def task_view(config: Config) -> TaskView:
 def can_view(config: Config, precision: Precision) -> CanView:
     """The view of `config.can`."""
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
-    digits = 24 if precision == "single" else 53
     return CanView(
         messages=tuple(_message(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
@@ -195,8 +194,8 @@ def can_view(config: Config, precision: Precision) -> CanView:
         max_delta_counter_init=can.e2e.max_delta_counter_init,
         max_no_new_or_repeated_data=can.e2e.max_no_new_or_repeated_data,
         sync_counter_init=can.e2e.sync_counter_init,
-        split=precision == "single",
-        splitter=literal(2.0 ** (digits // 2) + 1.0, precision),
+        exact=precision == "single",
+        splitter=literal(2.0**12 + 1.0, precision),
         half=literal(0.5, precision),
         nan_type="uint32_t" if precision == "single" else "uint64_t",
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",

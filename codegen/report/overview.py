@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.config import Config
 from codegen.refmap.map import ReferenceMap
 from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_handles, run_window
 from codegen.report.style import (
@@ -56,7 +56,7 @@ def _draw_overview_map(figure: Figure, axes: Axes, reference_map: ReferenceMap, 
     entries = map_legend(draw_quantity(axes, reference_map, YAW_RATE, scale), not reference_map.feasible.all())
     YAW_RATE.colour_bar(figure, axes, scale, label=YAW_RATE.label)
     last = next(iter(runs.values()))[-1:]
-    speed, front_angle = column(last, "speed_m_s")[0] / KM_H, column(last, "front_angle_rad")[0]
+    speed, front_angle = column(last, "speed_m_s")[0], column(last, "front_angle_rad")[0]
     point: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 9, "color": VERMILION, "markeredgecolor": WHITE}
     label = f"the step: {speed:.4g} km/h, {front_angle:.3g} deg"
     entries += axes.plot([speed], [front_angle], label=label, zorder=4, **point)

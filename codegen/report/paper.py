@@ -27,10 +27,10 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.report import plots
 from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
-from codegen.report.summary import step_rows, table
+from codegen.report.summary import metric_rows, table
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
-from hil_sim.metrics import StepMetrics, step_metrics
+from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
 from hil_sim.recording import save_csv
 from hil_sim.runs import run
 from hil_sim.scenarios import DEFAULT, find
@@ -67,6 +67,7 @@ class Reproduction:
     table: tuple[TableRow, ...]
     runs: Mapping[str, StepMetrics]
     passive: StepMetrics
+    evaluation: Evaluation
     outputs: Mapping[str, Path]
 
     def to_dict(self) -> dict[str, Any]:
@@ -92,7 +93,7 @@ class Reproduction:
             "",
             f"Closed loop: {find(DEFAULT).title}, two-track plant, controller in generated C",
             "",
-            table(("", *self.runs, "passive car"), step_rows((*self.runs.values(), self.passive))),
+            table(("", *self.evaluation.runs), metric_rows(self.evaluation)),
             "",
             table(
                 ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's"),
@@ -163,9 +164,10 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
         save_csv(records[name], outputs[f"run {name}"])
     records = {"C1": records["C1"], "C2": records["C2"], "passive car": records["passive car"]}
     outputs.update(_draw(folder, config, maps, records))
-    metrics = {name: step_metrics(record, manoeuvre.steer_time) for name, record in records.items()}
+    ratio = config.steering.ratio
+    metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
-    return Reproduction(folder, tuple(_table(config)), metrics, passive, outputs)
+    return Reproduction(folder, tuple(_table(config)), metrics, passive, evaluate(manoeuvre, config, records), outputs)
 
 
 def _table(config: Config) -> list[TableRow]:

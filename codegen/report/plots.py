@@ -6,6 +6,7 @@ On paper degrees and km/h, SI inside. Layer: above `refmap` and `sil`.
 from codegen.report.map_plots import front_angle_cut_figure, map_figure, three_maps_figure
 from codegen.report.overview import overview_figure
 from codegen.report.run_plots import run_figure
+from codegen.report.scenario_plots import scenario_figure
 from codegen.report.style import PlotError, save
 from codegen.report.tyre_plots import tyre_figure
 
@@ -16,6 +17,7 @@ __all__ = [
     "overview_figure",
     "run_figure",
     "save",
+    "scenario_figure",
     "three_maps_figure",
     "tyre_figure",
 ]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from codegen.config import KM_H
+from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_spans, spin_handles, until_spin
 from codegen.report.style import (
     BLACK,
     BLUE,
@@ -49,6 +51,8 @@ SIGNALS = (
     _Signal("Front angle\n(deg)", "front_angle_rad"),
     _Signal("Lateral acc.\n(m/s²)", "lateral_acceleration_m_s2"),
 )
+SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
+"""Shown where the speed is not held."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C1": {"color": BLUE},
     "C2": {"color": GREY},
@@ -61,16 +65,25 @@ STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 BEFORE_START = 0.5
 AFTER_START = 3.0
 MOVED = math.radians(0.01)
+LEAST_HEIGHT = 0.2
+"""deg, deg/s or m/s^2 that a panel spans at least."""
+SPEED_HELD = 0.5
+"""m/s by which the speed of a run may vary and still count as held."""
 
 
 def column(run: FloatArray, name: str) -> FloatArray:
-    """One column of a run as it is drawn: angles in deg, others in SI; no reference where the controller gives none."""
+    """One column of a run as it is drawn: angles in deg, speed in km/h, others in SI.
+
+    There is no reference where the controller gives none.
+    """
     from codegen.sil.software import RECORD_COLUMNS, Status
 
     values = np.array(run[:, RECORD_COLUMNS.index(name)], dtype=np.float64)
     if name == "yaw_rate_reference_rad_s":
         idle = np.isin(run[:, RECORD_COLUMNS.index("status")], (Status.STANDBY, Status.FAIL_SAFE))
         values[idle] = np.nan
+    if name == "speed_m_s":
+        return values / KM_H
     return np.degrees(values) if name.endswith(("_rad", "_rad_s")) else values
 
 
@@ -91,31 +104,74 @@ def run_window(runs: Mapping[str, FloatArray]) -> tuple[float, float]:
     return float(max(min(starts), first)), float(min(max(ends), last))
 
 
-def run_figure(runs: Mapping[str, FloatArray], title: str) -> Figure:
+def run_figure(
+    runs: Mapping[str, FloatArray],
+    title: str,
+    *,
+    marks: Sequence[Mark] = (),
+    spans: Sequence[Span] = (),
+    window: tuple[float, float] | None = None,
+) -> Figure:
     """Runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
 
     A name that starts with "passive" is a car without control: no command, no status. Status is shown where it ever leaves
-    normal operation.
+    normal operation, speed where it is not held. A run ends where the car spins.
+
+    Args:
+        runs: in the order of the legend.
+        title: above all.
+        marks, spans: moments and stretches of time to point out.
+        window: s to show, from and to; None takes what is worth showing.
 
     Raises:
         PlotError: no run, or an array of another shape.
     """
-    looks, window = looks_of(runs), run_window(runs)
-    status = {name: run for name, run in runs.items() if _has_incident(name, run, window)}
-    heights = [1.5, *[1.0] * (len(SIGNALS) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
+    looks = looks_of(runs)
+    spun = {name: until_spin(run) for name, run in runs.items()}
+    window = run_window(spun) if window is None else window
+    status = {name: run for name, run in spun.items() if _has_incident(name, run, window)}
+    signals = [*SIGNALS, *([SPEED_SIGNAL] if any(_speed_varies(run) for run in spun.values()) else [])]
+    heights = [1.5, *[1.0] * (len(signals) - 1), *([0.12 + 0.16 * len(status)] if status else [])]
     with style():
         figure = new_figure(7.2, 1.6 * sum(heights) + 0.9)
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        for axes, signal in zip(panels, SIGNALS, strict=False):
-            draw_signal(axes, runs, looks, signal, window)
+        for axes, signal in zip(panels, signals, strict=False):
+            draw_signal(axes, spun, looks, signal, window)
         handles = run_handles(panels[0], "reference, command")
+        for axes, signal in zip(panels, signals, strict=False):
+            _draw_spins(axes, runs, spun, looks, signal)
+        handles += spin_handles(runs, spun) + draw_spans(panels, spans)
+        draw_marks(panels, marks)
         if status:
             handles += _draw_status(panels[-1], status, window)
         panels[-1].set(xlabel="Time (s)", xlim=window)
-        figure.align_ylabels()
-        figure.suptitle(plain(title))
+        figure.align_ylabels(panels[: len(signals)])
+        figure.suptitle(heading(title))
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
+
+
+def heading(title: str) -> str:
+    """A title of one or more lines, each as it is."""
+    return "\n".join(plain(line) for line in title.split("\n"))
+
+
+def _speed_varies(run: FloatArray) -> bool:
+    return bool(np.ptp(column(run, "speed_m_s")) > SPEED_HELD / KM_H)
+
+
+def _draw_spins(
+    axes: Axes,
+    runs: Mapping[str, FloatArray],
+    spun: Mapping[str, FloatArray],
+    looks: Mapping[str, Mapping[str, Any]],
+    signal: _Signal,
+) -> None:
+    for name, run in spun.items():
+        if len(run) < len(runs[name]):
+            last = run[-1:]
+            look = {**SPIN_MARKER, "color": looks[name]["color"], "label": "_", "zorder": 4}
+            axes.plot(column(last, "time_s"), column(last, signal.column), **look)
 
 
 def looks_of(runs: Mapping[str, FloatArray]) -> dict[str, Mapping[str, Any]]:
@@ -155,6 +211,9 @@ def draw_signal(
             axes.plot(time, column(inside, signal.dashed), label="_", zorder=2.5, **dashed)
     axes.set_ylabel(signal.label)
     axes.margins(x=0.0)
+    low, high = axes.get_ylim()
+    if high - low < LEAST_HEIGHT:  # rounding is not to look like motion
+        axes.set_ylim(0.5 * (low + high - LEAST_HEIGHT), 0.5 * (low + high + LEAST_HEIGHT))
     axes.grid(True)
 
 

@@ -14,7 +14,7 @@ from codegen.config import KM_H
 from codegen.refmap.map import Binding, ReferenceMap
 
 if TYPE_CHECKING:
-    from hil_sim.metrics import StepMetrics
+    from hil_sim.metrics import Evaluation
 
 BINDING_NAMES = {
     Binding.SIDESLIP: "sideslip",
@@ -132,28 +132,6 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
     )
 
 
-def step_rows(runs: tuple[StepMetrics, ...]) -> list[tuple[str, ...]]:
-    """Rows of a table of step responses: a name with its unit, then a column for each run."""
-    described = (
-        ("yaw rate, steady [deg/s]", "yaw_rate_steady_deg_s", 2),
-        ("yaw rate, peak [deg/s]", "yaw_rate_peak_deg_s", 2),
-        ("reference, steady [deg/s]", "yaw_rate_reference_deg_s", 2),
-        ("overshoot [%]", "overshoot_percent", 1),
-        ("rise time to 90 % [s]", "rise_time_s", 2),
-        ("sideslip, steady [deg]", "sideslip_steady_deg", 2),
-        ("|sideslip|, smallest after the rise [deg]", "sideslip_abs_min_deg", 2),
-        ("|sideslip|, largest [deg]", "sideslip_abs_max_deg", 2),
-        ("rear angle, smallest [deg]", "rear_angle_min_deg", 2),
-        ("rear angle, largest [deg]", "rear_angle_max_deg", 2),
-        ("rear angle, steady [deg]", "rear_angle_steady_deg", 2),
-        ("|front slip|, largest [deg]", "slip_front_abs_max_deg", 2),
-        ("|rear slip|, largest [deg]", "slip_rear_abs_max_deg", 2),
-        ("lateral acceleration, largest [m/s^2]", "lateral_acceleration_max_m_s2", 2),
-    )
-
-    def cell(value: float | None, digits: int) -> str:
-        # Adding zero takes the sign off a zero: "-0.00" would be read as a direction.
-        return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
-
-    rows = [(title, *(cell(getattr(run, name), digits) for run in runs)) for title, name, digits in described]
-    return [("settled at the end", *("yes" if run.settled else "NO: means only" for run in runs)), *rows]
+def metric_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
+    """Rows of a table of figures: a name with its unit, then a column for each run."""
+    return [(f"{title} [{unit}]" if unit else title, *texts) for title, unit, texts in evaluation.rows]

@@ -17,14 +17,14 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.can_view import task_view
-from codegen.emit.dynamics_view import function_view
+from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_manifest, verify_hashes
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.errors import BuildError
 from codegen.sil.compile import DEFAULT_FLAGS, Library, Mode, compile_library
-from codegen.vehicle.dynamics import two_track
+from codegen.sil.plant import plant_sources
+from codegen.sil.task import Task
 
 RECORD_COLUMNS = (
     "time_s",
@@ -144,6 +144,12 @@ class Software:
         )
         return result.reshape(arrays[0].shape)
 
+    def task(self, parameters: Any | None = None) -> Task:
+        """A cyclic task of its own, as an ECU runs it."""
+        chosen = self.parameters() if parameters is None else parameters
+        name = task_name(self.config.controller.sampling_time_s)
+        return Task(self.ffi, self.new("task"), chosen, self.function, name)
+
     def controller(self, rear_angle: float = 0.0, parameters: Any | None = None) -> Controller:
         """A controller instance of its own, initialised at a rear angle (rad)."""
         return Controller(self, rear_angle, parameters)
@@ -226,20 +232,12 @@ def compile_build(
 
 def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
     """The C of the plant and of the closed loop around a controller of this prefix and precision."""
-    model = two_track(config)
-    assert model.output is not None  # the plant has outputs by construction
     context = {
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": c_type(precision),
         "zero": literal(0.0, precision),
         "loop": {"columns": RECORD_COLUMNS},
         "task": task_view(config),
-        "plant": {
-            "states": model.states,
-            "inputs": model.inputs,
-            "outputs": model.outputs,
-            "derivative": function_view(model.derivative, "derivative", "double"),
-            "output": function_view(model.output, "output", "double"),
-        },
     }
-    return {f"bench/{name}": render(f"sil/{name}.j2", context) for name in ("plant.h", "plant.c", "loop.h", "loop.c")}
+    loop = {f"bench/{name}": render(f"sil/{name}.j2", context) for name in ("loop.h", "loop.c")}
+    return {**loop, **{f"bench/{name}": content for name, content in plant_sources(config).items()}}

@@ -31,11 +31,13 @@ from codegen.report.summary import binding_text
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status, compile_build
 from codegen.vehicle.tyre import AxleTyres
+from hil_sim.scenarios import find
 
 # A coarse grid with breakpoints at 4 deg and at whole km/h.
 CONFIG = configuration.parse(
     {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}}, "configuration of the test"
 )
+RATIO = CONFIG.steering.ratio
 CASES = ("fws", "4ws-1", "4ws-2")
 FOUR_DEGREES = math.radians(4.0)
 PHASE = "phase conversion"
@@ -89,7 +91,64 @@ FIGURES: dict[str, Draw] = {
     "run": lambda maps, runs: plots.run_figure(runs, "Step steer"),
     "run-status": lambda maps, runs: plots.run_figure({"C1": with_status(), "passive": made_run(status=2.0)}, "Faults"),
     "overview": lambda maps, runs: plots.overview_figure(CONFIG, maps, runs),
+    "speed-ramp": lambda maps, runs: plots.scenario_figure(find("speed-ramp"), CONFIG, speed_ramp_runs(), "4ws2"),
+    "ramp-steer": lambda maps, runs: plots.scenario_figure(find("ramp-steer"), CONFIG, ramp_runs(), "4ws2"),
+    "sine-sweep": lambda maps, runs: plots.scenario_figure(find("sine-sweep"), CONFIG, sweep_runs(), "4ws2"),
+    "sine-with-dwell": lambda maps, runs: plots.scenario_figure(find("sine-with-dwell"), CONFIG, dwell_runs(), "4ws2"),
+    "ecu-loss": lambda maps, runs: plots.scenario_figure(find("ecu-loss"), CONFIG, {"controlled": with_status()}, "4ws2"),
+    "long-title": lambda maps, runs: plots.scenario_figure(
+        find("low-friction-estimated"), CONFIG, {"a": made_run()}, "a-build-with-a-long-name"
+    ),
 }
+
+
+def driven(name: str, **columns: Any) -> Any:
+    """A run of the length of a scenario, its front angle as the driver of the scenario steers."""
+    inputs = find(name).inputs(CONFIG)[::10]
+    run = np.zeros((len(inputs), len(RECORD_COLUMNS)))
+    given = {
+        "time_s": 0.01 * np.arange(len(inputs)),
+        "speed_m_s": inputs[:, 0],
+        "front_angle_rad": inputs[:, 1] / RATIO,
+        **columns,
+    }
+    for column, values in given.items():
+        run[:, RECORD_COLUMNS.index(column)] = values(run[:, 2]) if callable(values) else values
+    return run
+
+
+def speed_ramp_runs() -> Runs:
+    return {"controlled": driven("speed-ramp"), "passive": driven("speed-ramp", status=2.0)}
+
+
+def ramp_runs() -> Runs:
+    one, other = (
+        driven("ramp-steer", front_angle_rad=lambda _, end=end: np.linspace(0.0, end, 6200), sideslip_rad=lambda a: -0.3 * a)
+        for end in (0.04, 0.05)
+    )
+    for run in (one, other):
+        run[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")] = np.linspace(0.0, 6.0, len(run))
+    return {"controlled": one, "passive": other}
+
+
+def sweep_runs() -> Runs:
+    """Yaw rates that follow by a lag of 0.15 s and of 0.3 s; a third car that spins."""
+    runs = {}
+    for name, lag in (("controlled", 0.15), ("passive", 0.3)):
+        run = driven("sine-sweep")
+        for row in range(1, len(run)):
+            run[row, 3] = run[row - 1, 3] + (5.0 * run[row - 1, 2] - run[row - 1, 3]) * 0.01 / lag
+        runs[name] = run
+    return {**runs, "other": driven("sine-sweep", sideslip_rad=0.2, slip_rear_rad=0.2)}
+
+
+def dwell_runs() -> Runs:
+    """The first car spins at 3 s."""
+    run = driven("sine-with-dwell", yaw_rate_rad_s=lambda angle: 4.0 * angle)
+    spinning = run.copy()
+    for column in ("sideslip_rad", "slip_rear_rad"):
+        spinning[:, RECORD_COLUMNS.index(column)] = np.where(run[:, 0] >= 3.0, 0.2, 0.0)
+    return {"controlled": spinning, "passive": run}
 
 
 def with_status() -> Any:
@@ -153,7 +212,7 @@ def test_nothing_is_clipped_or_covered(name: str, maps: dict[str, ReferenceMap],
 def test_every_axis_with_numbers_has_a_unit(name: str, maps: dict[str, ReferenceMap], runs: Runs) -> None:
     figure = FIGURES[name](maps, runs)
     figure.draw_without_rendering()
-    units = ("km/h", "deg", "deg/s", "kN", "m/s²", "s")
+    units = ("km/h", "deg", "deg/s", "kN", "m/s²", "s", "Hz", "dB")
     named = 0
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
@@ -495,6 +554,100 @@ def test_run_of_another_shape_is_refused(run: Any) -> None:
 def test_no_run_is_refused() -> None:
     with pytest.raises(plots.PlotError, match="no runs"):
         plots.run_figure({}, "x")
+
+
+def test_speed_is_shown_where_it_is_not_held() -> None:
+    figure = plots.run_figure(speed_ramp_runs(), "made")
+    (axes,) = [axes for axes in figure.axes if axes.get_ylabel().startswith("Speed")]
+    assert max(line_of(axes, "controlled").get_ydata()) == pytest.approx(30.0)  # twice the enable speed, km/h
+
+
+def test_run_ends_where_the_car_spins() -> None:
+    figure = plots.scenario_figure(find("sine-with-dwell"), CONFIG, dwell_runs())
+    for axes in figure.axes[:5]:
+        assert line_of(axes, "controlled").get_xdata()[-1] == pytest.approx(3.0)
+        assert line_of(axes, "passive car").get_xdata()[-1] == pytest.approx(5.99)
+        (mark,) = [line for line in axes.get_lines() if line.get_marker() == "X"]
+        assert mark.get_xdata()[0] == pytest.approx(3.0)
+        assert mark.get_color() == line_of(axes, "controlled").get_color()
+    assert any("spin" in name for name in names(figure))
+    assert not any("spin" in name for name in names(plots.run_figure({"a": made_run()}, "x")))
+
+
+def test_times_of_the_standard_are_marked() -> None:
+    figure = plots.scenario_figure(find("sine-with-dwell"), CONFIG, dwell_runs())
+    marks = {text.get_text(): text.xy[0] for text in figure.axes[0].texts if hasattr(text, "xy")}
+    end = 1.0 + 1.0 / 0.7 + 0.5
+    # The beginning is where the wheel reaches 5 deg, 16 ms after it starts; the end is met within 2 ms.
+    expected = {"begin": 1.016, "+1.07 s": 2.086, "end": end, "+1 s": end + 1.0, "+1.75 s": end + 1.75}
+    assert marks == pytest.approx(expected, abs=2e-3)
+    for axes in figure.axes[:5]:
+        drawn = {line.get_xdata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() < 1.0}
+        assert sorted(drawn) == pytest.approx(sorted(expected.values()), abs=2e-3)
+
+
+def test_faults_are_shaded_where_they_act() -> None:
+    figure = plots.scenario_figure(find("ecu-loss"), CONFIG, {"controlled": made_run()})
+    assert "fault: ecu-restart" in names(figure)
+    for axes in figure.axes:
+        (patch,) = axes.patches
+        assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx((9.0, 10.0))
+
+
+def lag_response(lag: float, frequency: Any) -> Any:
+    """The recurrence of `sweep_runs` over frequency."""
+    share, z = 0.01 / lag, np.exp(2j * np.pi * frequency * 0.01)
+    return share / (z - 1.0 + share)
+
+
+def test_gain_and_phase_over_frequency() -> None:
+    figure = plots.scenario_figure(find("sine-sweep"), CONFIG, sweep_runs())
+    gain, phase = figure.axes
+    frequency, level = (np.asarray(values) for values in line_of(gain, "controlled").get_data())
+    exact = lag_response(0.15, frequency)
+    drawn = [line for line in phase.get_lines() if len(line.get_xdata()) > 10]
+    # What the estimate leaves: 0.2 %, and 0.3 deg.
+    assert level == pytest.approx(20.0 * np.log10(np.abs(exact / exact[0])), abs=0.02)
+    assert np.asarray(drawn[0].get_ydata()) == pytest.approx(np.degrees(np.angle(exact)), abs=0.3)
+    assert "other: none" in names(figure)  # it spins
+    dots = [float(np.asarray(line.get_xdata())[0]) for line in phase.get_lines() if line.get_marker() == "o"]
+    fine = np.geomspace(0.2, 3.5, 5000)
+    expected = [fine[np.argmax(np.angle(lag_response(lag, fine)) < -math.pi / 4.0)] for lag in (0.15, 0.3)]
+    assert dots == pytest.approx(expected, rel=0.005)
+
+
+def test_front_angle_over_lateral_acceleration() -> None:
+    figure = plots.scenario_figure(find("ramp-steer"), CONFIG, ramp_runs())
+    top, sideslip, rear = figure.axes
+    lateral, angle = (np.asarray(values) for values in line_of(top, "controlled").get_data())
+    assert lateral[-1] == pytest.approx(6.0)
+    assert angle[-1] == pytest.approx(np.degrees(0.04))
+    fitted = [line for line in top.get_lines() if line.get_marker() == "|"]
+    assert [float(np.ptp(line.get_ydata()) / np.ptp(line.get_xdata())) for line in fitted] == pytest.approx(
+        [np.degrees(0.04 / 6.0), np.degrees(0.05 / 6.0)]
+    )
+    neutral = line_of(top, "neutral car, slope $L/v^2$")
+    assert np.ptp(neutral.get_ydata()) / 6.0 == pytest.approx(np.degrees(3.14 / (80.0 / 3.6) ** 2))
+    assert line_of(sideslip, "controlled").get_ydata()[-1] == pytest.approx(np.degrees(-0.3 * 0.04))
+    assert not line_of(rear, "controlled").get_ydata().any()
+
+
+def test_panel_of_a_car_that_does_not_move_shows_no_rounding() -> None:
+    low, high = plots.run_figure({"a": made_run(sideslip_rad=1e-12)}, "x").axes[1].get_ylim()
+    assert high - low == pytest.approx(run_plots.LEAST_HEIGHT)
+
+
+def test_a_long_title_goes_on_two_lines() -> None:
+    figure = FIGURES["long-title"]({}, {})
+    assert figure.get_suptitle().splitlines() == [
+        "a-build-with-a-long-name",
+        "Low friction: 2 deg at the front wheels, 80 km/h, friction 0.5, estimated 0.5",
+    ]
+    assert (
+        plots.scenario_figure(find("speed-ramp"), CONFIG, speed_ramp_runs(), "a$b\nc")
+        .get_suptitle()
+        .startswith(r"a\$b c – Speed")
+    )
 
 
 # --- the overview ------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x341EE49Cu
+#define ARS_CONTROLLER_BUILD 0x6EC916E2u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x341EE49Cu
+#define ARS_E2E_BUILD 0x6EC916E2u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x341EE49Cu
+#define ARS_MAP_BUILD 0x6EC916E2u
 
 /* Breakpoints of the table. */
 enum {

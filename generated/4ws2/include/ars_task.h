@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x341EE49Cu
+#define ARS_TASK_BUILD 0x6EC916E2u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {

@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x341EE49Cu
+#if ARS_CAN_BUILD != 0x6EC916E2u
 #error "ars_can.h and this source come from different builds"
 #endif
 
@@ -30,15 +30,25 @@ ARS_SECTION_CODE float ars_can_not_available(void)
     return value;
 }
 
-/* What is left of value * steps after code is taken away. To the last digit: value is cut in two parts whose products with
- * steps need no rounding where steps has 12 binary digits or fewer, such as 200, 5000 and 20000. */
-ARS_SECTION_CODE static float remainder_of(float value, float steps, int32_t code)
+/* The leading half of a number's digits. */
+ARS_SECTION_CODE static float leading_part(float value)
 {
     const float spread = value * 4097.0f;
-    const float coarse = spread - (spread - value);
-    const float fine = value - coarse;
 
-    return ((coarse * steps) - (float)code) + (fine * steps);
+    return spread - (spread - value);
+}
+
+/* value * steps = product + error, exactly (T. J. Dekker, A floating-point technique for extending the available precision, 1971):
+ * products of halves need no rounding. */
+ARS_SECTION_CODE static float error_of(float product, float value, float steps)
+{
+    const float value_high = leading_part(value);
+    const float value_low = value - value_high;
+    const float steps_high = leading_part(steps);
+    const float steps_low = steps - steps_high;
+
+    return ((((value_high * steps_high) - product) + (value_high * steps_low)) + (value_low * steps_high))
+        + (value_low * steps_low);
 }
 
 /* The code nearest to value * steps, the even one of two that are equally near; beyond low and high the limit. */
@@ -52,18 +62,17 @@ ARS_SECTION_CODE static int32_t to_code(float value, float steps, int32_t low, i
     } else if (scaled <= (float)low) {
         code = low;
     } else if (scaled < (float)high) {
-        float rest;
-        bool odd;
+        const int32_t whole = (int32_t)scaled; /* toward zero */
+        const float rest = scaled - (float)whole;
+        const float error = error_of(scaled, value, steps); /* decides where rest is just a half */
+        const bool odd = (whole % 2) != 0;
 
-        code = (int32_t)scaled; /* toward zero */
-        rest = remainder_of(value, steps, code);
-        odd = (code % 2) != 0;
-        if ((rest > 0.5f) || ((rest >= 0.5f) && odd)) {
-            code++;
-        } else if ((rest < -0.5f) || ((rest <= -0.5f) && odd)) {
-            code--;
-        } else {
-            /* already the nearest */
+        code = whole;
+        if ((rest > 0.5f) || ((rest >= 0.5f) && ((error > 0.0f) || ((error >= 0.0f) && odd)))) {
+            code = whole + 1;
+        }
+        if ((rest < -0.5f) || ((rest <= -0.5f) && ((error < 0.0f) || ((error <= 0.0f) && odd)))) {
+            code = whole - 1;
         }
     } else {
         code = not_available; /* NaN */

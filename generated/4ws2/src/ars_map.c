@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x341EE49Cu
+#if ARS_MAP_BUILD != 0x6EC916E2u
 #error "ars_map.h and this source come from different builds"
 #endif
 

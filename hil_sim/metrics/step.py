@@ -1,4 +1,4 @@
-"""Figures of a run: what a step steer shows.
+"""Figures of a step steer (ISO 7401:2011, clause 10).
 
 Peak and steady value are different things and are always given together: the paper's "maximum" fits the steady value of its
 reference, while a PI on a static reference overshoots it.
@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.sil.software import RECORD_COLUMNS, Status
-
-FloatArray = npt.NDArray[np.float64]
+from codegen.sil.software import Status
+from hil_sim.metrics.run import FloatArray, Metric, Run, column
 
 STEADY_WINDOW = 1.0
 """s at the end of the run over which steady values are averaged."""
@@ -28,7 +26,9 @@ class StepMetrics:
 
     The reference is None for a car that is not controlled at the end. Where `settled` is false, "steady" is only a mean.
 
-    `overshoot_percent` is of the steady yaw rate; `rise_time_s` runs from the start of steering to 90 % of the steady value.
+    `overshoot_percent` is of the steady yaw rate; `rise_time_s` and `peak_time_s` run from the start of steering, to 90 % of
+    the steady value and to the peak. `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering wheel;
+    None where it is not turned.
     """
 
     settled: bool
@@ -37,6 +37,8 @@ class StepMetrics:
     yaw_rate_reference_deg_s: float | None
     overshoot_percent: float
     rise_time_s: float
+    peak_time_s: float
+    yaw_rate_gain_per_s: float | None
     sideslip_steady_deg: float
     sideslip_abs_min_deg: float
     sideslip_abs_max_deg: float
@@ -52,16 +54,32 @@ class StepMetrics:
         return asdict(self)
 
 
-def column(record: FloatArray, name: str) -> FloatArray:
-    """One column (samples,) of a recording by its name, SI units."""
-    return record[:, RECORD_COLUMNS.index(name)]
+DESCRIBED = (
+    ("yaw_rate_steady_deg_s", "yaw rate, steady", "deg/s", 2),
+    ("yaw_rate_peak_deg_s", "yaw rate, peak", "deg/s", 2),
+    ("yaw_rate_reference_deg_s", "reference, steady", "deg/s", 2),
+    ("overshoot_percent", "overshoot", "%", 1),
+    ("rise_time_s", "rise time to 90 %", "s", 2),
+    ("peak_time_s", "peak time", "s", 2),
+    ("yaw_rate_gain_per_s", "yaw-rate gain, steady", "1/s", 3),
+    ("sideslip_steady_deg", "sideslip, steady", "deg", 2),
+    ("sideslip_abs_min_deg", "|sideslip|, smallest after the rise", "deg", 2),
+    ("sideslip_abs_max_deg", "|sideslip|, largest", "deg", 2),
+    ("rear_angle_min_deg", "rear angle, smallest", "deg", 2),
+    ("rear_angle_max_deg", "rear angle, largest", "deg", 2),
+    ("rear_angle_steady_deg", "rear angle, steady", "deg", 2),
+    ("slip_front_abs_max_deg", "|front slip|, largest", "deg", 2),
+    ("slip_rear_abs_max_deg", "|rear slip|, largest", "deg", 2),
+    ("lateral_acceleration_max_m_s2", "lateral acceleration, largest", "m/s^2", 2),
+)
+"""Key, title, unit and digits of the rows below `settled`."""
 
 
-def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
+def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 1.0) -> StepMetrics:
     """Metrics of a recording (samples, 12) in which the driver starts to steer at `steer_time` (s).
 
     `sideslip_abs_min_deg` is the smallest |beta| after the yaw rate first reached 90 % of its steady value: before, beta starts
-    from zero and says nothing.
+    from zero and says nothing. `steering_ratio` is that of steering wheel to road wheel; 1 gives the gain of the front angle.
     """
     time = column(record, "time_s")
     after = time >= steer_time - 1e-9
@@ -80,6 +98,7 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
     first = int(np.flatnonzero(risen)[0]) if risen.any() else len(time) - 1
     settled = np.arange(len(time)) >= first
     swing = float(np.ptp(yaw_rate[steady]))
+    wheel = float(degrees("front_angle_rad")[steady].mean()) * steering_ratio
     return StepMetrics(
         settled=swing <= SETTLED_SHARE * max(abs(yaw_rate_steady), 1e-9),
         yaw_rate_steady_deg_s=yaw_rate_steady,
@@ -87,6 +106,8 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
         yaw_rate_reference_deg_s=float(degrees("yaw_rate_reference_rad_s")[steady].mean()) if controlled else None,
         overshoot_percent=100.0 * (peak / yaw_rate_steady - 1.0) if yaw_rate_steady else 0.0,
         rise_time_s=float(time[first]) - steer_time,
+        peak_time_s=float(time[after][np.argmax(sign * yaw_rate[after])]) - steer_time,
+        yaw_rate_gain_per_s=yaw_rate_steady / wheel if abs(wheel) > 1e-6 else None,
         sideslip_steady_deg=float(sideslip[steady].mean()),
         sideslip_abs_min_deg=float(np.abs(sideslip[settled]).min()),
         sideslip_abs_max_deg=float(np.abs(sideslip[after]).max()),
@@ -97,3 +118,10 @@ def step_metrics(record: FloatArray, steer_time: float) -> StepMetrics:
         slip_rear_abs_max_deg=float(np.abs(degrees("slip_rear_rad")[after]).max()),
         lateral_acceleration_max_m_s2=float(np.abs(column(record, "lateral_acceleration_m_s2")[after]).max()),
     )
+
+
+def measure(run: Run) -> list[Metric]:
+    """The step response as rows."""
+    found = step_metrics(run.record, run.scenario.steer_time, run.config.steering.ratio)
+    rows = [Metric("settled", "settled at the end", "", found.settled, words=("NO: means only", "yes"))]
+    return rows + [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in DESCRIBED]

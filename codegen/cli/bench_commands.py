@@ -1,0 +1,284 @@
+"""Commands that run the generated C: in software, and on a bus."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from codegen import console
+from codegen.cli.base import example, file_type, json_option
+from codegen.errors import CheckFailed, CodegenError
+
+if TYPE_CHECKING:
+    from hil_sim.bus import BusAddress
+    from hil_sim.session import EcuKind
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+build_option = click.option(
+    "--build", "build_path", required=True, type=file_type, metavar="DIR", help="A folder made by codegen build."
+)
+bus_option = click.option(
+    "--bus", "bus", required=True, metavar="INTERFACE:CHANNEL", help="Any of python-can, e.g. socketcan:vcan0."
+)
+scenario_option = click.option(
+    "--scenario",
+    "scenario",
+    default="step-steer",
+    show_default=True,
+    metavar="NAME|FILE",
+    help="One of codegen scenarios, a recorded .csv, or a .toml of your own.",
+)
+clock_option = click.option(
+    "--lock-step/--real-time",
+    "lock_step",
+    default=False,
+    help="Simulated time, as fast as it goes, or by the clock (default).",
+)
+
+
+def sensor_options(command: Command) -> Command:
+    """--sensors and --seed."""
+    command = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and faults.")(
+        command
+    )
+    return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
+
+
+def result_options(command: Command) -> Command:
+    """--plot, --csv and --json."""
+    command = json_option(command)
+    command = click.option("--csv", type=file_type, metavar="CSV", help="Write the run, units in the column names.")(command)
+    return click.option("--plot", type=file_type, metavar="PNG", help="Draw the run beside the passive car.")(command)
+
+
+log_option = click.option("--log", type=file_type, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
+
+
+@click.command(
+    short_help="Run the generated C in closed loop.",
+    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv"),
+)
+@build_option
+@click.option("--map", "map_path", type=file_type, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
+@scenario_option
+@click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
+@sensor_options
+@result_options
+def sil(
+    build_path: Path,
+    map_path: Path | None,
+    scenario: str,
+    through_can: bool,
+    sensors: bool,
+    seed: int,
+    plot: Path | None,
+    csv: Path | None,
+    as_json: bool,
+) -> None:
+    """Run the generated C in closed loop with the two-track plant, software in the loop."""
+    from codegen.cli.bench_report import Outputs
+    from codegen.refmap import map as npz
+    from codegen.sil.software import load
+    from hil_sim.runs import run, run_through_can
+    from hil_sim.scenarios import find
+
+    outputs = Outputs(plot, csv, None, as_json)
+    outputs.check((map_path,))
+    if sensors and not through_can:
+        raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
+    config = npz.load(map_path).config if map_path is not None else None
+    if map_path is not None and config is None:
+        console.note(f"{map_path} brings no car; the build's own is taken")
+    software = load(build_path, config)
+    manoeuvre = find(scenario, software.config)
+    if not software.selftest():
+        raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
+    result = run_through_can(software, manoeuvre, sensors=sensors, seed=seed) if through_can else None
+    controlled = run(software, manoeuvre) if result is None else result.record
+    runs = {"controlled": controlled, "passive": run(software, manoeuvre, controlled=False)}
+    facts = {"build": str(build_path), "scenario": manoeuvre.name, "edited": list(software.edited)}
+    for path in software.edited if not as_json else ():
+        console.note(f"{build_path / path} was changed after the build; this run uses it as it is")
+    outputs.tell(str(build_path), software.config, manoeuvre, runs, result, facts)
+
+
+@click.command(
+    short_help="Run the generated C as an ECU on a CAN bus.",
+    epilog=example("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf"),
+)
+@build_option
+@bus_option
+@click.option(
+    "--ecu",
+    "kind",
+    type=click.Choice(["native", "cffi", "external"]),
+    required=True,
+    help="A Linux program made of the C, the C in Python, or an ECU that is on the bus already.",
+)
+@scenario_option
+@clock_option
+@sensor_options
+@log_option
+@result_options
+def hil(
+    build_path: Path,
+    bus: str,
+    kind: EcuKind,
+    scenario: str,
+    lock_step: bool,
+    sensors: bool,
+    seed: int,
+    log: Path | None,
+    plot: Path | None,
+    csv: Path | None,
+    as_json: bool,
+) -> None:
+    """Let a plant simulator and an ECU exchange CAN frames, every 10 ms by the clock or in lock-step.
+
+    The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
+    """
+    from codegen.cli.bench_report import Outputs, live_view
+    from hil_sim.bus import BusAddress
+    from hil_sim.scenarios import find
+    from hil_sim.session import BuildFacts, Setup, passive, run_hil
+
+    outputs = Outputs(plot, csv, log, as_json)
+    outputs.check(())
+    address, facts = BusAddress.parse(bus), BuildFacts.read(build_path)
+    manoeuvre = find(scenario, facts.config)
+    setup = Setup(facts.config, manoeuvre, address, lock_step, facts.precision, sensors, seed, log, facts.dbc)
+    with live_view(setup, kind, quiet=as_json) as observe:
+        ran = run_hil(setup, build_path, kind, observe)
+    runs = {"controlled": ran.result.record, "passive": passive(facts.config, manoeuvre)}
+    described = {"build": str(build_path), "bus": str(address), "ecu": kind, "clock": setup.clock, "scenario": manoeuvre.name}
+    title = f"{build_path} on {address}, ECU {kind}, {setup.clock}"
+    outputs.tell(title, facts.config, manoeuvre, runs, ran.result, described, ran.ecu_counters)
+
+
+@click.command(
+    short_help="Be the plant on a bus.", epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell")
+)
+@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the paper's preset.")
+@bus_option
+@scenario_option
+@clock_option
+@sensor_options
+@log_option
+@result_options
+def plant(
+    config_path: Path | None,
+    bus: str,
+    scenario: str,
+    lock_step: bool,
+    sensors: bool,
+    seed: int,
+    log: Path | None,
+    plot: Path | None,
+    csv: Path | None,
+    as_json: bool,
+) -> None:
+    """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
+    from codegen.cli.bench_report import Outputs, live_view
+    from codegen.refmap.choose import choose_config
+    from hil_sim.bus import BusAddress
+    from hil_sim.scenarios import find
+    from hil_sim.session import Setup, passive, run_plant
+
+    outputs = Outputs(plot, csv, log, as_json)
+    outputs.check((config_path,))
+    address, chosen = BusAddress.parse(bus), choose_config(None, config_path)
+    if config_path is None and not as_json:
+        console.note("no --config: the paper's preset is taken")
+    manoeuvre = find(scenario, chosen.config)
+    setup = Setup(chosen.config, manoeuvre, address, lock_step, "single", sensors, seed, log)
+    with live_view(setup, "external", quiet=as_json) as observe:
+        result = run_plant(setup, None, observe)
+    runs = {"controlled": result.record, "passive": passive(chosen.config, manoeuvre)}
+    described = {"configuration": chosen.source, "bus": str(address), "clock": setup.clock, "scenario": manoeuvre.name}
+    outputs.tell(f"plant on {address}, {setup.clock}", chosen.config, manoeuvre, runs, result, described)
+
+
+@click.command(short_help="Be the ECU on a bus.", epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"))
+@build_option
+@bus_option
+@click.option(
+    "--ecu",
+    "kind",
+    type=click.Choice(["native", "cffi"]),
+    help="A Linux program made of the C (default on socketcan), or the C in Python (default elsewhere).",
+)
+@clock_option
+@click.option("--parent", type=int, hidden=True, help="End where the parent is no longer this process.")
+def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, parent: int | None) -> None:
+    """Be the ECU on a bus until interrupted: print `ready`, answer the car's frames, leave a line of counters."""
+    from hil_sim.bus import BusAddress
+    from hil_sim.session import check_native
+
+    address = BusAddress.parse(bus)
+    if kind is None:
+        kind = "native" if address.interface == "socketcan" and sys.platform == "linux" else "cffi"
+    if kind == "native":
+        from hil_sim import native
+
+        check_native(address)
+        command = native.command(build_path, address.channel, lock_step=lock_step)
+        sys.stdout.flush()
+        os.execv(command[0], command)  # from here on it is that program
+    _serve(build_path, address, lock_step, parent)
+
+
+def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int | None) -> None:
+    """The ECU in this process, until a signal or the loss of its parent."""
+    from codegen.sil.software import load
+    from hil_sim.bus import Bus
+    from hil_sim.ecu_node import EcuNode
+    from hil_sim.ecu_process import READY, counters_line
+
+    software = load(build_path)
+    if not software.selftest():
+        raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
+    ended = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        nonlocal ended
+        ended = True
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+    with Bus(address, software.config.can.bitrate_kbit_s * 1e3) as bus:
+        node = EcuNode(software, bus)
+        print(READY, flush=True)
+        node.run(lock_step, lambda: ended or (parent is not None and os.getppid() != parent))
+    print(counters_line(node), file=sys.stderr)
+
+
+@click.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
+@json_option
+def scenarios(as_json: bool) -> None:
+    """List the built-in scenarios: what each does, its source, its faults on the bus."""
+    from dataclasses import asdict
+
+    from hil_sim.scenarios import listing
+
+    listed = listing()
+    if as_json:
+        console.print_json([asdict(entry) for entry in listed])
+        return
+    for entry in listed:
+        console.say(f"{entry.name}: {entry.what} ({entry.duration_s:g} s)")
+        console.say(f"    {entry.source}")
+        for fault in entry.faults:
+            console.say(f"    fault: {fault}")
+    console.say("\nYour own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md.")
+
+
+COMMANDS = (sil, hil, plant, ecu, scenarios)

@@ -1,0 +1,102 @@
+"""What the commands of the bench leave: lines or JSON, a plot, a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from codegen import console
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from codegen.config import Config
+    from hil_sim.bench import BenchResult, Cycle, Observer
+    from hil_sim.scenarios import Scenario
+    from hil_sim.session import Setup
+
+    Runs = Mapping[str, npt.NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where the user wants the results."""
+
+    plot: Path | None
+    csv: Path | None
+    log: Path | None
+    as_json: bool
+
+    def check(self, inputs: Sequence[Path | None]) -> None:
+        """Refuse, before anything runs, what could not be written. Raises CodegenError."""
+        from codegen.emit.outputs import check_output
+
+        check_output(self.plot, ".png", inputs)
+        check_output(self.csv, ".csv", inputs)
+        if self.log is not None:
+            from hil_sim.logs import BusLog
+
+            BusLog(self.log)  # the extension
+            check_output(self.log, self.log.suffix.lower(), inputs)
+
+    def tell(
+        self,
+        title: str,
+        config: Config,
+        scenario: Scenario,
+        runs: Runs,
+        result: BenchResult | None,
+        facts: Mapping[str, Any],
+        ecu_counters: str = "",
+    ) -> None:
+        """Write and print everything of a run; `result` where it went through frames."""
+        from codegen.report import plots
+        from codegen.report.bench_summary import bus_facts, bus_lines
+        from codegen.report.summary import metric_rows, table
+        from hil_sim.metrics import evaluate
+        from hil_sim.recording import save_csv
+
+        evaluation, period = evaluate(scenario, config, runs), config.controller.sampling_time_s
+        if self.csv is not None:
+            save_csv(runs["controlled"], self.csv)
+        if self.plot is not None:
+            plots.save(plots.scenario_figure(scenario, config, runs, title), self.plot)
+        if self.as_json:
+            bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
+            console.print_json({**facts, "metrics": evaluation.to_dict(), **bus})
+            return
+        console.say(f"{title}: {scenario.title}")
+        console.say(table(("", *evaluation.runs), metric_rows(evaluation)))
+        if result is not None:
+            console.say("")
+            for line in bus_lines(result, period):
+                console.say(line)
+            if ecu_counters:
+                console.say(f"ECU: {ecu_counters}")
+        for name, written in (("plot", self.plot), ("recording", self.csv), ("log", self.log)):
+            if written is not None:
+                console.say(f"{name}: {written}")
+
+
+@contextmanager
+def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | None]:
+    """The view on a terminal while a run goes on; yields what the bench tells its cycles to."""
+    from codegen.report.live import LiveSample, LiveView
+
+    if quiet:
+        yield None
+        return
+    duration = setup.scenario.duration
+    with LiveView(setup.scenario.title, str(setup.address), kind, setup.clock) as view:
+
+        def observe(cycle: Cycle) -> None:
+            time, _, _, yaw_rate, reference, sideslip, _, commanded, achieved, _, _, status = cycle.row
+            diagnostics = 0 if cycle.command is None else cycle.command.diagnostics
+            motion = (time, duration, yaw_rate, reference, sideslip, commanded, achieved)
+            view.update(LiveSample(*motion, int(status), diagnostics, cycle.duration, cycle.without_command, cycle.late))
+
+        yield observe

@@ -1,0 +1,271 @@
+"""What the live view shows: the history of a run, and the rows of text for it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from rich.text import Text
+
+from codegen.report.live_chart import BINS, Line, Trace, Window, chart, columns_of, scale
+from codegen.sil.software import Status
+from hil_sim.diagnostics import causes
+
+MEASURED, ASKED = "cyan", "magenta"
+STATUS_STYLES = {
+    Status.TRACKING: "green",
+    Status.LIMITED: "yellow",
+    Status.STANDBY: "default",
+    Status.DEGRADED: "bold bright_yellow",
+    Status.FAIL_SAFE: "bold red",
+}
+STATUS_MARKS = {Status.TRACKING: "─", Status.LIMITED: "L", Status.STANDBY: "s", Status.DEGRADED: "D", Status.FAIL_SAFE: "F"}
+UNKNOWN_MARK, UNKNOWN_STYLE = "?", "bold red"
+
+LABELS, NUMBERS, UNITS, SCALES = 13, 8, 6, 7  # columns
+FEWEST_COLUMNS = 12  # of a chart
+FIXED_ROWS = 8
+CHART_HEIGHTS = ((9, 7, 9), (7, 7, 7), (7, 5, 7), (5, 5, 5), (5, 3, 5), (3, 3, 3))
+RECENT = 1.0  # s
+
+
+@dataclass(frozen=True)
+class LiveSample:
+    """A cycle of the bench, in SI units; NaN where not available.
+
+    Attributes:
+        time: of the run (s); simulated time in lock-step.
+        duration: of the run (s); infinite or 0 where it has no end.
+        yaw_rate, yaw_rate_reference: rad/s.
+        sideslip: rad.
+        rear_angle_command, rear_angle: rad, asked for and achieved.
+        status: code of `Status`.
+        diagnostics: bits of hil_sim.diagnostics.
+        cycle_time: how long the last cycle took (s).
+        lost_frames, late_cycles: since the start.
+    """
+
+    time: float
+    duration: float
+    yaw_rate: float
+    yaw_rate_reference: float
+    sideslip: float
+    rear_angle_command: float
+    rear_angle: float
+    status: int
+    diagnostics: int
+    cycle_time: float
+    lost_frames: int
+    late_cycles: int
+
+
+@dataclass(frozen=True)
+class Look:
+    """Room, and what the terminal can show."""
+
+    columns: int
+    rows: int
+    ascii_only: bool = False
+    no_colour: bool = False
+
+    def plain(self, text: str) -> str:
+        """The text, in ASCII where there is no more."""
+        if not self.ascii_only:
+            return text
+        return text.translate({0x00B7: "|", 0x2501: "#", 0x2500: "-", 0x00D7: "x"}).encode("ascii", "replace").decode("ascii")
+
+
+TRACES = ("yaw_rate", "yaw_rate_reference", "sideslip", "rear_angle_command", "rear_angle")
+
+
+@dataclass
+class History:
+    """A run so far, folded so that it stays small: angles in deg, rates in deg/s."""
+
+    last: LiveSample | None = None
+    cycles: int = 0
+    rear_rate: float = math.nan
+    traces: dict[str, Trace] = field(default_factory=lambda: {name: Trace() for name in TRACES})
+    statuses: Trace = field(default_factory=Trace)
+    cycle_times: deque[tuple[float, float]] = field(default_factory=deque)
+    seen: Counter[str] = field(default_factory=Counter)
+    seen_at: dict[str, float] = field(default_factory=dict)
+
+    def add(self, sample: LiveSample) -> None:
+        """Fold in a sample."""
+        width = Window.of(sample.time, sample.duration).length / BINS
+        for name, trace in self.traces.items():
+            trace.add(sample.time, math.degrees(getattr(sample, name)), width)
+        self.statuses.add(sample.time, sample.status, width)
+        for cause in causes(sample.diagnostics):
+            self.seen[cause] += 1
+            self.seen_at[cause] = sample.time
+        self.cycle_times.append((sample.time, sample.cycle_time))
+        while self.cycle_times[0][0] <= sample.time - RECENT:
+            self.cycle_times.popleft()
+        if self.last is not None and sample.time > self.last.time:
+            self.rear_rate = math.degrees(sample.rear_angle - self.last.rear_angle) / (sample.time - self.last.time)
+        self.last = sample
+        self.cycles += 1
+
+
+def draw(history: History, look: Look) -> list[Text]:
+    """The rows of the view, none wider than `look` has columns; charts only where there is room for them."""
+    rows = [Text("waiting for the first cycle")] if history.last is None else _draw(history, history.last, look)
+    for row in rows:
+        row.truncate(look.columns, overflow="crop" if look.ascii_only else "ellipsis")
+    return rows
+
+
+def _draw(history: History, last: LiveSample, look: Look) -> list[Text]:
+    window = Window.of(last.time, last.duration)
+    columns = look.columns - LABELS - NUMBERS - UNITS - SCALES
+    heights = _heights(look.rows - FIXED_ROWS) if columns >= FEWEST_COLUMNS else None
+    rows = [_progress(history, last, look)]
+    for number, block in enumerate(_blocks(history, last, look)):
+        size = None if heights is None else (columns, heights[number])
+        rows += _draw_block(block, window, size, look)
+    rows += _status_rows(history, last, window, 0 if heights is None else columns, look)
+    return rows + _counters(history, last, look) + _diagnostics(history, last, look)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Numbers, and a chart beside them: (label, value, unit, style); `least` is the smallest range of the axis."""
+
+    entries: Sequence[tuple[str, float, str, str]]
+    lines: Sequence[Line]
+    least: float
+
+
+def _blocks(history: History, last: LiveSample, look: Look) -> tuple[_Block, ...]:
+    def asked(name: str) -> Line:
+        return Line(history.traces[name], ASKED, dotted=look.no_colour)
+
+    def measured(name: str) -> Line:
+        return Line(history.traces[name], MEASURED)
+
+    dots = " .." if look.no_colour else ""
+    yaw_rate, reference = math.degrees(last.yaw_rate), math.degrees(last.yaw_rate_reference)
+    rear_angle, command = math.degrees(last.rear_angle), math.degrees(last.rear_angle_command)
+    return (
+        _Block(
+            (("Yaw rate", yaw_rate, "deg/s", MEASURED), (f"reference{dots}", reference, "deg/s", ASKED)),
+            (asked("yaw_rate_reference"), measured("yaw_rate")),
+            5.0,
+        ),
+        _Block((("Sideslip", math.degrees(last.sideslip), "deg", MEASURED),), (measured("sideslip"),), 1.0),
+        _Block(
+            (
+                ("Rear angle", rear_angle, "deg", MEASURED),
+                (f"command{dots}", command, "deg", ASKED),
+                ("rate", history.rear_rate, "deg/s", ""),
+            ),
+            (asked("rear_angle_command"), measured("rear_angle")),
+            1.0,
+        ),
+    )
+
+
+def _heights(room: int) -> tuple[int, int, int] | None:
+    """Rows of the three charts, odd: zero is in the middle of a row; None where they have no room."""
+    return next((heights for heights in CHART_HEIGHTS if sum(heights) <= room), None)
+
+
+def _draw_block(block: _Block, window: Window, size: tuple[int, int] | None, look: Look) -> list[Text]:
+    height = len(block.entries) if size is None else size[1]
+    top = scale([line.trace for line in block.lines], window, block.least)
+    drawn = chart(block.lines, window, top, size, look.ascii_only) if size is not None else []
+    rows = []
+    for number in range(height):
+        row = Text(no_wrap=True)
+        if number < len(block.entries):
+            label, value, unit, style = block.entries[number]
+            row.append(label.ljust(LABELS), style)
+            row.append(_number(value).rjust(NUMBERS) + f" {unit}".ljust(UNITS))
+        if drawn:
+            row.pad_right(LABELS + NUMBERS + UNITS - row.cell_len)
+            shown = {0: f"{top:g}", height - 1: f"-{top:g}"}.get(number, "")
+            row.append(shown.rjust(SCALES - 1) + " ", "dim")
+            row.append_text(drawn[number])
+        rows.append(row)
+    return rows
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "n/a"
+
+
+def _progress(history: History, last: LiveSample, look: Look) -> Text:
+    """A bar where the run has an end, and how far it is."""
+    bounded = 0.0 < last.duration < math.inf
+    share = min(1.0, max(0.0, last.time / last.duration)) if bounded else 0.0
+    told = f"{last.time:.2f} s of {last.duration:.2f} s  {math.floor(100 * share):3d} %" if bounded else f"{last.time:.2f} s"
+    told += f"  cycle {history.cycles}"
+    room = look.columns - len(told) - 2
+    if not bounded or room < FEWEST_COLUMNS:
+        return Text(told)
+    done = round(share * room)
+    row = Text(look.plain("━" * done), "green")
+    row.append(("-" if look.ascii_only else "─") * (room - done), "dim")
+    return row.append(f"  {told}", "default")
+
+
+def _status_rows(history: History, last: LiveSample, window: Window, columns: int, look: Look) -> list[Text]:
+    """The status by name, beside it the worst of each moment; then the axis of time."""
+    name, style = _status(last.status)
+    row = Text.assemble("Status".ljust(LABELS), (name, style))
+    if not columns:
+        return [row]
+    row.pad_right(LABELS + NUMBERS + UNITS + SCALES - row.cell_len)
+    worst: dict[int, int] = {}
+    for number, (_, status) in history.statuses.shown(window).items():
+        for column in columns_of(number, columns):
+            worst[column] = max(worst.get(column, 0), int(status))
+    for column in range(columns):
+        if column in worst:
+            mark, style = _mark(worst[column])
+            row.append(look.plain(mark), style)
+        else:
+            row.append(" ")
+    axis = Text(" " * (LABELS + NUMBERS + UNITS + SCALES))
+    start, end = f"{window.start:g} s", f"{window.start + window.length:g} s"
+    return [row, axis.append(start.ljust(columns - len(end)) + end, "dim")]
+
+
+def _status(code: int) -> tuple[str, str]:
+    return (Status(code).name, STATUS_STYLES[Status(code)]) if code in set(Status) else (f"unknown ({code})", UNKNOWN_STYLE)
+
+
+def _mark(code: int) -> tuple[str, str]:
+    return (STATUS_MARKS[Status(code)], STATUS_STYLES[Status(code)]) if code in set(Status) else (UNKNOWN_MARK, UNKNOWN_STYLE)
+
+
+def _counters(history: History, last: LiveSample, look: Look) -> list[Text]:
+    times = [1000.0 * value for _, value in history.cycle_times]
+    least, mean, most = min(times), sum(times) / len(times), max(times)
+    told = f"{least:8.2f} min · {mean:.2f} mean · {most:.2f} max ms"
+    if LABELS + len(told) > look.columns:
+        told = f"{least:.2f} / {mean:.2f} / {most:.2f} ms"
+    counters = Text("Lost frames".ljust(LABELS))
+    counters.append(f"{last.lost_frames:8d}", "bold red" if last.lost_frames else "default")
+    counters.append("      late cycles ")
+    counters.append(f"{last.late_cycles}", "bold yellow" if last.late_cycles else "default")
+    return [Text("Cycle time".ljust(LABELS) + look.plain(told)), counters]
+
+
+def _diagnostics(history: History, last: LiveSample, look: Look) -> list[Text]:
+    """Causes of the last half second on a row; on two those from before, with the number of cycles."""
+    now = [cause for cause, at in history.seen_at.items() if at > last.time - 0.5 * RECENT]
+    before = [f"{cause} ×{history.seen[cause]}" for cause in history.seen if cause not in now]
+    first: list[str] = []
+    second = list(before)
+    while second and LABELS + len(" · ".join([*first, second[0]])) <= look.columns:
+        first.append(second.pop(0))
+    rows = []
+    for label, found, style in (("Diagnostics", now, "bold red"), ("  earlier", first, "dim"), ("", second, "dim")):
+        row = Text(label.ljust(LABELS), no_wrap=True)
+        rows.append(row.append(look.plain(" · ".join(found) or ("none" if label else "")), style if found else "dim"))
+    return rows

@@ -1,0 +1,182 @@
+"""The picture of a scenario: over time, or as its standard shows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.errors import one_line
+from codegen.report.run_marks import Mark, Span, until_spin
+from codegen.report.run_plots import heading, looks_of, run_figure
+from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, FloatArray, new_figure, plain, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from hil_sim.metrics.run import Run
+    from hil_sim.scenarios import Scenario
+
+FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
+GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
+TITLE_LENGTH = 64
+"""Characters of a title that fit on one line."""
+FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
+
+
+def scenario_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], name: str = "") -> Figure:
+    """Runs of a scenario beside each other.
+
+    Args:
+        scenario: what was driven.
+        config: of the car.
+        runs: name -> array with columns RECORD_COLUMNS; see `run_figure`.
+        name: of the build, for the title.
+
+    Raises:
+        PlotError: no run, or an array of another shape.
+    """
+    title = _title(scenario, name)
+    if scenario.kind == "frequency":
+        return bode_figure(scenario, config, runs, title)
+    if scenario.kind == "ramp":
+        return steady_state_figure(scenario, config, runs, title)
+    spans = [Span(fault.start, fault.start + fault.duration, f"fault: {fault.kind}") for fault in scenario.faults]
+    if scenario.kind == "sine-with-dwell":
+        return run_figure(runs, title, marks=_dwell_marks(scenario, config, runs), spans=spans, window=_whole(runs))
+    if scenario.kind == "recording" or scenario.faults:
+        return run_figure(runs, title, spans=spans, window=_whole(runs))
+    return run_figure(runs, title)
+
+
+def _title(scenario: Scenario, name: str) -> str:
+    title = scenario.title.replace("m/s^2", "m/s²")
+    if not name:
+        return title
+    named = f"{one_line(name)} – {title}"
+    # What does not fit beside each other goes below each other.
+    return named if len(named) <= TITLE_LENGTH else f"{one_line(name)}\n{title}"
+
+
+def _whole(runs: Mapping[str, FloatArray]) -> tuple[float, float]:
+    looks_of(runs)  # refuses what has no times
+    return float(min(run[0, 0] for run in runs.values())), float(max(run[-1, 0] for run in runs.values()))
+
+
+def _runs(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) -> dict[str, Run]:
+    from hil_sim.metrics.run import Run
+
+    return {name: Run(run, scenario, config) for name, run in runs.items()}
+
+
+def _dwell_marks(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray]) -> list[Mark]:
+    """Where FMVSS 126 looks: the first car's beginning and completion of steer, and the times that count from them."""
+    from hil_sim.metrics import sine_with_dwell
+
+    looks_of(runs)
+    times = sine_with_dwell.steering_times(next(iter(_runs(scenario, config, runs).values())))
+    if times is None:
+        return []
+    marks = [
+        Mark(times.beginning, "begin"),
+        Mark(times.beginning + sine_with_dwell.DISPLACEMENT_TIME, f"+{sine_with_dwell.DISPLACEMENT_TIME:g} s"),
+        Mark(times.completion, "end"),
+    ]
+    return marks + [Mark(times.completion + after, f"+{after:g} s") for after, _ in sine_with_dwell.RATIO_TIMES]
+
+
+def bode_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
+    """Gain and phase of the yaw rate over the steering wheel angle; a car that spins has none."""
+    from hil_sim.metrics import frequency, spin_time
+
+    looks = looks_of(runs)
+    with style():
+        figure = new_figure(7.2, 6.2)
+        gain, phase = figure.subplots(2, 1, sharex=True)
+        lowest = -90.0
+        for name, run in _runs(scenario, config, runs).items():
+            found = None if spin_time(run.record) is not None else frequency.frequency_response(run)
+            if found is None:
+                gain.plot([], [], label=f"{RUN_NAMES.get(name, plain(name))}: none", **looks[name])
+                continue
+            level, degrees = 20.0 * np.log10(found.gain / found.gain[0]), np.degrees(found.phase)
+            gain.plot(found.frequency, level, label=RUN_NAMES.get(name, plain(name)), **looks[name])
+            phase.plot(found.frequency, degrees, **looks[name])
+            lowest = min(lowest, float(degrees.min()))
+            _dot(gain, found.where_gain_falls(frequency.BANDWIDTH_SHARE), -3.0, looks[name])
+            _dot(phase, found.where_phase_falls(frequency.BANDWIDTH_PHASE), -45.0, looks[name])
+        gain.axhline(-3.0, **GUIDE)
+        phase.axhline(-45.0, **GUIDE)
+        gain.set(ylabel=f"Yaw rate / steering wheel,\ngain over that at {frequency.LOW:g} Hz (dB)")
+        phase.set(ylabel="Phase (deg)", yticks=np.arange(45.0 * math.floor(lowest / 45.0), 46.0, 45.0), xlabel="Frequency (Hz)")
+        phase.set_xscale("log")
+        phase.set_xticks(FREQUENCY_TICKS, [f"{tick:g}" for tick in FREQUENCY_TICKS])
+        phase.set_xticks([], minor=True)
+        phase.set_xlim(frequency.LOW, frequency.HIGH)
+        _finish(figure, (gain, phase), gain, title, [_dot_handle()])
+    return figure
+
+
+def _dot(axes: Axes, frequency: float | None, level: float, look: Mapping[str, Any]) -> None:
+    if frequency is not None:
+        axes.plot([frequency], [level], marker="o", linestyle="", color=look["color"], zorder=4, label="_")
+
+
+def _dot_handle() -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], marker="o", linestyle="", color=GREY, label="bandwidth: -3 dB, -45 deg")
+
+
+def steady_state_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], title: str) -> Figure:
+    """Front angle, sideslip and rear angle over lateral acceleration, with the lines whose slopes are the gradients."""
+    from hil_sim.metrics import ramp
+
+    looks = looks_of(runs)
+    with style():
+        figure = new_figure(7.2, 8.0)
+        panels = figure.subplots(3, 1, sharex=True, height_ratios=(1.5, 1.0, 1.0))
+        reached = 0.0
+        for name, whole in runs.items():
+            run = _runs(scenario, config, {name: until_spin(whole)})[name]
+            lateral = run["lateral_acceleration_m_s2"]
+            reached = max(reached, float(lateral[run.after].max(initial=0.0)))
+            for axes, angle in zip(panels, ("front_angle_rad", "sideslip_rad", "rear_angle_rad"), strict=True):
+                shown = RUN_NAMES.get(name, plain(name))
+                axes.plot(lateral[run.after], run.degrees(angle)[run.after], label=shown, zorder=3, **looks[name])
+                line = ramp.fit(run, run[angle]) if angle != "rear_angle_rad" else None
+                if line is not None:
+                    ends = np.array([ramp.FIT_FROM, ramp.FIT_TO])
+                    fitted = np.degrees(line.slope * ends + line.offset)
+                    axes.plot(
+                        ends, fitted, color=looks[name]["color"], label="_", marker="|", markersize=9, zorder=3.5, **FIT_LINE
+                    )
+        speed = float(next(iter(runs.values()))[-1, 1])
+        neutral = np.degrees(config.vehicle.wheelbase / max(speed, 1.0) ** 2) * np.array([0.0, reached])
+        panels[0].plot([0.0, reached], neutral, color=GREY, linewidth=0.9, zorder=2, label="neutral car, slope $L/v^2$")
+        panels[0].set(ylabel=f"Front angle {FRONT_ANGLE} (deg)")
+        panels[1].set(ylabel=r"Sideslip $\beta$ (deg)")
+        panels[2].set(ylabel=f"Rear angle {REAR_ANGLE} (deg)", xlabel="Lateral acceleration (m/s²)")
+        _finish(figure, panels, panels[0], title, [_fit_handle(ramp.FIT_FROM, ramp.FIT_TO)])
+    return figure
+
+
+def _fit_handle(low: float, high: float) -> Any:
+    from matplotlib.lines import Line2D
+
+    label = f"line fitted, {low:.2g} to {high:.2g} m/s²"
+    return Line2D([], [], color=GREY, marker="|", markersize=9, label=label, **FIT_LINE)
+
+
+def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: list[Any]) -> None:
+    handles = [*named.get_legend_handles_labels()[0], *more]
+    for axes in panels:
+        axes.grid(True)
+        axes.margins(x=0.0)
+    figure.align_ylabels()
+    figure.suptitle(heading(title))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))

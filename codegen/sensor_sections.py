@@ -1,0 +1,87 @@
+"""The tables `[sensors]` of `ars.toml`: what the bench's sensors make of the car's motion where switched on. Layer 1."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from codegen.sections import KM_H, Range, Section
+
+
+class Sensor(Section):
+    """What every sensor has. The child gives noise and resolution in its unit."""
+
+    delay_samples: Annotated[int, Field(ge=0, le=100)] = 0
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation, SI unit."""
+        raise NotImplementedError
+
+    @property
+    def resolution(self) -> float:
+        """Step between two values, SI unit; 0: none."""
+        raise NotImplementedError
+
+
+class SpeedSensor(Sensor):
+    """Speed of the car."""
+
+    noise_km_h: Annotated[float, Range(0.0, 20.0, "km/h")] = 0.1
+    resolution_km_h: Annotated[float, Range(0.0, 20.0, "km/h")] = 0.05
+
+    @property
+    def noise(self) -> float:
+        """m/s."""
+        return self.noise_km_h * KM_H
+
+    @property
+    def resolution(self) -> float:
+        """m/s."""
+        return self.resolution_km_h * KM_H
+
+
+class AngleSensor(Sensor):
+    """An angle at the road wheels."""
+
+    noise_deg: Annotated[float, Range(0.0, 5.0, "deg")] = 0.01
+    resolution_deg: Annotated[float, Range(0.0, 5.0, "deg")] = 0.01
+
+    @property
+    def noise(self) -> float:
+        """rad."""
+        return math.radians(self.noise_deg)
+
+    @property
+    def resolution(self) -> float:
+        """rad."""
+        return math.radians(self.resolution_deg)
+
+
+class YawRateSensor(Sensor):
+    """The gyroscope."""
+
+    delay_samples: Annotated[int, Field(ge=0, le=100)] = 1
+    noise_deg_s: Annotated[float, Range(0.0, 20.0, "deg/s")] = 0.1
+    resolution_deg_s: Annotated[float, Range(0.0, 20.0, "deg/s")] = 0.05
+
+    @property
+    def noise(self) -> float:
+        """rad/s."""
+        return math.radians(self.noise_deg_s)
+
+    @property
+    def resolution(self) -> float:
+        """rad/s."""
+        return math.radians(self.resolution_deg_s)
+
+
+class Sensors(Section):
+    """The sensors of the bench. The defaults are examples: the data sheet of the sensor in use has the right numbers."""
+
+    speed: SpeedSensor = SpeedSensor()
+    front_angle: AngleSensor = AngleSensor()
+    yaw_rate: YawRateSensor = YawRateSensor()
+    rear_angle: AngleSensor = AngleSensor()

@@ -1,0 +1,98 @@
+"""The simulated car in compiled C, without a controller. Layer 5."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from codegen.config import Config
+from codegen.emit.dynamics_view import function_view
+from codegen.emit.render import render
+from codegen.sil.compile import compile_library
+from codegen.vehicle.dynamics import two_track
+
+
+@dataclass(frozen=True)
+class PlantInput:
+    """What acts on the car: m/s, rad at the steering wheel, rad at the rear wheels, peak friction, N m."""
+
+    speed: float
+    steering_wheel_command: float
+    rear_angle_command: float
+    friction: float
+    yaw_moment: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlantSample:
+    """The car at one time: rad, rad/s, m/s^2."""
+
+    front_angle: float
+    yaw_rate: float
+    rear_angle: float
+    sideslip_angle: float
+    lateral_acceleration: float
+    slip_front: float
+    slip_rear: float
+
+
+class Plant:
+    """The two-track car of a configuration, starting straight ahead with all states zero.
+
+    Raises:
+        BuildError: the C does not compile here.
+    """
+
+    def __init__(self, config: Config) -> None:
+        library = compile_library("plant", plant_sources(config), ["plant.h"], include_folders=(".",))
+        self._lib = library.lib
+        self._step = config.plant.sampling_time_s
+        self._state: Any = library.ffi.new("plant_state_t *")
+        self._input: Any = library.ffi.new("plant_input_t *")
+        self._output: Any = library.ffi.new("plant_output_t *")
+
+    def sample(self, acting: PlantInput) -> PlantSample:
+        """The car as it is now. The rear angle command makes no difference to it."""
+        self._set(acting)
+        self._lib.plant_output(self._state, self._input, self._output)
+        state, output = self._state, self._output
+        return PlantSample(
+            output.front_angle,
+            state.yaw_rate,
+            state.rear_angle,
+            output.sideslip_angle,
+            output.lateral_acceleration,
+            output.slip_front,
+            output.slip_rear,
+        )
+
+    def advance(self, acting: Iterable[PlantInput]) -> None:
+        """One plant step for each input."""
+        for values in acting:
+            self._set(values)
+            self._lib.plant_step(self._state, self._input, self._step)
+
+    def _set(self, acting: PlantInput) -> None:
+        target = self._input
+        target.speed = acting.speed
+        target.steering_wheel_command = acting.steering_wheel_command
+        target.rear_angle_command = acting.rear_angle_command
+        target.friction = acting.friction
+        target.yaw_moment = acting.yaw_moment
+
+
+def plant_sources(config: Config) -> dict[str, bytes]:
+    """The C of the plant: plant.h and plant.c."""
+    model = two_track(config)
+    assert model.output is not None  # the plant has outputs by construction
+    context = {
+        "plant": {
+            "states": model.states,
+            "inputs": model.inputs,
+            "outputs": model.outputs,
+            "derivative": function_view(model.derivative, "derivative", "double"),
+            "output": function_view(model.output, "output", "double"),
+        },
+    }
+    return {name: render(f"sil/{name}.j2", context) for name in ("plant.h", "plant.c")}

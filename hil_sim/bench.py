@@ -1,0 +1,271 @@
+"""The bench: the car's frames carried to an ECU and its answers back, cycle by cycle, by one of three clocks.
+
+- lock-step: the car waits for the answer to each of its samples; time is simulated, as fast as the machine allows;
+- real time: cycles begin at absolute deadlines; the command that came within the cycle acts over it, else the last one holds;
+- in process: no bus at all; the task is called after the frames of each cycle, whatever became of them.
+
+Where no frame is lost or late, all three give the same bits.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.errors import CodegenError
+from codegen.sil.software import Software
+from hil_sim.bus import Bus
+from hil_sim.codec import RearSteerCommand
+from hil_sim.frames import Frame
+from hil_sim.logs import BusLog
+from hil_sim.plant_node import PlantNode
+
+FloatArray = npt.NDArray[np.float64]
+
+ANSWER_TIMEOUT = 2.0
+"""s of waiting for an answer in lock-step before the ECU counts as gone."""
+
+
+class Ecu(Protocol):
+    """An ECU that the bench can take away and bring back."""
+
+    def kill(self) -> None:
+        """As a power failure."""
+
+    def start(self) -> None:
+        """Again; returns at once."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What can be seen of one cycle while the run goes on: `row` as in the recording, times in s."""
+
+    number: int
+    row: list[float]
+    command: RearSteerCommand | None
+    lateness: float
+    response: float
+    duration: float
+    without_command: int
+    late: int
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """A run.
+
+    Attributes:
+        record: (cycles, 12), columns RECORD_COLUMNS.
+        diagnostics: (cycles,) bits of the last command.
+        response: (cycles,) s from sending to the command's arrival; NaN where none came in the cycle, or time is simulated.
+        lateness: (cycles,) s that the cycle began after its deadline.
+        late_cycles: cycles that began a period or more late.
+        wall_time: s.
+        received: what became of the commands.
+        send_errors: frames that the interface did not take.
+    """
+
+    record: FloatArray
+    diagnostics: npt.NDArray[np.uint16]
+    response: FloatArray
+    lateness: FloatArray
+    late_cycles: int
+    wall_time: float
+    received: dict[str, int]
+    send_errors: int
+
+
+Observer = Callable[[Cycle], None]
+
+
+@dataclass
+class _Recorder:
+    """Collects what the cycles leave."""
+
+    node: PlantNode
+    observe: Observer | None
+    rows: list[list[float]] = field(default_factory=list)
+    diagnostics: list[int] = field(default_factory=list)
+    response: list[float] = field(default_factory=list)
+    lateness: list[float] = field(default_factory=list)
+    late: int = 0
+    send_errors: int = 0
+    begun: float = field(default_factory=time.monotonic)
+    closed: float = field(default_factory=time.monotonic)
+
+    def close_cycle(self, cycle: int, lateness: float, response: float) -> None:
+        node = self.node
+        row = node.finish(cycle)
+        self.rows.append(row)
+        self.diagnostics.append(0 if node.command is None else node.command.diagnostics)
+        self.response.append(response)
+        self.lateness.append(lateness)
+        if self.observe is not None:
+            now = time.monotonic()
+            without = node.received.cycles_without
+            self.observe(Cycle(cycle, row, node.command, lateness, response, now - self.closed, without, self.late))
+            self.closed = now
+
+    def result(self) -> BenchResult:
+        return BenchResult(
+            np.array(self.rows),
+            np.array(self.diagnostics, dtype=np.uint16),
+            np.array(self.response),
+            np.array(self.lateness),
+            self.late,
+            time.monotonic() - self.begun,
+            self.node.received.to_dict(),
+            self.send_errors,
+        )
+
+
+def run_in_process(
+    node: PlantNode, software: Software, *, log: BusLog | None = None, observe: Observer | None = None
+) -> BenchResult:
+    """Without a bus: the generated task in this process, called once a cycle as by a timer."""
+    recorder, task = _Recorder(node, observe), software.task()
+    running = True
+    for cycle in range(node.cycles):
+        now = cycle * node.sampling_time
+        off = node.injector.ecu_off(cycle)
+        if not off and not running:
+            task = software.task()  # switched on again: it knows nothing of before
+        running = not off
+        for frame in node.outgoing(cycle):
+            _note(log, frame, now, received=False)
+            if running and not (frame.extended or frame.remote or frame.error):
+                task.on_can_frame(frame.id, frame.data)
+        if running:
+            answer = Frame(*task.run())
+            _note(log, answer, now, received=True)
+            node.receive(answer)
+        recorder.close_cycle(cycle, 0.0, np.nan)
+    return recorder.result()
+
+
+def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, observe: Observer | None = None) -> BenchResult:
+    """On a bus, simulated time.
+
+    Raises:
+        CodegenError: the scenario has faults, which would leave the ECU without a complete set of frames; or no answer comes.
+    """
+    if node.injector.faults:
+        raise CodegenError(
+            "faults on the bus have no meaning in lock-step: where a frame is missing, no task would run",
+            where="--lock-step",
+            remedy="take --real-time",
+        )
+    recorder = _Recorder(node, observe)
+    _drain(bus)
+    for cycle in range(node.cycles):
+        now = cycle * node.sampling_time
+        for frame in node.outgoing(cycle):
+            recorder.send_errors += not bus.send(frame)
+            _note(log, frame, now, received=False)
+        deadline = time.monotonic() + ANSWER_TIMEOUT
+        while True:
+            received = bus.receive(deadline - time.monotonic())
+            if received is None:
+                if time.monotonic() < deadline:
+                    continue
+                raise _no_answer(bus, now)
+            _note(log, received, now, received=True)
+            if node.receive(received):
+                break
+        recorder.close_cycle(cycle, 0.0, np.nan)
+    return recorder.result()
+
+
+def run_in_real_time(
+    node: PlantNode,
+    bus: Bus,
+    *,
+    ecu: Ecu | None = None,
+    log: BusLog | None = None,
+    observe: Observer | None = None,
+) -> BenchResult:
+    """On a bus, by the clock. `ecu` is taken away and brought back where the scenario says so."""
+    period, recorder = node.sampling_time, _Recorder(node, observe)
+    running = True
+    _drain(bus)
+    with _no_pauses():
+        start = deadline = time.monotonic() + period
+        for cycle in range(node.cycles):
+            _wait(deadline)
+            lateness = time.monotonic() - deadline
+            if lateness >= period:  # never a burst to catch up: the rhythm goes on from here
+                recorder.late += 1
+                deadline += lateness
+            running = _switch(ecu, running, node.injector.ecu_off(cycle))
+            sent = time.monotonic()
+            for frame in node.outgoing(cycle):
+                recorder.send_errors += not bus.send(frame)
+                _note(log, frame, sent - start, received=False)
+            deadline += period
+            response = np.nan
+            while (left := deadline - time.monotonic()) > 0.0:
+                received = bus.receive(left)
+                if received is None:
+                    continue
+                now = time.monotonic()
+                _note(log, received, now - start, received=True)
+                if node.receive(received) and np.isnan(response):
+                    response = now - sent
+            recorder.close_cycle(cycle, lateness, response)
+    return recorder.result()
+
+
+def _switch(ecu: Ecu | None, running: bool, off: bool) -> bool:
+    """Kill or start the ECU where that changes; whether it runs now."""
+    if ecu is not None and running == off:
+        if off:
+            ecu.kill()
+        else:
+            ecu.start()
+    return not off
+
+
+def _note(log: BusLog | None, frame: Frame, now: float, *, received: bool) -> None:
+    if log is not None:
+        timed = Frame(frame.id, frame.data, now, frame.extended, frame.remote, frame.error)
+        log.write(timed, received=received)
+
+
+def _drain(bus: Bus) -> None:
+    """Forget what came before the run."""
+    while bus.receive(0.0) is not None:
+        pass
+
+
+def _wait(deadline: float) -> None:
+    left = deadline - time.monotonic()
+    if left > 0.0:
+        time.sleep(left)
+
+
+@contextmanager
+def _no_pauses() -> Iterator[None]:
+    """The garbage collector could stop the run for longer than a cycle; what a run allocates is bounded."""
+    collecting = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _no_answer(bus: Bus, now: float) -> CodegenError:
+    return CodegenError(
+        f"no answer to the frames of {now:.2f} s within {ANSWER_TIMEOUT:g} s",
+        where=str(bus.address),
+        remedy="check that an ECU runs on this bus in lock-step, and that the interface is up",
+    )

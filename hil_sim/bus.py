@@ -1,0 +1,135 @@
+"""Any bus that python-can knows, by the text INTERFACE:CHANNEL; one clear line where it cannot be opened."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib.util
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import can
+
+from codegen.errors import CodegenError
+from hil_sim.frames import Frame
+
+LOCAL_INTERFACES = ("virtual", "socketcan", "udp_multicast")
+"""Interfaces without hardware, or whose bit rate is set elsewhere."""
+
+_PACKAGES = {"udp_multicast": ("msgpack", "pip install msgpack")}
+
+
+@dataclass(frozen=True)
+class BusAddress:
+    """INTERFACE:CHANNEL in two: a python-can interface, and a channel of it."""
+
+    interface: str
+    channel: str
+
+    @classmethod
+    def parse(cls, text: str) -> BusAddress:
+        """From the command line. Raises CodegenError."""
+        interface, separator, channel = text.partition(":")
+        if not separator or not interface or not channel:
+            raise CodegenError(
+                f"{text!r} is not INTERFACE:CHANNEL",
+                where="--bus",
+                remedy="give e.g. socketcan:vcan0 or udp_multicast:239.74.163.2",
+            )
+        if interface not in can.VALID_INTERFACES:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            raise CodegenError(f"python-can has no interface {interface!r}", where="--bus", remedy=f"known: {known}")
+        return cls(interface, channel)
+
+    def __str__(self) -> str:
+        return f"{self.interface}:{self.channel}"
+
+
+class Bus:
+    """One node's access to a bus; a context manager.
+
+    Frames that this node sent itself are not received where the interface can tell them apart.
+
+    Raises:
+        CodegenError: it cannot be opened, and what to do.
+    """
+
+    def __init__(self, address: BusAddress, bitrate: float | None = None) -> None:
+        self.address = address
+        package, remedy = _PACKAGES.get(address.interface, ("", ""))
+        if package and importlib.util.find_spec(package) is None:
+            raise CodegenError(f"{address.interface} needs the package {package}", where="--bus", remedy=remedy)
+        settings: dict[str, Any] = {}
+        if bitrate is not None and address.interface not in LOCAL_INTERFACES:
+            settings["bitrate"] = round(bitrate)
+        try:
+            self._bus = can.Bus(interface=address.interface, channel=address.channel, receive_own_messages=False, **settings)
+        except (can.CanError, OSError, ValueError, ImportError, NotImplementedError, TypeError) as error:
+            raise _cannot_open(address, error) from error
+
+    def send(self, frame: Frame) -> bool:
+        """Whether the frame went out: false where the bus is down or its queue is full."""
+        message = can.Message(
+            arbitration_id=frame.id,
+            data=frame.data,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            is_error_frame=frame.error,
+        )
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError):
+            return False
+        return True
+
+    def receive(self, timeout: float) -> Frame | None:
+        """The next frame within `timeout` (s; 0: only one that is there already); None where there is none.
+
+        A bus that is down is waited for like a silent one.
+        """
+        try:
+            message = self._bus.recv(max(timeout, 0.0))
+        except (can.CanError, OSError):
+            return None
+        if message is None:
+            return None
+        return Frame(
+            message.arbitration_id,
+            bytes(message.data),
+            extended=message.is_extended_id,
+            remote=message.is_remote_frame,
+            error=message.is_error_frame,
+        )
+
+    def close(self) -> None:
+        """Leave the bus."""
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:
+    number = getattr(error, "errno", None)
+    if address.interface == "socketcan" and number == errno.ENODEV:
+        name = address.channel
+        return CodegenError(
+            "there is no such CAN interface",
+            where=str(address),
+            remedy=f"make one: sudo ip link add dev {name} type vcan && sudo ip link set up {name}",
+        )
+    if address.interface == "socketcan" and (number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)):
+        return CodegenError(
+            "this system has no SocketCAN",
+            where=str(address),
+            remedy="load it (sudo modprobe vcan), or take --bus udp_multicast:239.74.163.2",
+        )
+    text = str(error) or type(error).__name__
+    return CodegenError(
+        f"the bus cannot be opened: {text}", where=str(address), remedy="check the channel, the driver and the interface"
+    )

@@ -1,0 +1,156 @@
+"""Frames to signals and back in Python, from the same tables as the generated C but by other means.
+
+A signal's code is the whole number nearest to `(value - offset) * steps`, the even one of two that are equally near, where
+`steps` is 1 / factor in the precision of the build: 200 is exact where 0.005 is not. Beyond the limits it saturates, NaN
+becomes "not available". Backwards, a value is `code / steps + offset`, rounded as the build's numbers are. So the bench and the
+controller see the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.can_sections import FRAME_BYTES, Can, RealSignal, Signal
+from codegen.emit.text import Precision, numpy_type
+
+
+@dataclass(frozen=True)
+class VehicleMotion:
+    """From the car: m/s, rad (road wheel), rad/s; NaN where not available."""
+
+    speed: float
+    front_angle: float
+    yaw_rate: float
+
+
+@dataclass(frozen=True)
+class VehicleConditions:
+    """From the car: achieved rear angle (rad; NaN: not measured), peak friction (NaN: unknown), ESC or ABS is acting."""
+
+    rear_angle: float = math.nan
+    friction: float = math.nan
+    inhibit: bool = False
+
+
+@dataclass(frozen=True)
+class RearSteerCommand:
+    """From the controller: rad, rad/s (NaN where not available), its status, and one bit for each cause of trouble."""
+
+    rear_angle: float
+    yaw_rate_reference: float
+    status: int = 0
+    diagnostics: int = 0
+
+
+Payload = VehicleMotion | VehicleConditions | RearSteerCommand
+
+PAYLOADS: dict[str, type[VehicleMotion] | type[VehicleConditions] | type[RearSteerCommand]] = {
+    "vehicle_motion": VehicleMotion,
+    "vehicle_conditions": VehicleConditions,
+    "rear_steer_command": RearSteerCommand,
+}
+"""Contents of the messages by their role in the configuration."""
+
+QUALIFIED = ("speed", "front_angle", "yaw_rate")
+"""Signals of the vehicle motion with a bit of its qualifier each, from bit 0."""
+
+
+class _Codes:
+    """Whole numbers in the bits of a frame."""
+
+    def __init__(self, signal: Signal, byte_order: str) -> None:
+        # Bit b of byte B is bit 8 B + b of the frame read as one little-endian number.
+        self._bits = signal.bits(byte_order)
+        self._sign = 1 << (signal.length - 1) if isinstance(signal, RealSignal) and signal.signed else 0
+
+    def put(self, code: int) -> int:
+        """What to add to the frame."""
+        return sum(1 << bit for index, bit in enumerate(self._bits) if code >> index & 1)
+
+    def get(self, frame: int) -> int:
+        """The code in a frame, with its sign."""
+        code = sum(1 << index for index, bit in enumerate(self._bits) if frame >> bit & 1)
+        return code - 2 * (code & self._sign)
+
+
+class _Scale:
+    """A physical value and its code, in the precision of a build."""
+
+    def __init__(self, signal: RealSignal, precision: Precision) -> None:
+        self._real = numpy_type(precision)
+        self._steps = self._real(1.0 / signal.factor)
+        self._offset = self._real(signal.offset)
+        self._low, self._high = signal.raw_low, signal.raw_high
+        self.not_available = signal.raw_not_available
+
+    def code(self, value: float) -> int:
+        """The nearest code."""
+        with np.errstate(over="ignore"):  # too large for single precision: infinite, so it saturates
+            # In float64: exact for two numbers of single precision, and a double-precision build rounds likewise.
+            scaled = float(self._real(value) - self._offset) * float(self._steps)
+        if math.isnan(scaled):
+            return self.not_available
+        return round(min(max(scaled, self._low), self._high))
+
+    def value(self, code: int) -> float:
+        """The value of a code; NaN for "not available"."""
+        return math.nan if code == self.not_available else float(self._real(code) / self._steps + self._offset)
+
+
+class _Layout:
+    """One message."""
+
+    def __init__(self, role: str, can: Can, precision: Precision) -> None:
+        message = can.messages()[role]
+        self.payload = PAYLOADS[role]
+        signals = message.signals()
+        self._codes = {name: _Codes(signal, message.byte_order) for name, signal in signals.items()}
+        self._scales = {name: _Scale(signal, precision) for name, signal in signals.items() if isinstance(signal, RealSignal)}
+
+    def encode(self, payload: Payload) -> bytes:
+        codes = {name: scale.code(getattr(payload, name)) for name, scale in self._scales.items()}
+        available = [name for name in codes if codes[name] != self._scales[name].not_available]
+        for name in self._codes.keys() - codes.keys():
+            codes[name] = _qualifier(available) if name == "qualifier" else int(getattr(payload, name))
+        return sum(self._codes[name].put(code) for name, code in codes.items()).to_bytes(FRAME_BYTES, "little")
+
+    def decode(self, data: bytes) -> Payload:
+        frame = int.from_bytes(data, "little")
+        values: dict[str, Any] = {name: codes.get(frame) for name, codes in self._codes.items()}
+        for name, scale in self._scales.items():
+            values[name] = scale.value(values[name])
+        if "qualifier" in values:
+            qualifier = values.pop("qualifier")
+            values |= {name: math.nan for bit, name in enumerate(QUALIFIED) if not qualifier >> bit & 1}
+        if "inhibit" in values:
+            values["inhibit"] = bool(values["inhibit"])
+        return self.payload(**values)
+
+
+def _qualifier(available: list[str]) -> int:
+    return sum(1 << bit for bit, name in enumerate(QUALIFIED) if name in available)
+
+
+class Codec:
+    """The messages of a configuration.
+
+    Encoding leaves CRC and counter zero: `hil_sim.e2e.protect` writes them. Decoding does not look at them.
+    """
+
+    def __init__(self, can: Can, precision: Precision = "single") -> None:
+        self._layouts = {role: _Layout(role, can, precision) for role in PAYLOADS}
+        self._roles = {message.id: role for role, message in can.messages().items()}
+        self._role_of = {payload: role for role, payload in PAYLOADS.items()}
+
+    def encode(self, payload: Payload) -> bytes:
+        """The eight bytes of a message."""
+        return self._layouts[self._role_of[type(payload)]].encode(payload)
+
+    def decode(self, identifier: int, data: bytes) -> Payload | None:
+        """Contents of a frame by its 11-bit identifier; None for another node's, or where it has not eight bytes."""
+        role = self._roles.get(identifier)
+        return None if role is None or len(data) != FRAME_BYTES else self._layouts[role].decode(data)

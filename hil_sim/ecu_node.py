@@ -1,0 +1,88 @@
+"""The generated task as an ECU on any bus: the same C that goes into the car, called through cffi.
+
+In real time a timer with absolute deadlines runs the task, half a period after the car's frames; in lock-step each complete set
+of them does. Foreign frames, 29-bit identifiers, remote and error frames and its own echo are nothing to it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from codegen.sil.software import Software
+from codegen.sil.task import Task
+from hil_sim.bus import Bus
+from hil_sim.frames import Frame
+
+SILENCE_PERIODS = 4
+"""So many periods without a frame of the car, and the timer takes its phase anew from the next complete set."""
+
+POLL = 0.05
+"""s between two looks at whether to stop, where there is no timer."""
+
+
+@dataclass
+class EcuCounters:
+    """What an ECU counted; late: runs of the timer that came a period or more after their deadline."""
+
+    cycles: int = 0
+    late: int = 0
+    send_errors: int = 0
+
+
+class EcuNode:
+    """One task on one bus."""
+
+    def __init__(self, software: Software, bus: Bus) -> None:
+        can = software.config.can
+        self._ids = (can.vehicle_motion.id, can.vehicle_conditions.id)
+        self._period = software.config.controller.sampling_time_s
+        self._bus = bus
+        self.task: Task = software.task()
+        self.counters = EcuCounters()
+
+    def run(self, lock_step: bool, stopped: Callable[[], bool]) -> None:
+        """Serve until `stopped` says so."""
+        if lock_step:
+            self._run_in_lock_step(stopped)
+        else:
+            self._run_in_real_time(stopped)
+
+    def _run_in_lock_step(self, stopped: Callable[[], bool]) -> None:
+        while not stopped():
+            self._take(self._bus.receive(POLL))
+            if self.task.is_complete:
+                self._answer()
+
+    def _run_in_real_time(self, stopped: Callable[[], bool]) -> None:
+        now = time.monotonic()
+        deadline, heard, in_phase = now + self._period, now, False
+        while not stopped():
+            if self._take(self._bus.receive(deadline - time.monotonic())):
+                now = time.monotonic()
+                in_phase = in_phase and now - heard < SILENCE_PERIODS * self._period
+                heard = now
+                if not in_phase and self.task.is_complete:
+                    deadline, in_phase = now + 0.5 * self._period, True
+            now = time.monotonic()
+            if now < deadline:
+                continue
+            self._answer()
+            deadline += self._period
+            if now >= deadline:  # late by a period or more: never a burst to catch up
+                self.counters.late += 1
+                deadline = now + self._period
+
+    def _take(self, frame: Frame | None) -> bool:
+        """Give a frame to the task; whether it was one of the car's."""
+        if frame is None or frame.extended or frame.remote or frame.error or frame.id not in self._ids:
+            return False
+        self.task.on_can_frame(frame.id, frame.data)
+        return True
+
+    def _answer(self) -> None:
+        identifier, data = self.task.run()
+        self.counters.cycles += 1
+        if not self._bus.send(Frame(identifier, data)):
+            self.counters.send_errors += 1

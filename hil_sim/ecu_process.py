@@ -1,0 +1,191 @@
+"""An ECU beside the bench: as a process of its own, or as a thread where the bus ends with the process.
+
+Both are started, killed as by a power failure, started again, and stopped in order. An ECU process prints `ready` once it can
+receive, ends on SIGTERM, and leaves a line of counters on its standard error.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from codegen.errors import CodegenError
+from codegen.sil.software import Software
+from hil_sim.bus import Bus, BusAddress
+from hil_sim.ecu_node import EcuNode
+
+READY = "ready"
+START_TIMEOUT = 30.0
+"""s until `ready`: Python has to start, and the C may have to be compiled."""
+STOP_TIMEOUT = 5.0
+"""s until a process that was asked to end is killed."""
+
+
+class EcuProcess:
+    """An ECU that another program is; a context manager.
+
+    Args:
+        command: its command line; it is to end by itself where the bench is gone.
+    """
+
+    def __init__(self, command: Sequence[str | Path]) -> None:
+        self._command = [str(word) for word in command]
+        self._process: subprocess.Popen[str] | None = None
+        self._errors: IO[str] = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
+
+    def start(self) -> None:
+        """Start it and return at once."""
+        self.kill()
+        try:
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self._errors, text=True
+            )
+        except OSError as error:
+            raise CodegenError(f"the ECU cannot be started: {error.strerror}", where=self._command[0]) from error
+
+    def wait_until_ready(self) -> None:
+        """Wait for its `ready`.
+
+        Raises:
+            CodegenError: it ended before, with what it said, or stays silent.
+        """
+        process = self._process
+        assert process is not None
+        assert process.stdout is not None
+        lines: list[str] = []
+        output = process.stdout
+        reader = threading.Thread(target=lambda: lines.append(output.readline()), daemon=True)
+        reader.start()
+        reader.join(START_TIMEOUT)
+        if lines and lines[0].strip() == READY:
+            return
+        ended = bool(lines)  # an end of file: its words are on the standard error
+        self.kill()
+        said = self.said()
+        what = (said.removeprefix("error: ") or "it ended without a word") if ended else f"silent for {START_TIMEOUT:g} s"
+        raise CodegenError(f"the ECU did not start: {what}")
+
+    def kill(self) -> None:
+        """As a power failure."""
+        if self._process is not None:
+            self._process.kill()
+            self._reap()
+
+    def stop(self) -> str:
+        """Ask it to end; what it said last (its counters)."""
+        if self._process is not None:
+            self._process.terminate()
+            try:
+                self._process.wait(STOP_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+            self._reap()
+        return self.said()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._process is not None and self._process.poll() is None
+
+    def said(self) -> str:
+        """The last line on its standard error."""
+        self._errors.flush()
+        descriptor = self._errors.fileno()
+        text = os.pread(descriptor, os.fstat(descriptor).st_size, 0).decode("utf-8", "replace")
+        return text.strip().rpartition("\n")[2]
+
+    def _reap(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+    def __enter__(self) -> Self:
+        self.start()
+        try:
+            self.wait_until_ready()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.kill()
+        self._errors.close()
+
+
+def cffi_command(build: Path, address: BusAddress, *, lock_step: bool) -> list[str]:
+    """The command line of a cffi ECU in a process of its own."""
+    clock = "--lock-step" if lock_step else "--real-time"
+    place = ["--build", str(build), "--bus", str(address), "--ecu", "cffi", clock]
+    return [sys.executable, "-m", "codegen", "ecu", *place, "--parent", str(os.getpid())]
+
+
+class EcuThread:
+    """A cffi ECU in this process; a context manager. For `virtual`, a bus that no other process sees."""
+
+    def __init__(self, software: Software, address: BusAddress, *, lock_step: bool) -> None:
+        self._software, self._address, self._lock_step = software, address, lock_step
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._node: EcuNode | None = None
+
+    def start(self) -> None:
+        """Start it; it hears the bus from here on."""
+        self.kill()
+        bus = Bus(self._address)
+        stop = threading.Event()
+        node = EcuNode(self._software, bus)
+        run = _served(node, bus, self._lock_step, stop)
+        self._stop, self._node = stop, node
+        self._thread = threading.Thread(target=run, name="ECU", daemon=True)
+        self._thread.start()
+
+    def kill(self) -> None:
+        """End it."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def stop(self) -> str:
+        """End it; its counters."""
+        self.kill()
+        return "" if self._node is None else counters_line(self._node)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.kill()
+
+
+def _served(node: EcuNode, bus: Bus, lock_step: bool, stop: threading.Event) -> Callable[[], None]:
+    def run() -> None:
+        with bus:
+            node.run(lock_step, stop.is_set)
+
+    return run
+
+
+def counters_line(node: EcuNode) -> str:
+    """What an ECU counted, in the form of the native one: `name=count` with spaces between."""
+    task = node.task.counters()
+    counts = {
+        "cycles": node.counters.cycles,
+        "late": node.counters.late,
+        "late_samples": task["late_cycles"],
+        "early_samples": task["early_cycles"],
+        "lost_samples": task["lost_samples"],
+        "send_errors": node.counters.send_errors,
+    }
+    return " ".join(f"{name}={count}" for name, count in counts.items())

@@ -1,0 +1,212 @@
+"""Faults on the bus: the lines that a scenario carries, and what each does to frames and signals."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import random
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from codegen.can_sections import Can, Message, RealSignal
+from codegen.errors import CodegenError
+from hil_sim.e2e import protect
+from hil_sim.frames import Frame
+
+FaultKind = Literal[
+    "drop",
+    "delay",
+    "duplicate",
+    "reorder",
+    "corrupt",
+    "freeze-counter",
+    "stuck-value",
+    "not-a-number",
+    "infinity",
+    "foreign-traffic",
+    "ecu-restart",
+    "plant-restart",
+    "bus-down",
+]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a scenario.
+
+    Attributes:
+        kind: what happens.
+        start, duration: s.
+        message: name of the message that it happens to; None for all of the plant's, or where it does not apply.
+        signal: field of that message ("speed", "yaw_rate", ...) for faults of values.
+        cycles: by how many cycles frames are delayed.
+    """
+
+    kind: FaultKind
+    start: float
+    duration: float
+    message: str | None = None
+    signal: str | None = None
+    cycles: int = 0
+
+
+VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"})
+FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt", "freeze-counter"})
+
+FRAME_BITS_MAX = 135
+"""Bits on the wire of a frame with eight bytes and an 11-bit identifier: 111 with the interframe space, and at most 24 stuff
+bits (ISO 11898-1)."""
+
+
+class Injector:
+    """The faults of one run, at the border between the car and the bus.
+
+    Args:
+        faults: of the scenario.
+        can: names and identifiers of the messages.
+        sampling_time: s, of a cycle.
+        seed: of the bits that are flipped.
+
+    Raises:
+        CodegenError: a fault names a message or a signal that there is not.
+    """
+
+    def __init__(self, faults: Sequence[Fault], can: Can, sampling_time: float, seed: int = 0) -> None:
+        self.faults = tuple(faults)
+        self._can, self._sampling_time = can, sampling_time
+        self._random = random.Random(seed)
+        self._messages = {message.name: message for message in can.messages().values()}
+        for fault in self.faults:
+            _check(fault, self._messages)
+        self._stuck: dict[tuple[int, str], float] = {}
+        self._frozen: dict[tuple[int, int], int] = {}
+        self._later: list[tuple[int, Frame]] = []
+        self._held: dict[int, Frame] = {}
+
+    def _active(self, cycle: int, kinds: Iterable[str]) -> list[tuple[int, Fault]]:
+        now = cycle * self._sampling_time
+        tolerance = 1e-6 * self._sampling_time
+        return [
+            (index, fault)
+            for index, fault in enumerate(self.faults)
+            if fault.kind in kinds and fault.start - tolerance <= now < fault.start + fault.duration - tolerance
+        ]
+
+    def ecu_off(self, cycle: int) -> bool:
+        """Whether the ECU has no power."""
+        return bool(self._active(cycle, ("ecu-restart",)))
+
+    def plant_off(self, cycle: int) -> bool:
+        """Whether the car's node has no power; the car drives on."""
+        return bool(self._active(cycle, ("plant-restart",)))
+
+    def bus_down(self, cycle: int) -> bool:
+        """Whether nothing gets through."""
+        return bool(self._active(cycle, ("bus-down",)))
+
+    def signals(self, cycle: int, message: str, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of a message before they are packed."""
+        result = dict(values)
+        for index, fault in self._active(cycle, VALUE_KINDS):
+            if fault.message not in (None, message):
+                continue
+            for name in values if fault.signal is None else [fault.signal]:
+                if name not in values:
+                    continue
+                if fault.kind == "stuck-value":
+                    result[name] = self._stuck.setdefault((index, name), values[name])
+                else:
+                    result[name] = math.nan if fault.kind == "not-a-number" else math.inf
+        return result
+
+    def outgoing(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
+        """What the car's node really puts on the bus."""
+        sent = [] if self.bus_down(cycle) else self._through(cycle, frames, from_car=True)
+        return self._among_strangers(sent) if self._active(cycle, ("foreign-traffic",)) else sent
+
+    def incoming(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
+        """What the car's node really gets of the ECU's frames."""
+        return [] if self.bus_down(cycle) else self._through(cycle, frames, from_car=False)
+
+    def _through(self, cycle: int, frames: Sequence[Frame], *, from_car: bool) -> list[Frame]:
+        command = self._can.rear_steer_command.id
+        due = [frame for time, frame in self._later if time <= cycle and (frame.id != command) == from_car]
+        self._later = [entry for entry in self._later if entry[1] not in due]
+        for frame in frames:
+            due += self._changed(cycle, frame)
+        return due
+
+    def _changed(self, cycle: int, frame: Frame) -> list[Frame]:
+        """What becomes of one frame, now."""
+        result = [frame]
+        active = [pair for pair in self._active(cycle, FRAME_KINDS) if self._concerns(pair[1], frame)]
+        if not any(fault.kind == "reorder" for _, fault in active) and frame.id in self._held:
+            result.append(self._held.pop(frame.id))
+        for index, fault in active:
+            if fault.kind == "drop":
+                result = []
+            elif fault.kind == "duplicate":
+                result = [copy for one in result for copy in (one, one)]
+            elif fault.kind == "delay":
+                self._later += [(cycle + fault.cycles, one) for one in result]
+                result = []
+            elif fault.kind == "reorder":
+                held = self._held.pop(frame.id, None)
+                if held is None:
+                    self._held[frame.id] = frame
+                    result = []
+                else:
+                    result = [*result, held]
+            elif fault.kind == "corrupt":
+                result = [self._flipped(one) for one in result]
+            else:
+                result = [self._frozen_counter(index, one) for one in result]
+        return result
+
+    def _concerns(self, fault: Fault, frame: Frame) -> bool:
+        if fault.message is None:
+            return frame.id != self._can.rear_steer_command.id
+        return self._messages[fault.message].id == frame.id
+
+    def _flipped(self, frame: Frame) -> Frame:
+        bit = self._random.randrange(8 * len(frame.data))
+        data = bytearray(frame.data)
+        data[bit // 8] ^= 1 << bit % 8
+        return replace(frame, data=bytes(data))
+
+    def _frozen_counter(self, index: int, frame: Frame) -> Frame:
+        """The counter stands still, and the CRC is right: the sender hangs, its protection does not."""
+        message = next(message for message in self._messages.values() if message.id == frame.id)
+        counter = self._frozen.setdefault((index, frame.id), (frame.data[1] - 1) % 15 if frame.data[1] & 0xF else 14)
+        return replace(frame, data=protect(message.e2e_data_id, counter & 0xF, frame.data))
+
+    def _among_strangers(self, frames: Sequence[Frame]) -> list[Frame]:
+        """As many foreign frames as the bus has room for in a cycle, of higher and lower priority, around our own."""
+        room = int(self._sampling_time * self._can.bitrate_kbit_s * 1e3 / FRAME_BITS_MAX) - len(frames) - 1
+        own = {message.id for message in self._messages.values()}
+        ids = [number for number in (0x001, 0x0FF, 0x300, 0x7FE) if number not in own]
+        strangers = []
+        for number in range(max(room, 0)):
+            extended = number % 7 == 6
+            identifier = next(iter(own)) | 0x10000 if extended else ids[number % len(ids)]
+            data = self._random.randbytes(8)
+            strangers.append(Frame(identifier, data, extended=extended, remote=number % 11 == 10))
+        middle = len(strangers) // 2
+        return [*strangers[:middle], *frames, *strangers[middle:]]
+
+
+def _check(fault: Fault, messages: Mapping[str, Message]) -> None:
+    if fault.message is not None and fault.message not in messages:
+        raise _unknown("message", fault.message, messages)
+    if fault.signal is not None:
+        chosen = [messages[fault.message]] if fault.message is not None else list(messages.values())
+        known = [role for message in chosen for role, signal in message.signals().items() if isinstance(signal, RealSignal)]
+        if fault.signal not in known:
+            raise _unknown("signal", fault.signal, known)
+
+
+def _unknown(what: str, name: str, known: Iterable[str]) -> CodegenError:
+    near = difflib.get_close_matches(name, list(known), n=1)
+    remedy = f"known: {', '.join(known)}" + (f"; did you mean {near[0]!r}?" if near else "")
+    return CodegenError(f"a fault names the {what} {name!r}, which there is not", where="faults", remedy=remedy)

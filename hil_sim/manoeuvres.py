@@ -1,0 +1,245 @@
+"""What the driver and the road do, as columns over time.
+
+A manoeuvre is a function of the car, of what a user may change, and of time: `(config, settings, time (n,) in s)` to columns
+by the names of `codegen.sil.closed_loop.INPUT_COLUMNS`, each a number or (n,), in SI. What it does not name is the default:
+the road of the configuration, no friction estimate, nothing else acting. Amplitudes are worked out from the car.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.errors import CodegenError
+from codegen.vehicle.single_track import SingleTrack
+from codegen.vehicle.tyre import static_wheel_loads
+
+FloatArray = npt.NDArray[np.float64]
+Columns = Mapping[str, npt.ArrayLike]
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2 for one g, as standards count lateral acceleration, wherever the car is."""
+
+DWELL_FREQUENCY = 0.7
+DWELL_PAUSE = 0.5
+"""FMVSS 126, S7.9: a sine of 0.7 Hz whose second peak is held for 500 ms."""
+DWELL_LENGTH = 1.0 / DWELL_FREQUENCY + DWELL_PAUSE
+"""s from the beginning to the completion of the steering input."""
+DWELL_MULTIPLE = 5.0
+"""FMVSS 126, S5.2.3: from five times the angle that gives 0.3 g on, the lateral displacement is judged."""
+DWELL_ACCELERATION = 0.3 * STANDARD_GRAVITY
+
+RAMP_RATE = 0.1
+"""m/s^2 of lateral acceleration that a linear car gains in each second: slow enough that every instant is a steady turn."""
+
+SWEEP_FROM, SWEEP_TO = 0.1, 4.0
+"""Hz; figures are read between 0.2 and 3.5 Hz, away from both ends."""
+SWEEP_ACCELERATION = 2.0
+"""m/s^2 in the steady state: the linear range, half of what ISO 7401 takes for its step input."""
+
+SPLIT_LOW_SHARE = 1.0 / 3.0
+"""Friction of the slippery side over that of the other one: UN R13-H, annex 6, calls for half or less."""
+SPLIT_BUILD_UP = 0.5
+"""s over which the brake system lets the force at the gripping front wheel rise."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user may change; None leaves it to the manoeuvre or to the configuration."""
+
+    speed_km_h: float | None = None
+    steering_wheel_angle_deg: float | None = None
+    friction: float | None = None
+    friction_estimate: float | None = None
+
+    @property
+    def speed(self) -> float:
+        """m/s, of a manoeuvre that has one."""
+        assert self.speed_km_h is not None  # every manoeuvre with a speed of its own is set up with one
+        return self.speed_km_h * KM_H
+
+
+Manoeuvre = Callable[[Config, Settings, FloatArray], Columns]
+
+
+def steering_wheel_angle(config: Config, speed: float, lateral_acceleration: float) -> float:
+    """Angle in rad at which the linear car without rear steering holds a lateral acceleration (m/s^2) at a speed (m/s).
+
+    delta_f = (L/vx^2 + K) ay, at the steering wheel by the steering ratio (Rajamani, section 3.3).
+
+    Raises:
+        CodegenError: no such angle: the car is unstable at that speed, or the wheels would be at their stop.
+    """
+    car = SingleTrack.from_config(config)
+    front_angle = (car.wheelbase / speed**2 + car.understeer_coefficient) * lateral_acceleration
+    wanted = f"{lateral_acceleration:.3g} m/s^2 at {speed / KM_H:.3g} km/h"
+    if front_angle <= 0.0:
+        raise CodegenError(
+            f"this car oversteers and is unstable at {speed / KM_H:.3g} km/h",
+            where="scenario",
+            remedy=f"choose a speed below {car.critical_speed / KM_H:.0f} km/h, or give steering_wheel_angle_deg",
+        )
+    if front_angle > config.steering.front_angle_stop:
+        raise CodegenError(
+            f"{wanted} needs a front angle of {math.degrees(front_angle):.3g} deg, beyond steering.front_angle_stop_deg",
+            where="scenario",
+            remedy="choose a higher speed, or give steering_wheel_angle_deg",
+        )
+    return front_angle * config.steering.ratio
+
+
+def _given_angle(settings: Settings, otherwise: Callable[[], float]) -> float:
+    given = settings.steering_wheel_angle_deg
+    return otherwise() if given is None else math.radians(given)
+
+
+def step(start: float, front_angle_deg: float | None = None) -> Manoeuvre:
+    """A step at the steering wheel at `start` (s); the plant limits the rate at which the wheel follows.
+
+    Where the settings name no angle it is the one that turns the front wheels by `front_angle_deg`.
+    """
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        angle = _given_angle(settings, lambda: math.radians(front_angle_deg or 0.0) * config.steering.ratio)
+        return {"speed": settings.speed, "steering_wheel_command": np.where(time >= start - 1e-9, angle, 0.0)}
+
+    return drive
+
+
+def corner(start: float, length: float, front_angle_deg: float) -> Manoeuvre:
+    """The steering wheel is turned evenly over `length` s from `start` on, and then held."""
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        angle = _given_angle(settings, lambda: math.radians(front_angle_deg) * config.steering.ratio)
+        return {"speed": settings.speed, "steering_wheel_command": angle * np.clip((time - start) / length, 0.0, 1.0)}
+
+    return drive
+
+
+def ramp(start: float, end: float) -> Manoeuvre:
+    """Slowly increasing steer from `start` to `end` (s) at constant speed, to RAMP_RATE * (end - start) in a linear car."""
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        last = _given_angle(settings, lambda: steering_wheel_angle(config, settings.speed, RAMP_RATE * (end - start)))
+        return {"speed": settings.speed, "steering_wheel_command": last * np.clip((time - start) / (end - start), 0.0, 1.0)}
+
+    return drive
+
+
+def dwell_shape(time: FloatArray) -> FloatArray:
+    """The sine with dwell of amplitude one, from time zero: three quarters of a period, the pause, the last quarter."""
+    three_quarters = 0.75 / DWELL_FREQUENCY
+    moving = np.where(time < three_quarters, time, np.maximum(time - DWELL_PAUSE, three_quarters))
+    inside = (time >= 0.0) & (time < DWELL_LENGTH)
+    result: FloatArray = np.where(inside, np.sin(2.0 * np.pi * DWELL_FREQUENCY * moving), 0.0)
+    return result
+
+
+def sine_with_dwell(start: float) -> Manoeuvre:
+    """The steering input of FMVSS 126, S7.9. Its speed is held, where the standard lets the car roll on."""
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        angle = _given_angle(
+            settings, lambda: DWELL_MULTIPLE * steering_wheel_angle(config, settings.speed, DWELL_ACCELERATION)
+        )
+        return {"speed": settings.speed, "steering_wheel_command": angle * dwell_shape(time - start)}
+
+    return drive
+
+
+def sine_sweep(start: float, end: float) -> Manoeuvre:
+    """A sine whose frequency rises from SWEEP_FROM to SWEEP_TO, each octave taking the same time; faded in and out.
+
+    It begins and ends at rest, so that the ratio of the transforms of response and input has no leakage.
+    """
+    fade_in, fade_out = 1.0 / SWEEP_FROM, 2.0 / SWEEP_TO
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        angle = _given_angle(settings, lambda: steering_wheel_angle(config, settings.speed, SWEEP_ACCELERATION))
+        length, octaves = end - start, math.log(SWEEP_TO / SWEEP_FROM)
+        inside = np.clip(time - start, 0.0, length)
+        phase = 2.0 * np.pi * SWEEP_FROM * length / octaves * np.expm1(octaves * inside / length)
+        fade = np.clip(np.minimum(inside / fade_in, (length - inside) / fade_out), 0.0, 1.0)
+        smooth = 0.5 - 0.5 * np.cos(np.pi * fade)
+        return {"speed": settings.speed, "steering_wheel_command": angle * smooth * np.sin(phase)}
+
+    return drive
+
+
+def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
+    """Speed from half of where control ends up to twice of where it begins, and back, with the steering wheel held.
+
+    Args:
+        times: s at which the speed begins to rise, stays, begins to fall, stays.
+    """
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        low = 0.5 * config.controller.disable_speed_km_h * KM_H
+        high = 2.0 * config.controller.enable_speed_km_h * KM_H if settings.speed_km_h is None else settings.speed
+        # Turned in within the first half second; the plant limits the rate.
+        angle = _given_angle(settings, lambda: 0.0)
+        return {
+            "speed": np.interp(time, times, (low, high, high, low)),
+            "steering_wheel_command": np.where(time >= 0.5 - 1e-9, angle, 0.0),
+        }
+
+    return drive
+
+
+@dataclass(frozen=True)
+class SplitBraking:
+    """Braking with one side of the car on a slippery surface, as the plant sees it.
+
+    Attributes:
+        yaw_moment: N m, towards the side that grips, once the brake forces stand.
+        deceleration: m/s^2.
+        friction: what is left to the tyres sideways: the mean of both sides.
+    """
+
+    yaw_moment: float
+    deceleration: float
+    friction: float
+
+
+def split_braking(config: Config) -> SplitBraking:
+    """Forces of an anti-lock brake system on split friction, from the loads of the car at rest.
+
+    Each front wheel brakes with what its own side gives, mu F_z; both rear wheels with what the slippery side gives
+    ("select low"), so that only the front axle turns the car: M = (w/2) (mu_high - mu_low) F_zf, with F_zf of one wheel.
+    Braking shifts load forward and combined slip takes lateral force from the tyres: both are left out, as the plant has
+    neither. (Robert Bosch GmbH, Automotive Handbook, antilock braking systems.)
+    """
+    high = config.road.friction
+    low = SPLIT_LOW_SHARE * high
+    front, rear = static_wheel_loads(config)
+    return SplitBraking(
+        yaw_moment=0.5 * config.vehicle.track_m * (high - low) * front,
+        deceleration=((high + low) * front + 2.0 * low * rear) / config.vehicle.mass_kg,
+        friction=0.5 * (high + low),
+    )
+
+
+def split_friction(start: float, end: float) -> Manoeuvre:
+    """Straight on, braking between `start` and `end` (s) with the left side gripping; the steering wheel is held straight.
+
+    The brake system's yaw-moment build-up delay lets the force at the gripping wheel rise over SPLIT_BUILD_UP. `inhibit` stays
+    off: what is shown is what the rear wheels can do; a brake system that sets it leaves the car to itself.
+    """
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        braking = split_braking(config)
+        acting = (time >= start - 1e-9) & (time < end - 1e-9)
+        slowest = 5.0 * KM_H
+        speed = settings.speed - braking.deceleration * np.clip(time - start, 0.0, end - start)
+        return {
+            "speed": np.maximum(speed, min(slowest, settings.speed)),
+            "friction": braking.friction,
+            "yaw_moment": braking.yaw_moment * np.where(acting, np.clip((time - start) / SPLIT_BUILD_UP, 0.0, 1.0), 0.0),
+        }
+
+    return drive

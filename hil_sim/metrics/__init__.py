@@ -1,0 +1,120 @@
+"""Figures of runs: what each scenario shows, of several cars beside each other.
+
+A car that spins is said to have spun, and when; no figure is given of what it did after that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from codegen.config import Config
+from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
+from hil_sim.metrics.run import FloatArray, Metric, Run, column, spin_time
+from hil_sim.metrics.step import StepMetrics, step_metrics
+from hil_sim.scenarios import Kind, Scenario
+
+__all__ = ["Evaluation", "Metric", "Run", "RunMetrics", "StepMetrics", "column", "evaluate", "spin_time", "step_metrics"]
+
+MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
+    "step": step.measure,
+    "ramp": ramp.measure,
+    "sine-with-dwell": sine_with_dwell.measure,
+    "frequency": frequency.measure,
+    "speed-ramp": others.measure_speed_ramp,
+    "straight": others.measure_straight,
+    "corner": others.measure_corner,
+    "recording": others.measure_recording,
+}
+
+SPUN = "spun"
+SPIN_TITLE = "spin"
+
+
+@dataclass(frozen=True)
+class RunMetrics:
+    """Figures of one run.
+
+    Attributes:
+        metrics: in the order of the table; what a spin took away has no value and stands in `spoilt`.
+        spun_at: s; None for a car that stays on the road.
+        spoilt: keys of the figures that a spin took away.
+    """
+
+    metrics: tuple[Metric, ...]
+    spun_at: float | None
+    spoilt: frozenset[str]
+
+    def __getitem__(self, key: str) -> float | bool | None:
+        """The value of a figure by its key."""
+        return next(metric.value for metric in self.metrics if metric.key == key)
+
+    def to_dict(self) -> dict[str, float | bool | None]:
+        """Key to value, for JSON; `spun_at_s` first."""
+        return {"spun_at_s": self.spun_at, **{metric.key: metric.value for metric in self.metrics}}
+
+    def text(self, index: int) -> str:
+        """The value of the figure in a row, as a table shows it."""
+        metric = self.metrics[index]
+        if metric.key in self.spoilt:
+            return SPUN
+        if metric.value is None:
+            return "-"
+        if isinstance(metric.value, bool):
+            return metric.words[metric.value]
+        # Adding zero takes the sign off a zero: "-0.00" would be read as a direction.
+        return f"{round(metric.value, metric.digits) + 0.0:.{metric.digits}f}"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures of several runs of one scenario, such as "controlled" and "passive"."""
+
+    scenario: str
+    runs: Mapping[str, RunMetrics]
+
+    def to_dict(self) -> dict[str, dict[str, float | bool | None]]:
+        """Name of the run to its figures, for JSON."""
+        return {name: metrics.to_dict() for name, metrics in self.runs.items()}
+
+    @property
+    def rows(self) -> list[tuple[str, str, tuple[str, ...]]]:
+        """Name, unit and a text for each run; a first row tells when a car spun, if one did."""
+        runs = list(self.runs.values())
+        first = runs[0].metrics
+        rows = [
+            (metric.title, metric.unit, tuple(run.text(index) for run in runs))
+            for index, metric in enumerate(first)
+            # A figure that no car has, such as a reference among passive ones, is left out.
+            if any(run.metrics[index].value is not None or run.metrics[index].key in run.spoilt for run in runs)
+        ]
+        if any(run.spun_at is not None for run in runs):
+            told = tuple("no" if run.spun_at is None else f"{SPUN} at t = {run.spun_at:.2f} s" for run in runs)
+            rows.insert(0, (SPIN_TITLE, "", told))
+        return rows
+
+
+def evaluate(scenario: Scenario, config: Config, records: Mapping[str, FloatArray]) -> Evaluation:
+    """The figures that belong to a scenario.
+
+    Args:
+        scenario: what was driven.
+        config: of the car.
+        records: name to recording (samples, 12), columns RECORD_COLUMNS, two samples or more; in the order of the table.
+
+    Raises:
+        ValueError: no recording, or one that is too short.
+    """
+    if not records or any(len(record) < 2 for record in records.values()):
+        raise ValueError("at least one recording of at least two samples is needed")
+    return Evaluation(scenario.name, {name: _of_one(Run(record, scenario, config)) for name, record in records.items()})
+
+
+def _of_one(run: Run) -> RunMetrics:
+    measured = MEASURES[run.scenario.kind](run)
+    spun_at = spin_time(run.record)
+    limit = math.inf if spun_at is None else spun_at
+    spoilt = frozenset(metric.key for metric in measured if min(metric.until, float(run.time[-1])) >= limit)
+    metrics = tuple(replace(metric, value=None) if metric.key in spoilt else metric for metric in measured)
+    return RunMetrics(metrics, spun_at, spoilt)

@@ -1,0 +1,112 @@
+"""Figures of runs that no standard names: thresholds, faults, split friction, the user's own recordings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from codegen.config import KM_H
+from codegen.sil.software import Status
+from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common, largest
+
+BEFORE_FAULT = 0.5
+"""s before a fault over which the undisturbed values are averaged."""
+
+
+def reference_error(run: Run, where: BoolArray) -> FloatArray:
+    """deg/s: yaw rate less reference over the samples `where` in which the controller follows it."""
+    chosen = where & run.controlled
+    result: FloatArray = (run.degrees("yaw_rate_rad_s") - run.degrees("yaw_rate_reference_rad_s"))[chosen]
+    return result
+
+
+def rear_rate(run: Run, where: BoolArray) -> float | None:
+    """deg/s: the largest rate of the rear angle between samples."""
+    return largest(np.diff(run.degrees("rear_angle_rad"), prepend=run.degrees("rear_angle_rad")[:1]) / run.step, where)
+
+
+def measure_speed_ramp(run: Run) -> list[Metric]:
+    """Where control begins and ends, and how gently."""
+    speed, controlled = run["speed_m_s"] / KM_H, np.flatnonzero(run.controlled)
+    first, last = (int(controlled[0]), int(controlled[-1])) if controlled.size else (None, None)
+    ended = last is not None and last < len(speed) - 1
+    error = reference_error(run, run.after)
+    return [
+        Metric("control_begins_km_h", "control begins at", "km/h", None if first is None else float(speed[first]), 1),
+        Metric(
+            "control_ends_km_h", "control ends at", "km/h", float(speed[last + 1]) if last is not None and ended else None, 1
+        ),
+        Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, run.after)),
+        Metric("yaw_rate_error_abs_max_deg_s", "|yaw rate - reference|, largest", "deg/s", largest(error)),
+        *common(run),
+    ]
+
+
+def measure_straight(run: Run) -> list[Metric]:
+    """How far a car that should go straight on is turned."""
+    end = float(run.time[-1])
+    heading, offset = path(run)
+    return [
+        Metric("heading_end_deg", "heading at the end", "deg", math.degrees(float(heading[-1])), 2, end),
+        Metric("offset_end_m", "sideways offset at the end", "m", float(offset[-1]), 2, end),
+        *common(run),
+    ]
+
+
+def path(run: Run) -> tuple[FloatArray, FloatArray]:
+    """Heading (rad) and sideways position (m) of the centre of gravity, each (samples,) and zero at the start."""
+    yaw_rate, speed, sideslip = run["yaw_rate_rad_s"], run["speed_m_s"], run["sideslip_rad"]
+
+    def integral(values: FloatArray) -> FloatArray:
+        return np.concatenate([[0.0], np.cumsum(0.5 * run.step * (values[1:] + values[:-1]))])
+
+    heading = integral(yaw_rate)
+    return heading, integral(speed * np.sin(heading) + speed * np.tan(sideslip) * np.cos(heading))
+
+
+def measure_corner(run: Run) -> list[Metric]:
+    """What a fault in a steady corner does: deviation from what was before, and how long until control is back."""
+    faults = run.scenario.faults
+    start = faults[0].start if faults else run.scenario.steer_time
+    end = max((fault.start + fault.duration for fault in faults), default=start)
+    before, after = run.within(start - BEFORE_FAULT, start), run.time >= start - 1e-9
+    back = np.flatnonzero((run.time >= end - 1e-9) & run.controlled)
+    lost = after & ~run.controlled
+    rows = []
+    for key, title, name in (
+        ("yaw_rate_deviation_deg_s", "yaw rate, largest deviation", "yaw_rate_rad_s"),
+        ("sideslip_deviation_deg", "sideslip, largest deviation", "sideslip_rad"),
+        ("rear_angle_deviation_deg", "rear angle, largest deviation", "rear_angle_rad"),
+    ):
+        values = run.degrees(name)
+        deviation = largest(values[after] - values[before].mean()) if before.any() else None
+        rows.append(Metric(key, title, "deg/s" if key.endswith("_s") else "deg", deviation))
+    return [
+        *rows,
+        Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, after)),
+        Metric("not_controlled_s", "not controlled for", "s", float(lost.sum()) * run.step),
+        Metric(
+            "recovery_s", "control back after the end of the fault", "s", float(run.time[back[0]]) - end if back.size else None
+        ),
+        *common(run),
+    ]
+
+
+def measure_recording(run: Run) -> list[Metric]:
+    """Extremes and the quality of tracking over a whole drive."""
+    everything = np.ones(len(run.time), dtype=np.bool_)
+    error = reference_error(run, everything)
+    in_state = run["status"]
+    return [
+        Metric("speed_max_km_h", "speed, largest", "km/h", float(run["speed_m_s"].max() / KM_H), 1),
+        Metric("controlled_percent", "controlled", "%", 100.0 * float(run.controlled.mean()), 1),
+        Metric("limited_percent", "limited", "%", 100.0 * float((in_state == Status.LIMITED).mean()), 1),
+        Metric("yaw_rate_error_rms_deg_s", "yaw rate - reference, rms", "deg/s", _rms(error)),
+        Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, everything)),
+        *common(run, everything),
+    ]
+
+
+def _rms(values: FloatArray) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None

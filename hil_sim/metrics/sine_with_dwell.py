@@ -1,0 +1,139 @@
+"""Figures of the sine with dwell: what FMVSS 126 (49 CFR 571.126), S5.2 asks, computed as its S7.11 says.
+
+BOS, the beginning of steer, is where the steering wheel first reaches 5 deg; COS, its completion, where it is back at zero.
+Both and every figure are interpolated between samples. The signals of a simulation are clean, so nothing is filtered.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil_sim.manoeuvres import DWELL_LENGTH
+from hil_sim.metrics.run import FloatArray, Metric, Run, common, spin_time
+
+BEGINNING_ANGLE = math.radians(5.0)
+"""Of the steering wheel, S7.11."""
+ZERO_ANGLE = math.radians(0.1)
+"""Of the steering wheel: back at zero, for a wheel that comes to it with a lag. 0.1 deg is what S6.3 wants resolved."""
+RATIO_TIMES = ((1.0, 35.0), (1.75, 20.0))
+"""s after COS, and the largest ratio of yaw rate to its second peak in % (S5.2.1 and S5.2.2)."""
+DISPLACEMENT_TIME = 1.07
+"""s after BOS (S5.2.3)."""
+HEAVY_MASS = 3500.0
+"""kg: the limit above which less displacement is asked for; the standard takes the gross rating, here is the car's mass."""
+DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY = 1.83, 1.52
+"""m."""
+
+
+@dataclass(frozen=True)
+class SteeringTimes:
+    """s of the run: beginning of steer, the change of sign in the middle, completion of steer."""
+
+    beginning: float
+    reversal: float
+    completion: float
+
+
+def _crossing(time: FloatArray, values: FloatArray, level: float, first: int) -> float | None:
+    """When `values`, from sample `first` on, first come from below to `level`; None where they do not."""
+    reached = np.flatnonzero(values[first:] >= level)
+    if not reached.size:
+        return None
+    index = first + int(reached[0])
+    if index == 0 or index == first:
+        return float(time[index])
+    low, high = values[index - 1], values[index]
+    return float(time[index - 1] + (level - low) / (high - low) * (time[index] - time[index - 1]))
+
+
+def steering_times(run: Run) -> SteeringTimes | None:
+    """Where the steering begins, reverses and ends; None where the steering wheel does no such thing."""
+    time, start = run.time, run.scenario.steer_time
+    begun = int(np.searchsorted(time, start - 1e-9))
+    half = int(np.searchsorted(time, start + 0.5 * DWELL_LENGTH))
+    wheel = run.steering_wheel_angle
+    if half >= len(time) or not wheel[begun:half].size:
+        return None
+    wheel = wheel * (1.0 if wheel[begun:half].sum() >= 0.0 else -1.0)
+    beginning = _crossing(time, wheel, BEGINNING_ANGLE, begun)
+    peak = begun + int(np.argmax(wheel[begun:]))
+    reversal = _crossing(time, -wheel, 0.0, peak)
+    trough = peak + int(np.argmin(wheel[peak:]))
+    completion = _crossing(time, wheel, -ZERO_ANGLE, trough)
+    if beginning is None or reversal is None or completion is None or not beginning < reversal < completion:
+        return None
+    return SteeringTimes(beginning, reversal, completion)
+
+
+def second_peak(run: Run, times: SteeringTimes) -> tuple[float, float]:
+    """s and rad/s of the first peak of the yaw rate after the steering wheel changed sign, in the direction it then turns."""
+    wheel = run.at(times.reversal + 0.05, "front_angle_rad")
+    sign = 1.0 if wheel >= 0.0 else -1.0
+    yaw_rate = sign * run["yaw_rate_rad_s"]
+    inside = np.flatnonzero(run.time >= times.reversal)
+    values = yaw_rate[inside]
+    # A local maximum on the new side; the largest value where the yaw rate only rises.
+    falls = np.flatnonzero((values[1:-1] > 0.0) & (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]))
+    chosen = int(falls[0]) + 1 if falls.size else int(np.argmax(values))
+    return float(run.time[inside[chosen]]), sign * float(values[chosen])
+
+
+def lateral_displacement(run: Run, beginning: float, end: float) -> float:
+    """m: the lateral acceleration of the centre of gravity integrated twice from `beginning`, where both integrals are zero."""
+    inside = (run.time > beginning) & (run.time < end)
+    time = np.concatenate([[beginning], run.time[inside], [end]])
+    lateral = np.interp(time, run.time, run["lateral_acceleration_m_s2"])
+    step = np.diff(time)
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * step * (lateral[1:] + lateral[:-1]))])
+    # Exact for an acceleration that is linear between samples.
+    return float(np.sum(step * speed[:-1] + step**2 * (2.0 * lateral[:-1] + lateral[1:]) / 6.0))
+
+
+def measure(run: Run) -> list[Metric]:
+    """Yaw-rate ratios and lateral displacement, with what is asked of them."""
+    needed = DISPLACEMENT_MIN if run.config.vehicle.mass_kg <= HEAVY_MASS else DISPLACEMENT_MIN_HEAVY
+    times = steering_times(run)
+    displacement, displacement_end = None, math.inf
+    ratios: list[float | None] = [None, None]
+    ends = [math.inf, math.inf]
+    if times is not None:
+        ends = [times.completion + after for after, _ in RATIO_TIMES]
+        displacement_end = times.beginning + DISPLACEMENT_TIME
+        peak = second_peak(run, times)[1]
+        if peak != 0.0:
+            # Against the second peak, with its sign: a yaw rate that has changed sides counts as below zero.
+            ratios = [100.0 * run.at(end, "yaw_rate_rad_s") / peak if end <= run.time[-1] else None for end in ends]
+        if displacement_end <= run.time[-1]:
+            displacement = abs(lateral_displacement(run, times.beginning, displacement_end))
+    rows = [
+        Metric(
+            f"yaw_rate_ratio_{after:.2f}_s_percent".replace(".", "_", 1),
+            f"yaw-rate ratio {after:.2f} s after steering (at most {limit:g})",
+            "%",
+            ratio,
+            1,
+            end,
+        )
+        for (after, limit), ratio, end in zip(RATIO_TIMES, ratios, ends, strict=True)
+    ]
+    good = displacement is not None and displacement >= needed
+    good &= spin_time(run.record) is None and all(
+        ratio is not None and ratio <= limit for (_, limit), ratio in zip(RATIO_TIMES, ratios, strict=True)
+    )
+    return [
+        *rows,
+        Metric(
+            "lateral_displacement_m",
+            f"lateral displacement {DISPLACEMENT_TIME:g} s after its start (at least {needed:g})",
+            "m",
+            displacement,
+            2,
+            displacement_end,
+        ),
+        # A car that spins has failed, whatever it does afterwards.
+        Metric("meets_fmvss_126", "meets these three", "", good, until=-math.inf),
+        *common(run),
+    ]

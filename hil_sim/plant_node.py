@@ -1,0 +1,214 @@
+"""The car on the bus: each cycle two frames out, the command in, and the car moved on to the next cycle.
+
+It knows nothing of clocks or interfaces: `hil_sim.bench` carries its frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+from codegen.emit.text import Precision
+from codegen.sil.plant import Plant, PlantInput, PlantSample
+from codegen.sil.software import RECORD_COLUMNS, Status
+from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
+from hil_sim.faults import Injector
+from hil_sim.frames import Frame
+from hil_sim.scenarios import Scenario
+from hil_sim.sensors import SensorModel
+
+FloatArray = npt.NDArray[np.float64]
+
+USABLE = (E2eStatus.OK, E2eStatus.INITIAL, E2eStatus.OK_SOME_LOST)
+"""Checks after which the data of a frame are used, as in the generated task."""
+
+
+@dataclass
+class Received:
+    """Counts of the command's reception."""
+
+    commands: int = 0
+    refused: int = 0
+    cycles_without: int = 0
+    lost: int = 0
+
+    def to_dict(self) -> dict[str, int]:
+        """Name to count."""
+        return dict(vars(self))
+
+
+class PlantNode:
+    """The simulated car with its sensors, its actuator's supervision and its side of the frames.
+
+    Args:
+        config: car, actuator, frames.
+        scenario: what is done to it.
+        precision: of the controller's numbers: what is sent is rounded to it first, as on the other side.
+        sensors: None: what the car does is measured exactly, but for the frames' own steps.
+        seed: of noise and of random faults.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        scenario: Scenario,
+        *,
+        precision: Precision = "single",
+        sensors: SensorModel | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._config, self._can = config, config.can
+        self._per_sample = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
+        self.sampling_time = config.plant.sampling_time_s * self._per_sample
+        inputs = scenario.inputs(config)
+        self.cycles = len(inputs) // self._per_sample
+        self._rows = inputs[: self.cycles * self._per_sample].tolist()
+        self._plant = Plant(config)
+        self._codec = Codec(config.can, precision)
+        self._sensors = sensors
+        self.injector = Injector(scenario.faults, config.can, self.sampling_time, seed)
+        self._actuator = _ActuatorSupervision(config, self.sampling_time)
+        self._waiting: deque[float] = deque([0.0] * config.plant.command_delay_samples)
+        self.received = Received()
+        self.command: RearSteerCommand | None = None
+        self._restart()
+
+    def _restart(self) -> None:
+        self._motion_counter = self._conditions_counter = 0
+        self._receiver = Receiver(self._can.e2e)
+        self._was_off = False
+        self._arrived: list[Frame] = []
+        self._fresh = False
+
+    def outgoing(self, cycle: int) -> list[Frame]:
+        """The frames of the sample at `cycle`: what the node really puts on the bus, faults included."""
+        self._sample = self._plant.sample(self._acting(cycle * self._per_sample, 0.0))
+        self._fresh = False
+        off = self.injector.plant_off(cycle)
+        if self._was_off and not off:
+            self._restart()  # a node that was switched on again starts with counters of zero
+        self._was_off = off
+        if off:
+            return self.injector.outgoing(cycle, [])
+        speed, _, _, estimate, _, inhibit = self._rows[cycle * self._per_sample]
+        sample = self._sample
+        measured = {
+            name: self._sensors.measure(name, value) if self._sensors else value
+            for name, value in {
+                "speed": speed,
+                "front_angle": sample.front_angle,
+                "yaw_rate": sample.yaw_rate,
+                "rear_angle": sample.rear_angle,
+            }.items()
+        }
+        frames = [self._motion(cycle, measured), self._conditions(cycle, measured["rear_angle"], estimate, inhibit != 0.0)]
+        return self.injector.outgoing(cycle, frames)
+
+    def _motion(self, cycle: int, measured: dict[str, float]) -> Frame:
+        message = self._can.vehicle_motion
+        names = ("speed", "front_angle", "yaw_rate")
+        values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
+        data = self._codec.encode(VehicleMotion(*(values[name] for name in names)))
+        data = protect(message.e2e_data_id, self._motion_counter, data)
+        self._motion_counter = next_counter(self._motion_counter)
+        return Frame(message.id, data)
+
+    def _conditions(self, cycle: int, rear_angle: float, friction: float, inhibit: bool) -> Frame:
+        message = self._can.vehicle_conditions
+        values = self.injector.signals(cycle, message.name, {"rear_angle": rear_angle, "friction": friction})
+        data = self._codec.encode(VehicleConditions(values["rear_angle"], values["friction"], inhibit))
+        data = protect(message.e2e_data_id, self._conditions_counter, data)
+        self._conditions_counter = next_counter(self._conditions_counter)
+        return Frame(message.id, data)
+
+    def receive(self, frame: Frame) -> bool:
+        """Take a frame from the bus; whether it was a command, good or not. Everything else is ignored."""
+        if frame.extended or frame.remote or frame.error or frame.id != self._can.rear_steer_command.id:
+            return False
+        self._arrived.append(frame)
+        return True
+
+    def _take(self, data: bytes) -> bool:
+        """Check a command; whether it has an angle for the actuator."""
+        message = self._can.rear_steer_command
+        status = self._receiver.check(message.e2e_data_id, data)
+        decoded = self._codec.decode(message.id, data)
+        if status not in USABLE or not isinstance(decoded, RearSteerCommand):
+            self.received.refused += 1
+            return False
+        self.received.commands += 1
+        self.received.lost += status == E2eStatus.OK_SOME_LOST
+        self.command = decoded
+        if math.isnan(decoded.rear_angle):
+            return False
+        self._actuator.command(decoded.rear_angle)
+        return True
+
+    def finish(self, cycle: int) -> list[float]:
+        """End of the cycle: the car is moved on with the command that acts; the row of the recording (RECORD_COLUMNS)."""
+        arrived, self._arrived = self._arrived, []
+        if not self._was_off:
+            arrived = self.injector.incoming(cycle, arrived)
+            taken = [self._take(frame.data) for frame in arrived]  # each of them, good or not
+            self._fresh = any(taken)
+            if not arrived:
+                self._receiver.no_new_data()
+        if not self._fresh:
+            self.received.cycles_without += 1
+        commanded = self._actuator.close(self._fresh)
+        self._waiting.append(commanded)
+        acting = self._waiting.popleft()
+        first = cycle * self._per_sample
+        self._plant.advance(self._acting(first + step, acting) for step in range(self._per_sample))
+        return self._row(cycle, commanded)
+
+    def _row(self, cycle: int, commanded: float) -> list[float]:
+        sample: PlantSample = self._sample
+        command = self.command
+        row = {
+            "time_s": self.sampling_time * cycle,
+            "speed_m_s": self._rows[cycle * self._per_sample][0],
+            "front_angle_rad": sample.front_angle,
+            "yaw_rate_rad_s": sample.yaw_rate,
+            "yaw_rate_reference_rad_s": 0.0 if command is None else command.yaw_rate_reference,
+            "sideslip_rad": sample.sideslip_angle,
+            "lateral_acceleration_m_s2": sample.lateral_acceleration,
+            "rear_angle_command_rad": commanded,
+            "rear_angle_rad": sample.rear_angle,
+            "slip_front_rad": sample.slip_front,
+            "slip_rear_rad": sample.slip_rear,
+            "status": float(Status.STANDBY if command is None else command.status),
+        }
+        return [row[name] for name in RECORD_COLUMNS]
+
+    def _acting(self, row: int, rear_angle_command: float) -> PlantInput:
+        speed, wheel, friction, _, moment, _ = self._rows[row]
+        return PlantInput(speed, wheel, rear_angle_command, friction, moment)
+
+
+class _ActuatorSupervision:
+    """What the rear actuator does by itself: it holds the last command, and where none comes for long, does as configured."""
+
+    def __init__(self, config: Config, sampling_time: float) -> None:
+        actuator = config.rear_actuator
+        self._returns = actuator.on_command_loss == "return"
+        self._samples_max = actuator.command_loss_samples_max
+        self._step = math.radians(actuator.return_rate_deg_s) * sampling_time
+        self._angle, self._silent = 0.0, 0
+
+    def command(self, angle: float) -> None:
+        """A good command, rad."""
+        self._angle = angle
+
+    def close(self, fresh: bool) -> float:
+        """End of a cycle with or without a good command: the angle (rad) that the actuator goes to."""
+        self._silent = 0 if fresh else self._silent + 1
+        if self._returns and self._silent > self._samples_max:
+            self._angle -= math.copysign(min(self._step, abs(self._angle)), self._angle)
+        return self._angle

@@ -1,0 +1,205 @@
+"""The user's own scenarios: a recorded drive (.csv), or a built-in scenario with other values and faults (.toml).
+
+For recordings see `hil_sim.recorded_drives`. A scenario file:
+
+    name = "wet-lane-change"
+    base = "sine-with-dwell"
+    speed_km_h = 70.0
+    friction = 0.6
+
+    [[faults]]                      # where there is any, these take the place of the base's own
+    kind = "drop"
+    start_s = 1.5
+    duration_s = 0.2
+    message = "VehicleMotion"
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
+
+from codegen.config import Config
+from codegen.errors import CodegenError
+from codegen.sections import Range, Section, check_name
+from hil_sim import recorded_drives
+from hil_sim.faults import Fault, FaultKind
+from hil_sim.recorded_drives import MAX_DURATION, MIN_DURATION
+from hil_sim.scenarios import SCENARIOS, Scenario
+
+MAX_FILE_BYTES = 64 * 2**20
+
+SIGNAL_FAULTS = frozenset({"stuck-value", "not-a-number", "infinity"})
+"""Faults of a signal: they need `message` and `signal`."""
+FRAME_FAULTS = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt", "freeze-counter"})
+"""Faults of frames: of one `message`, or of all that the car sends."""
+
+
+def load(path: Path, config: Config | None = None) -> Scenario:
+    """The scenario in a file: .toml, else .csv.
+
+    Args:
+        path: of the file.
+        config: names the messages and signals that faults may speak of; None takes the default names.
+
+    Raises:
+        CodegenError: the first fault, with the file and its line and column, or its key.
+    """
+    if path.suffix.lower() not in (".csv", ".toml"):
+        raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
+    text = _read(path)
+    if path.suffix.lower() == ".csv":
+        return recorded_drives.parse(text, path)
+    return _from_toml(text, path, Config() if config is None else config)
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.exists() and not path.is_file():  # a device would be read without end, a pipe waited for
+            raise CodegenError("not a file", where=path, remedy="name a .csv or .toml file")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise CodegenError(f"over {MAX_FILE_BYTES >> 20} MiB", where=path, remedy="cut it into shorter files")
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise CodegenError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CodegenError(f"cannot be read ({reason})", where=path, remedy="check the path") from None
+
+
+def _known_kind(kind: str) -> str:
+    if kind not in get_args(FaultKind):
+        near = difflib.get_close_matches(kind, get_args(FaultKind), n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(get_args(FaultKind))}"
+        raise ValueError(f"there is no fault {kind!r}; {remedy}")
+    return kind
+
+
+class FaultLine(Section):
+    """A table `[[faults]]`."""
+
+    kind: Annotated[str, AfterValidator(_known_kind)]
+    start_s: Annotated[float, Range(0.0, MAX_DURATION, "s")]
+    duration_s: Annotated[float, Range(0.001, MAX_DURATION, "s")]
+    message: str | None = None
+    signal: str | None = None
+    cycles: Annotated[int | None, Field(ge=1, le=100)] = None
+
+
+class ScenarioFile(Section):
+    """A scenario file: a built-in scenario, what differs, and faults."""
+
+    name: Annotated[str, AfterValidator(check_name)]
+    base: str
+    speed_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] | None = None
+    steering_wheel_angle_deg: Annotated[float, Range(-1_500.0, 1_500.0, "deg")] | None = None
+    friction: Annotated[float, Range(0.05, 1.5)] | None = None
+    friction_estimate: Annotated[float, Range(0.02, 2.0)] | None = None
+    duration_s: Annotated[float, Range(MIN_DURATION, MAX_DURATION, "s")] | None = None
+    faults: list[FaultLine] | None = None
+
+
+def _from_toml(text: str, path: Path, config: Config) -> Scenario:
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CodegenError(f"TOML syntax: {error}", where=path, remedy="mend that line") from None
+    except (ValueError, RecursionError) as error:
+        raise CodegenError(f"cannot be read as TOML ({error})", where=path, remedy="mend the number or the nesting") from None
+    try:
+        given = ScenarioFile.model_validate(data)
+    except ValidationError as error:
+        raise _first_fault(error, path) from None
+    if given.base not in SCENARIOS:
+        near = difflib.get_close_matches(given.base, SCENARIOS, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(SCENARIOS)}"
+        raise CodegenError(f"there is no scenario {given.base!r}", where=f"{path}: base", remedy=remedy)
+    return _changed(SCENARIOS[given.base], given, path, config)
+
+
+def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) -> Scenario:
+    changes = given.model_dump(exclude_none=True, exclude={"name", "base", "faults"})
+    for key in changes:
+        if key not in base.adjustable:
+            raise CodegenError(
+                f"{base.name} does not take it", where=f"{path}: {key}", remedy=f"it takes {', '.join(sorted(base.adjustable))}"
+            )
+    duration = changes.pop("duration_s", base.duration)
+    if duration <= base.steer_time + MIN_DURATION:
+        raise CodegenError(
+            f"{duration:g} s end before {base.name} begins to steer, at {base.steer_time:g} s",
+            where=f"{path}: duration_s",
+            remedy="make it longer",
+        )
+    faults = base.faults
+    if given.faults is not None:
+        faults = tuple(_fault(line, f"{path}: faults {number}", config) for number, line in enumerate(given.faults, start=1))
+    for number, fault in enumerate(faults, start=1):
+        if fault.start >= duration:
+            raise CodegenError(
+                f"begins at {fault.start:g} s, and the run ends at {duration:g} s",
+                where=f"{path}: faults {number}: start_s",
+                remedy="let it begin earlier, or raise duration_s where the base takes it",
+            )
+    return replace(
+        base,
+        name=given.name,
+        subject=f"{given.name} ({base.subject.lower()})",
+        what=f"{base.what}, as {path.name} changes it",
+        duration=duration,
+        settings=replace(base.settings, **changes),
+        faults=faults,
+    )
+
+
+def _fault(line: FaultLine, place: str, config: Config) -> Fault:
+    """One line as a fault, its keys checked against its kind and the messages of the configuration."""
+
+    def wrong(key: str, what: str, remedy: str) -> CodegenError:
+        return CodegenError(what, where=f"{place}: {key}", remedy=remedy)
+
+    of_signal, of_frame = line.kind in SIGNAL_FAULTS, line.kind in FRAME_FAULTS
+    for key, value, taken, needed in (
+        ("message", line.message, of_signal or of_frame, of_signal),
+        ("signal", line.signal, of_signal, of_signal),
+        ("cycles", line.cycles, line.kind == "delay", line.kind == "delay"),
+    ):
+        if value is not None and not taken:
+            raise wrong(key, f"{line.kind} does not take it", "remove it")
+        if value is None and needed:
+            raise wrong(key, f"{line.kind} needs it", "add it")
+    messages = {message.name: message for message in config.can.messages().values()}
+    if line.message is not None and line.message not in messages:
+        raise wrong("message", f"there is no message {line.message!r}", f"known: {', '.join(messages)}")
+    if line.signal is not None and line.message is not None:
+        signals = messages[line.message].signals()
+        if line.signal not in signals:
+            raise wrong("signal", f"{line.message} has no signal {line.signal!r}", f"known: {', '.join(signals)}")
+    kind: Any = line.kind
+    return Fault(kind, line.start_s, line.duration_s, line.message, line.signal, line.cycles or 0)
+
+
+def _first_fault(error: ValidationError, path: Path) -> CodegenError:
+    # A misspelt key explains a value that seems missing, so it is told first.
+    fault = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    parts = [part for part in fault["loc"] if isinstance(part, int) or part.isidentifier()]
+    model: type[BaseModel] = FaultLine if parts[:1] == ["faults"] and len(parts) > 2 else ScenarioFile
+    # [[faults]] are counted as a user does.
+    key = "".join(
+        f" {part + 1}" if isinstance(part, int) else f"{': ' if place else ''}{part}" for place, part in enumerate(parts)
+    )
+    where = f"{path}: {key}" if key else path
+    if fault["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(fault["loc"][-1]), model.model_fields, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(model.model_fields)}"
+        return CodegenError("unknown key", where=where, remedy=remedy)
+    if fault["type"] == "missing":
+        return CodegenError("this key is missing", where=where, remedy="add it")
+    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {fault['input']!r})"
+    what, _, remedy = message.partition("; ")
+    return CodegenError(what, where=where, remedy=remedy or "mend the value")

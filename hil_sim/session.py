@@ -1,0 +1,174 @@
+"""One run on the bench: the ECU started and stopped, the bus opened, the run logged."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.folder import read_manifest
+from codegen.emit.text import Precision
+from codegen.errors import CodegenError
+from hil_sim.bench import BenchResult, Observer, run_in_lock_step, run_in_real_time
+from hil_sim.bus import Bus, BusAddress
+from hil_sim.ecu_process import EcuProcess, EcuThread, cffi_command
+from hil_sim.logs import BusLog
+from hil_sim.plant_node import PlantNode
+from hil_sim.scenarios import Scenario
+from hil_sim.sensors import SensorModel
+
+FloatArray = npt.NDArray[np.float64]
+
+EcuKind = Literal["native", "cffi", "external"]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What to run, and on what.
+
+    Attributes:
+        config: the car, its frames and its sensors.
+        precision: of the controller's numbers.
+        lock_step: simulated time; else by the clock.
+        sensors: whether the car is measured by the configured sensors.
+        seed: of noise and of random faults.
+        log: where the bus is logged.
+        dbc: goes into a log that can hold it.
+    """
+
+    config: Config
+    scenario: Scenario
+    address: BusAddress
+    lock_step: bool = False
+    precision: Precision = "single"
+    sensors: bool = False
+    seed: int = 0
+    log: Path | None = None
+    dbc: bytes | None = None
+
+    @property
+    def clock(self) -> str:
+        """In words."""
+        return "lock-step" if self.lock_step else "real time"
+
+    def node(self) -> PlantNode:
+        """The car, at its start."""
+        sensors = SensorModel(self.config.sensors, self.seed) if self.sensors else None
+        return PlantNode(self.config, self.scenario, precision=self.precision, sensors=sensors, seed=self.seed)
+
+
+@dataclass(frozen=True)
+class BuildFacts:
+    """What the bench must know of a build without compiling it."""
+
+    config: Config
+    precision: Precision
+    prefix: str
+    dbc: bytes | None
+
+    @classmethod
+    def read(cls, build: Path) -> BuildFacts:
+        """From its manifest. Raises BuildError."""
+        manifest = read_manifest(build)
+        prefix = manifest["options"]["prefix"]
+        config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+        dbc = build / f"{prefix}.dbc"
+        return cls(config, manifest["options"]["precision"], prefix, dbc.read_bytes() if dbc.is_file() else None)
+
+
+def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: Observer | None = None) -> BenchResult:
+    """The car alone on a bus, against whatever ECU is there.
+
+    Args:
+        ecu: the one that the scenario's faults take away and bring back.
+    """
+    node = setup.node()
+    with Bus(setup.address, setup.config.can.bitrate_kbit_s * 1e3) as bus, _logged(setup) as log:
+        if setup.lock_step:
+            return run_in_lock_step(node, bus, log=log, observe=observe)
+        return run_in_real_time(node, bus, ecu=ecu, log=log, observe=observe)
+
+
+@dataclass(frozen=True)
+class HilRun:
+    """A run with an ECU: what was recorded, and what the ECU counted ("": it is another's, or it was killed)."""
+
+    result: BenchResult
+    ecu_counters: str
+
+
+def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None) -> HilRun:
+    """A run with the ECU of a build, which is started and stopped here, or with one that is there already.
+
+    Raises:
+        CodegenError: bus or ECU do not start, or the combination has no meaning.
+    """
+    if kind == "external":
+        if setup.lock_step:
+            raise CodegenError(
+                "an external ECU has a clock of its own", where="--lock-step", remedy="take --real-time, or another --ecu"
+            )
+        if any(fault.kind == "ecu-restart" for fault in setup.scenario.faults):
+            raise CodegenError(
+                "an external ECU cannot be switched off from here",
+                where=f"scenario {setup.scenario.name}",
+                remedy="take --ecu native or cffi, or another scenario",
+            )
+        return HilRun(run_plant(setup, None, observe), "")
+    with ecu_of(build, setup.address, kind, lock_step=setup.lock_step) as ecu:
+        result = run_plant(setup, ecu, observe)
+        return HilRun(result, ecu.stop())
+
+
+def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool) -> EcuProcess | EcuThread:
+    """The ECU of a build, not started yet. Raises CodegenError where this bus cannot have it."""
+    if kind == "native":
+        check_native(address)
+        from hil_sim import native
+
+        return EcuProcess(native.command(build, address.channel, lock_step=lock_step))
+    if address.interface == "virtual":
+        from codegen.sil.software import load
+
+        return EcuThread(load(build), address, lock_step=lock_step)
+    return EcuProcess(cffi_command(build, address, lock_step=lock_step))
+
+
+def check_native(address: BusAddress) -> None:
+    """Refuse what the native ECU cannot do. Raises CodegenError."""
+    if address.interface != "socketcan" or sys.platform != "linux":
+        raise CodegenError(
+            f"the native ECU speaks SocketCAN on Linux, not {address.interface} on {sys.platform}",
+            where="--ecu native",
+            remedy="take --bus socketcan:vcan0, or --ecu cffi",
+        )
+
+
+@contextmanager
+def _logged(setup: Setup) -> Iterator[BusLog | None]:
+    if setup.log is None:
+        yield None
+        return
+    # Simulated time has no wall clock: equal runs give equal logs.
+    start = None if setup.lock_step else time.time()
+    with BusLog(setup.log, channel=setup.address.channel, start=start, dbc=setup.dbc) as log:
+        yield log
+
+
+def passive(config: Config, scenario: Scenario) -> FloatArray:
+    """The same car without rear steering: a recording (cycles, 12), columns RECORD_COLUMNS."""
+    node = PlantNode(config, scenario)
+    rows = []
+    for cycle in range(node.cycles):
+        node.outgoing(cycle)
+        rows.append(node.finish(cycle))
+    return np.array(rows)

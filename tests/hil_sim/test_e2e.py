@@ -1,0 +1,218 @@
+"""AUTOSAR E2E profile 1A: the specification's vectors, an independent implementation, error detection, the receiver's states."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from e2e import p01
+from hypothesis import given
+from hypothesis import strategies as st
+
+from codegen.can_sections import E2e
+from hil_sim.e2e import LARGEST_COUNTER, E2eStatus, Receiver, crc, next_counter, protect
+
+OK, NO_NEW, WRONG_CRC, SYNC = E2eStatus.OK, E2eStatus.NO_NEW_DATA, E2eStatus.WRONG_CRC, E2eStatus.SYNC
+INITIAL, REPEATED, LOST, SEQUENCE = E2eStatus.INITIAL, E2eStatus.REPEATED, E2eStatus.OK_SOME_LOST, E2eStatus.WRONG_SEQUENCE
+
+DATA_ID = 0x101
+FRAMES = st.binary(min_size=8, max_size=8)
+DATA_IDS = st.integers(0, 0xFFFF)
+COUNTERS = st.integers(0, LARGEST_COUNTER)
+
+
+# AUTOSAR FO R20-11, PRS_E2EProtocol (document 849), section 6.3.5, "E2E Profile 1 Protocol Examples", DataIDMode BOTH:
+# data id 0x123, eight bytes, all data zero, first and second frame.
+@pytest.mark.parametrize(
+    ("counter", "frame"),
+    [(0, "cc 00 00 00 00 00 00 00"), (1, "91 01 00 00 00 00 00 00")],
+)
+def test_examples_of_the_specification(counter: int, frame: str) -> None:
+    assert protect(0x123, counter, bytes(8)) == bytes.fromhex(frame)
+
+
+# CRC-8 SAE J1850 of the digits 1 to 9 is 0x4B with start value and XOR 0xFF (AUTOSAR SWS_CRCLibrary, 7.2.1.1); with the
+# data id that turns profile 1's zero start into 0xFF, and its XOR undone, the same polynomial shows.
+def test_check_value_of_the_polynomial() -> None:
+    start = next(data_id for data_id in range(0x100) if crc(data_id << 8, b"\0") == 0xFF)
+    assert crc(start << 8, b"\0" + b"123456789") ^ 0xFF == 0x4B
+
+
+@given(DATA_IDS, COUNTERS, FRAMES)
+def test_an_independent_implementation_protects_equally(data_id: int, counter: int, data: bytes) -> None:
+    other = bytearray(data)
+    other[1] = other[1] & 0xF0 | counter
+    p01.e2e_p01_protect(other, data_id, data_id_mode=p01.E2E_P01_DATAID_BOTH, increment_counter=False)
+    ours = protect(data_id, counter, data)
+    assert ours == bytes(other)
+    assert p01.e2e_p01_check(bytearray(ours), data_id, data_id_mode=p01.E2E_P01_DATAID_BOTH)
+    assert Receiver(E2e()).check(data_id, bytes(other)) == INITIAL
+
+
+@given(DATA_IDS, FRAMES)
+def test_an_independent_implementation_judges_random_frames_equally(data_id: int, data: bytes) -> None:
+    accepted = p01.e2e_p01_check(bytearray(data), data_id, data_id_mode=p01.E2E_P01_DATAID_BOTH) and data[1] & 0x0F != 15
+    assert (Receiver(E2e()).check(data_id, data) == INITIAL) == accepted
+
+
+@given(DATA_IDS, COUNTERS, FRAMES)
+def test_only_crc_and_counter_change(data_id: int, counter: int, data: bytes) -> None:
+    frame = protect(data_id, counter, data)
+    assert frame[1] == data[1] & 0xF0 | counter
+    assert frame[2:] == data[2:]
+
+
+def _passes(frame: int, errors: int) -> bool:
+    return Receiver(E2e()).check(DATA_ID, (frame ^ errors).to_bytes(8, "big")) == INITIAL
+
+
+def _a_frame() -> int:
+    return int.from_bytes(protect(DATA_ID, 5, bytes.fromhex("00b0 12 34 56 78 9a bc")), "big")
+
+
+def test_every_single_and_double_bit_error_is_found() -> None:
+    frame = _a_frame()
+    assert _passes(frame, 0)
+    for one, other in itertools.combinations_with_replacement(range(64), 2):
+        assert not _passes(frame, 1 << one | 1 << other), (one, other)
+
+
+def test_every_short_burst_is_found() -> None:
+    # In the order in which a CAN frame is sent: byte by byte, the highest bit first. A CRC of 8 bits finds every burst of 8
+    # where it stands after the data. Profile 1 puts it in front, so five bursts across its end, which are longer than 8 in the
+    # order of the CRC, pass; CAN's own CRC finds those. Up to 7 bits there is no exception.
+    frame, crc_end = _a_frame(), 56
+    for width in range(1, 9):
+        inner = range(2 ** max(width - 2, 0))
+        for shift, middle in itertools.product(range(64 - width + 1), inner):
+            burst = 1 if width == 1 else 1 << (width - 1) | middle << 1 | 1
+            if width < 8 or not shift < crc_end < shift + width:
+                assert not _passes(frame, burst << shift), (width, shift, middle)
+
+
+@pytest.mark.parametrize("other", [0x102, 0x201, 0x001, 0x100, 0x301])
+def test_a_frame_under_another_data_id_does_not_pass(other: int) -> None:
+    frame = protect(other, 3, bytes.fromhex("00 70 01 02 03 04 05 06"))
+    assert Receiver(E2e()).check(DATA_ID, frame) == WRONG_CRC
+
+
+@pytest.mark.parametrize(("counter", "data"), [(15, bytes(8)), (-1, bytes(8)), (0, bytes(7)), (0, b"")])
+def test_protect_refuses_what_cannot_be_sent(counter: int, data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"counter|bytes"):
+        protect(DATA_ID, counter, data)
+
+
+def test_the_counter_skips_15() -> None:
+    assert [next_counter(counter) for counter in (0, 13, 14)] == [1, 14, 0]
+
+
+def _run(events: list[int | str], settings: E2e | None = None) -> list[E2eStatus]:
+    """Statuses of a receiver: a number is a good frame with that counter, "-" none in this cycle, "x" a corrupt one."""
+    receiver, statuses = Receiver(E2e() if settings is None else settings), []
+    for event in events:
+        if event == "-":
+            statuses.append(receiver.no_new_data())
+        elif event == "x":
+            statuses.append(receiver.check(DATA_ID, bytes((crc(DATA_ID, bytes(8)) ^ 1,)) + bytes(7)))
+        else:
+            assert isinstance(event, int)
+            body = bytes((0, event)) + bytes(6)
+            statuses.append(receiver.check(DATA_ID, bytes((crc(DATA_ID, body),)) + body[1:]))
+    return statuses
+
+
+DEFAULTS = {"max_delta_counter_init": 1, "max_no_new_or_repeated_data": 3, "sync_counter_init": 1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "events", "expected"),
+    [
+        pytest.param({}, [7, 8, 9], [INITIAL, OK, OK], id="starts anywhere"),
+        pytest.param({}, [13, 14, 0, 1], [INITIAL, OK, OK, OK], id="counter goes around"),
+        pytest.param({}, [0, 0, 1], [INITIAL, REPEATED, OK], id="repeated"),
+        pytest.param({}, [0, 2, 3], [INITIAL, LOST, OK], id="one lost, unnoticed until then"),
+        pytest.param({}, [0, 3, 4, 5], [INITIAL, SEQUENCE, SYNC, OK], id="two lost, unnoticed: out of sequence"),
+        pytest.param({}, [0, "-", "-", 3, 4], [INITIAL, NO_NEW, NO_NEW, LOST, OK], id="tolerance grows with empty cycles"),
+        pytest.param({}, [0, "x", "x", 3, 4], [INITIAL, WRONG_CRC, WRONG_CRC, LOST, OK], id="and with corrupt frames"),
+        pytest.param({}, [0, "-", "-", 4, 5, 6], [INITIAL, NO_NEW, NO_NEW, LOST, OK, OK], id="one more than the empty cycles"),
+        pytest.param({}, [0, "-", "-", 5, 6, 7], [INITIAL, NO_NEW, NO_NEW, SEQUENCE, SYNC, OK], id="two more"),
+        pytest.param({}, [0, "-", "-", "-", 4, 5], [INITIAL, *[NO_NEW] * 3, LOST, OK], id="silence that is tolerated"),
+        pytest.param({}, [0, "-", "-", "-", "-", 5, 6, 7], [INITIAL, *[NO_NEW] * 4, SYNC, SYNC, OK], id="silence too long"),
+        pytest.param({}, [0, *["-"] * 4, 10, 11, 12], [INITIAL, *[NO_NEW] * 4, SEQUENCE, SYNC, OK], id="silence ends by a jump"),
+        pytest.param({}, [0, 0, 0, 0, 0, 1, 2, 3], [INITIAL, *[REPEATED] * 4, SYNC, SYNC, OK], id="repeated too often"),
+        pytest.param({}, [0, 0, "-", 0, "-", 3, 4, 5], [INITIAL, REPEATED, NO_NEW, REPEATED, NO_NEW, SYNC, SYNC, OK], id="mixed"),
+        pytest.param({}, [0, "x", "x", "x", "x", 5, 6], [INITIAL, *[WRONG_CRC] * 4, LOST, OK], id="corrupt is not silence"),
+        pytest.param({}, ["-", "-", "x", 4, 5], [NO_NEW, NO_NEW, WRONG_CRC, INITIAL, OK], id="nothing before the first"),
+        pytest.param({}, [*["-"] * 6, 4, 5, 6, 7], [*[NO_NEW] * 6, INITIAL, SYNC, SYNC, OK], id="long silence before the first"),
+        pytest.param({}, [3, 5, 4, 6, 7, 8], [INITIAL, LOST, SEQUENCE, SYNC, OK, OK], id="two frames swapped"),
+        pytest.param({}, [9, 10, 0, 1, 2], [INITIAL, OK, SEQUENCE, SYNC, OK], id="sender restarted"),
+        pytest.param({}, [0, *["-"] * 20, 0, 1], [INITIAL, *[NO_NEW] * 20, REPEATED, SYNC], id="silence, same counter by chance"),
+        pytest.param({}, [0, *["-"] * 20, 14, 0, 1], [INITIAL, *[NO_NEW] * 20, SYNC, SYNC, OK], id="tolerance ends at 14"),
+        pytest.param({}, [0, 15, 2], [INITIAL, WRONG_CRC, LOST], id="counter 15 is invalid, though its CRC is right"),
+        pytest.param({}, [15, 15, 3], [WRONG_CRC, WRONG_CRC, INITIAL], id="nor is it a first one"),
+        pytest.param({"sync_counter_init": 3}, [0, 7, 8, 9, 10, 11], [INITIAL, SEQUENCE, SYNC, SYNC, SYNC, OK], id="sync of 3"),
+        pytest.param({"sync_counter_init": 3}, [0, 7, 8, 12, 13], [INITIAL, SEQUENCE, SYNC, SEQUENCE, SYNC], id="sync broken"),
+        pytest.param(
+            {"sync_counter_init": 0},
+            [0, 5, 6, 7, 8],
+            [INITIAL, SEQUENCE, SEQUENCE, SEQUENCE, SEQUENCE],
+            id="no sync: the counter runs ahead of the tolerance",
+        ),
+        pytest.param(
+            {"sync_counter_init": 0},
+            [0, 5, "-", "-", "-", 6, 7],
+            [INITIAL, SEQUENCE, NO_NEW, NO_NEW, NO_NEW, LOST, OK],
+            id="no sync: the tolerance reaches the counter",
+        ),
+        pytest.param({"sync_counter_init": 0}, [0, *["-"] * 4, 5, 6], [INITIAL, *[NO_NEW] * 4, SYNC, OK], id="silence, no sync"),
+        pytest.param({"max_delta_counter_init": 4}, [0, 5, 11, 12], [INITIAL, LOST, SEQUENCE, SYNC], id="larger tolerance"),
+        pytest.param({"max_delta_counter_init": 0}, [0, 1, 3, 4], [INITIAL, OK, SEQUENCE, SYNC], id="no tolerance"),
+        pytest.param(
+            {"max_no_new_or_repeated_data": 14}, [0, *["-"] * 20, 1, 2], [INITIAL, *[NO_NEW] * 20, OK, OK], id="any silence"
+        ),
+        pytest.param({"max_no_new_or_repeated_data": 0}, [0, "-", 2, 3, 4], [INITIAL, NO_NEW, SYNC, SYNC, OK], id="no silence"),
+    ],
+)
+def test_receiver(changes: dict[str, int], events: list[int | str], expected: list[E2eStatus]) -> None:
+    assert _run(events, E2e(**(DEFAULTS | changes))) == expected
+
+
+def test_a_frame_of_another_length_is_a_wrong_input() -> None:
+    receiver = Receiver(E2e())
+    assert receiver.check(DATA_ID, b"") == WRONG_CRC
+    assert receiver.check(DATA_ID, protect(DATA_ID, 0, bytes(8))[:7]) == WRONG_CRC
+    assert receiver.check(DATA_ID, protect(DATA_ID, 0, bytes(8))) == INITIAL
+
+
+SETTINGS = st.builds(
+    E2e,
+    max_delta_counter_init=st.integers(0, 14),
+    max_no_new_or_repeated_data=st.integers(0, 14),
+    sync_counter_init=st.integers(0, 14),
+)
+EVENTS = st.lists(st.one_of(st.integers(0, 15), st.sampled_from(["-", "x"])), max_size=60)
+
+
+@given(SETTINGS, EVENTS, COUNTERS)
+def test_after_anything_good_frames_lead_back_to_ok(settings: E2e, events: list[int | str], first: int) -> None:
+    good = [(first + index) % 15 for index in range(3 * 15 + 16)]
+    assert _run([*events, *good], settings)[-1] == OK
+
+
+@given(SETTINGS, EVENTS)
+def test_what_is_never_ok(settings: E2e, events: list[int | str]) -> None:
+    statuses = _run(events, settings)
+    last: int | None = None
+    for event, status in zip(events, statuses, strict=True):
+        if event == "-":
+            assert status == NO_NEW
+        elif event in ("x", 15):
+            assert status == WRONG_CRC
+        elif last is None:
+            assert status == INITIAL
+        elif status == OK:
+            assert event == (last + 1) % 15
+        elif status == REPEATED:
+            assert event == last
+        if status in (OK, LOST, SYNC, INITIAL) or (status == SEQUENCE and settings.sync_counter_init):
+            last = int(event)

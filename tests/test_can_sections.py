@@ -1,0 +1,131 @@
+"""`[can]` of ars.toml: what a user may place where, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from codegen.can_sections import Can, RealSignal, Signal
+from codegen.config import Config, parse
+from codegen.errors import ConfigError
+
+
+def refused(can: dict[str, Any], **others: Any) -> str:
+    with pytest.raises(ConfigError) as caught:
+        parse({"can": can, **others}, "car.toml")
+    return str(caught.value)
+
+
+class TestBits:
+    """Bit numbers of a DBC: Intel counts up from the least significant bit, Motorola down from the most significant one."""
+
+    @pytest.mark.parametrize(
+        ("byte_order", "start", "length", "bits"),
+        [
+            ("intel", 16, 4, (16, 17, 18, 19)),
+            ("intel", 14, 5, (14, 15, 16, 17, 18)),
+            ("motorola", 23, 8, (16, 17, 18, 19, 20, 21, 22, 23)),
+            ("motorola", 20, 3, (18, 19, 20)),
+            # Two bits of byte 2 above the highest three of byte 3.
+            ("motorola", 17, 5, (29, 30, 31, 16, 17)),
+            ("motorola", 23, 16, (*range(24, 32), *range(16, 24))),
+        ],
+    )
+    def test_positions(self, byte_order: str, start: int, length: int, bits: tuple[int, ...]) -> None:
+        assert Signal(name="S", start_bit=start, length=length).bits(byte_order) == bits
+
+    @pytest.mark.parametrize(("byte_order", "start"), [("intel", 60), ("motorola", 58)])
+    def test_a_signal_ends_in_its_frame(self, byte_order: str, start: int) -> None:
+        with pytest.raises(ValueError, match="reaches beyond"):
+            Signal(name="S", start_bit=start, length=8).bits(byte_order)
+
+
+@pytest.mark.parametrize(
+    ("signed", "length", "codes"),
+    [(True, 16, (-32767, 32767, -32768)), (False, 8, (0, 254, 255)), (True, 2, (-1, 1, -2)), (False, 2, (0, 2, 3))],
+)
+def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tuple[int, int, int]) -> None:
+    signal = RealSignal(name="S", start_bit=0, length=length, factor=0.5, offset=1.0, signed=signed)
+    assert (signal.raw_low, signal.raw_high, signal.raw_not_available) == codes
+    assert (signal.physical_low, signal.physical_high) == (0.5 * codes[0] + 1.0, 0.5 * codes[1] + 1.0)
+
+
+def test_keys_that_are_not_given_are_those_of_the_default() -> None:
+    speed = parse({"can": {"vehicle_motion": {"speed": {"factor": 0.01}}}}, "x").can.vehicle_motion.speed
+    assert speed == Can().vehicle_motion.speed.model_copy(update={"factor": 0.01})
+
+
+def test_the_data_id_is_the_identifier_unless_given() -> None:
+    message = Can().vehicle_motion
+    assert message.e2e_data_id == message.id
+    assert message.model_copy(update={"data_id": 0x1234}).e2e_data_id == 0x1234
+
+
+@pytest.mark.parametrize(
+    ("can", "words"),
+    [
+        ({"vehicle_motion": {"speed": {"start_bit": 24}}}, ("can.vehicle_motion: Speed and FrontAngle share bit 32",)),
+        ({"vehicle_motion": {"speed": {"start_bit": 4}}}, ("Motion_Crc and Speed share bit 4",)),
+        ({"vehicle_motion": {"qualifier": {"start_bit": 11}}}, ("Motion_Counter and Motion_Qualifier share bit 11",)),
+        ({"vehicle_motion": {"yaw_rate": {"start_bit": 49}}}, ("YawRate reaches beyond the 8 bytes",)),
+        ({"vehicle_motion": {"qualifier": {"length": 2}}}, ("Motion_Qualifier needs at least 3 bits",)),
+        ({"vehicle_motion": {"id": 0x800}}, ("can.vehicle_motion.id", "2047")),
+        ({"vehicle_motion": {"id": 0x102}}, ("same id 0x102",)),
+        ({"vehicle_motion": {"data_id": 0x102}}, ("same data_id 0x102",)),
+        ({"vehicle_motion": {"name": "RearSteerCommand"}}, ("two messages are called RearSteerCommand",)),
+        ({"vehicle_motion": {"speed": {"name": "FrontAngle"}}}, ("two signals are called FrontAngle",)),
+        ({"vehicle_motion": {"speed": {"name": "v x"}}}, ("'v x' cannot stand in a DBC",)),
+        ({"vehicle_motion": {"speed": {"name": 'x" */'}}}, ("cannot stand in a DBC",)),
+        ({"vehicle_motion": {"sped": {"name": "x"}}}, ("can.vehicle_motion.sped: unknown key", "did you mean 'speed'?")),
+        ({"vehicle_motion": {"speed": {"factr": 1.0}}}, ("can.vehicle_motion.speed.factr: unknown key",)),
+        ({"vehicle_motion": {"byte_order": "big"}}, ("can.vehicle_motion.byte_order", "'intel' or 'motorola'")),
+        ({"vehicle_motion": {"speed": {"length": 25}}}, ("can.vehicle_motion.speed.length",)),
+        ({"vehicle_conditions": {"inhibit": {"length": 2}}}, ("Inhibit needs 1 bits",)),
+        ({"rear_steer_command": {"diagnostics": {"length": 15}}}, ("Diagnostics needs 16 bits",)),
+        ({"rear_steer_command": {"status": {"length": 2}}}, ("Status needs at least 3 bits",)),
+        ({"e2e": {"sync_counter_init": 15}}, ("can.e2e.sync_counter_init",)),
+        ({"bitrate_kbit_s": 500_000.0}, ("can.bitrate_kbit_s", "kbit/s")),
+        ({"vehicle_motion": {"cycle_time_ms": 20.0}}, ("can.vehicle_motion.cycle_time_ms must be", "10")),
+        # What the controller accepts must fit into the signal that carries it.
+        ({"vehicle_motion": {"speed": {"factor": 0.001}}}, ("can.vehicle_motion.speed carries", "111.1 is needed")),
+        ({"vehicle_conditions": {"friction": {"factor": 0.005}}}, ("can.vehicle_conditions.friction carries",)),
+        ({"rear_steer_command": {"rear_angle": {"factor": 1e-6}}}, ("can.rear_steer_command.rear_angle carries",)),
+        ({"vehicle_motion": {"speed": {"offset": 100.0}}}, ("can.vehicle_motion.speed carries",)),
+    ],
+)
+def test_what_cannot_be_is_refused(can: dict[str, Any], words: tuple[str, ...]) -> None:
+    message = refused(can)
+    assert message.startswith("car.toml: ")
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_cycle_times_follow_the_sampling_time() -> None:
+    controller = {"sampling_time_s": 0.005}
+    assert parse({"controller": controller}, "x").controller.sampling_time_s == 0.005
+    message = refused({"vehicle_motion": {"cycle_time_ms": 10.0}}, controller=controller)
+    assert "must be that of controller.sampling_time_s, 5" in message
+
+
+def test_places_and_scales_are_those_of_the_interface() -> None:
+    can = Config().can
+    table = {
+        (message.id, signal.name): (signal.start_bit, signal.length, getattr(signal, "factor", None))
+        for message in can.messages().values()
+        for signal in message.signals().values()
+    }
+    assert table == {
+        (0x101, "Motion_Qualifier"): (12, 4, None),
+        (0x101, "Speed"): (16, 16, 0.005),
+        (0x101, "FrontAngle"): (32, 16, 5e-5),
+        (0x101, "YawRate"): (48, 16, 2e-4),
+        (0x102, "Inhibit"): (12, 1, None),
+        (0x102, "RearAngle"): (16, 16, 5e-5),
+        (0x102, "Friction"): (32, 8, 0.01),
+        (0x201, "Status"): (12, 4, None),
+        (0x201, "RearAngleCommand"): (16, 16, 5e-5),
+        (0x201, "YawRateReference"): (32, 16, 2e-4),
+        (0x201, "Diagnostics"): (48, 16, None),
+    }
