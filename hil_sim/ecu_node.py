@@ -66,7 +66,7 @@ class EcuNode:
                 if not in_phase and self.task.is_complete:
                     deadline, in_phase = now + 0.5 * self._period, True
             now = time.monotonic()
-            if now < deadline:
+            if now < deadline or stopped():
                 continue
             self._answer()
             deadline += self._period

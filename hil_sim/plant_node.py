@@ -183,7 +183,7 @@ class PlantNode:
             "rear_angle_rad": sample.rear_angle,
             "slip_front_rad": sample.slip_front,
             "slip_rear_rad": sample.slip_rear,
-            "status": float(Status.STANDBY if command is None else command.status),
+            "status": float(Status.STANDBY if command is None else self._actuator.status or command.status),
         }
         return [row[name] for name in RECORD_COLUMNS]
 
@@ -205,6 +205,13 @@ class _ActuatorSupervision:
     def command(self, angle: float) -> None:
         """A good command, rad."""
         self._angle = angle
+
+    @property
+    def status(self) -> Status | None:
+        """What it does where no good command came; None where one did."""
+        if self._silent == 0:
+            return None
+        return Status.DEGRADED if self._silent <= self._samples_max else Status.FAIL_SAFE
 
     def close(self, fresh: bool) -> float:
         """End of a cycle with or without a good command: the angle (rad) that the actuator goes to."""

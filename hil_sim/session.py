@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -135,7 +136,7 @@ def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool) 
         check_native(address)
         from hil_sim import native
 
-        return EcuProcess(native.command(build, address.channel, lock_step=lock_step))
+        return EcuProcess(native.command(build, address.channel, lock_step=lock_step, parent=os.getpid()))
     if address.interface == "virtual":
         from codegen.sil.software import load
 

@@ -55,16 +55,18 @@ def bus_lines(result: BenchResult, sampling_time: float) -> list[str]:
     facts = bus_facts(result, sampling_time)
     speed = facts["simulated_s"] / facts["wall_s"] if facts["wall_s"] > 0.0 else 0.0
     lines = [
-        f"bus: {facts['cycles']} cycles, {facts['simulated_s']:g} s in {facts['wall_s']:.2f} s ({speed:.1f} x real time); "
-        f"{facts['commands']} commands, {facts['lost']} gaps in their counter, {facts['refused']} refused, "
-        f"{facts['cycles_without']} cycles without one, {facts['late_cycles']} late cycles"
+        f"bus: {facts['cycles']} cycles, {facts['simulated_s']:g} s in {facts['wall_s']:.2f} s ({speed:.1f} x real time), "
+        f"{facts['late_cycles']} of them late",
+        f"commands: {facts['commands']}, {facts['lost']} gaps in their counter, {facts['refused']} refused, "
+        f"{facts['cycles_without']} cycles without one",
     ]
     if facts["times"]:
         times = facts["times"]
-        lines.append(
-            f"command after {times['response_median_ms']:.2f} ms (median), {times['response_99_percent_ms']:.2f} ms (99 %), "
-            f"{times['response_max_ms']:.2f} ms (largest); cycles began up to {times['cycle_start_late_max_ms']:.2f} ms late"
-        )
+        lines += [
+            f"command after the sample: {times['response_median_ms']:.2f} ms (median), "
+            f"{times['response_99_percent_ms']:.2f} ms (99 %), {times['response_max_ms']:.2f} ms (largest)",
+            f"cycles began up to {times['cycle_start_late_max_ms']:.2f} ms after their deadline",
+        ]
     lines.append("status: " + ", ".join(f"{name} {count} cycles" for name, count in facts["cycles_in_status"].items()))
     seen = facts["cycles_with_diagnostics"]
     lines.append("diagnostics: " + (", ".join(f"{name} {count}" for name, count in seen.items()) or "none"))

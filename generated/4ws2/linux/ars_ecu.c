@@ -187,7 +187,7 @@ static int refuse_bus(const char *interface, int error)
     char remedy[160];
 
     if ((error == EAFNOSUPPORT) || (error == EPROTONOSUPPORT)) {
-        return refuse(interface, "this kernel has no SocketCAN", "load it: sudo modprobe can_raw");
+        return refuse(interface, "this kernel has no SocketCAN", "load it: sudo modprobe -a can_raw vcan");
     }
     if ((error == ENODEV) && (if_nametoindex(interface) != 0u)) {
         return refuse(interface, "not a CAN interface", "");

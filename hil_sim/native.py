@@ -1,0 +1,113 @@
+"""The native ECU: the Linux program of a build, compiled once and kept in the cache.
+
+It is compiled from the files that the build's manifest names, as they stand; nothing is ever written into the build.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+from codegen.emit.folder import read_manifest
+from codegen.errors import BuildError
+from codegen.sil.cache import cache_folder
+from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
+
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
+"""The same arithmetic as in `codegen.sil`: no fused multiply-add."""
+
+FOLDERS = ("include/", "src/", "linux/")
+CACHE_FORMAT = 1
+"""To be raised when what is compiled, or how, changes."""
+
+
+def command(build: Path, interface: str, *, lock_step: bool = False, parent: int | None = None) -> list[str]:
+    """The command line of the ECU on a CAN interface, compiled where it is not yet; for `EcuProcess` or `os.execv`.
+
+    Args:
+        parent: the id of the process that will start it; the ECU ends when that process does. None: it lives on its own.
+
+    Raises:
+        BuildError: see `compile_ecu`.
+    """
+    options = ["--lock-step"] if lock_step else []
+    options += [] if parent is None else ["--parent", str(parent)]
+    return [str(compile_ecu(build)), *options, interface]
+
+
+def compile_ecu(build: Path) -> Path:
+    """The executable, in the cache: for equal sources, flags and compiler it is made once.
+
+    Raises:
+        BuildError: not a build, or one without the program; not Linux, no compiler, C that does not compile, a full disk.
+    """
+    if sys.platform != "linux":
+        raise BuildError("the native ECU needs Linux", where=build, remedy="take --ecu cffi")
+    prefix = read_manifest(build)["options"]["prefix"]
+    sources = _read_sources(build)
+    program = f"linux/{prefix}_ecu.c"
+    if program not in sources:
+        raise BuildError(f"the build has no {program}", where=build, remedy="build again with `codegen build`")
+    compiler = compiler_command()
+    name, cache = f"{prefix}_ecu_{_key(sources, compiler)}", cache_folder()
+    try:
+        return _cached(cache, name) or _compile(sources, program, compiler, cache, name)
+    except OSError as error:
+        raise BuildError(
+            f"the native ECU cannot be stored: {error.strerror or error}",
+            where=cache,
+            remedy="free space there, or set ARS_CACHE",
+        ) from error
+
+
+def counters(line: str) -> dict[str, int]:
+    """The last line of an ECU, `name=count` with spaces between, as a table."""
+    return {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
+
+
+def _read_sources(build: Path) -> dict[str, bytes]:
+    """Content by path."""
+    sources = {}
+    for path in read_manifest(build)["files"]:
+        if path.startswith(FOLDERS):
+            try:
+                sources[path] = (build / path).read_bytes()
+            except OSError as error:
+                raise BuildError(
+                    f"cannot be read ({error.strerror})", where=build / path, remedy="build again with `codegen build`"
+                ) from None
+    return sources
+
+
+def _key(sources: dict[str, bytes], compiler: tuple[str, ...]) -> str:
+    description = {
+        "format": CACHE_FORMAT,
+        "sources": {path: hashlib.sha256(content).hexdigest() for path, content in sources.items()},
+        "flags": FLAGS,
+        "compiler": [compiler, compiler_identity(compiler, ())],
+    }
+    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
+
+
+def _digest(program: Path) -> str:
+    return hashlib.sha256(program.read_bytes()).hexdigest()[:16]
+
+
+def _cached(cache: Path, name: str) -> Path | None:
+    """The program whose content is what its name says; a damaged one is passed over."""
+    return next((path for path in sorted(cache.glob(f"{name}-*")) if path.name == f"{name}-{_digest(path)}"), None)
+
+
+def _compile(sources: dict[str, bytes], program: str, compiler: tuple[str, ...], cache: Path, name: str) -> Path:
+    with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
+        tree, made = Path(scratch_name, "tree"), Path(scratch_name, "ecu")
+        for path, content in sources.items():
+            (tree / path).parent.mkdir(parents=True, exist_ok=True)
+            (tree / path).write_bytes(content)
+        units = sorted(path for path in sources if path.endswith(".c"))
+        require_success(run([*compiler, *FLAGS, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
+        # In one step, under a name made of its content: another process sees it whole or not at all, and one that runs stays.
+        return made.replace(cache / f"{name}-{_digest(made)}")
