@@ -13,16 +13,19 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil test check bench lock generated wheel clean venv preflight
+.PHONY: help sil test vcan-test check bench lock generated wheel clean venv preflight
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 sil: $(READY) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
 	@$(BIN)/codegen paper -o build
 
 test: $(READY) ## all tests
 	@$(BIN)/python -m pytest -n auto -q
+
+vcan-test: $(READY) ## the tests on real SocketCAN alone; where the kernel has none, in a guest (tests/can/README.md)
+	@$(BIN)/python -m pytest -m vcan -v tests/can
 
 check: $(READY) ## lint, format and types, nothing changed
 	@$(BIN)/ruff check .

@@ -178,8 +178,8 @@ class Injector:
     def _frozen_counter(self, index: int, frame: Frame) -> Frame:
         """The counter stands still, and the CRC is right: the sender hangs, its protection does not."""
         message = next(message for message in self._messages.values() if message.id == frame.id)
-        counter = self._frozen.setdefault((index, frame.id), (frame.data[1] - 1) % 15 if frame.data[1] & 0xF else 14)
-        return replace(frame, data=protect(message.e2e_data_id, counter & 0xF, frame.data))
+        counter = self._frozen.setdefault((index, frame.id), ((frame.data[1] & 0xF) - 1) % 15)  # that of the frame before
+        return replace(frame, data=protect(message.e2e_data_id, counter, frame.data))
 
     def _among_strangers(self, frames: Sequence[Frame]) -> list[Frame]:
         """As many foreign frames as the bus has room for in a cycle, of higher and lower priority, around our own."""

@@ -261,6 +261,47 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     print(counters_line(node), file=sys.stderr)
 
 
+@click.command(
+    short_help="Try every fault on the bus.",
+    epilog=example("codegen faults --build generated/4ws2 --bus socketcan:vcan0 --ecu native"),
+)
+@build_option
+@click.option("--bus", "bus", metavar="INTERFACE:CHANNEL", help="A bus of python-can; by default in this process, without one.")
+@click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), default="cffi", show_default=True, help="On a bus.")
+@json_option
+def faults(build_path: Path, bus: str | None, kind: EcuKind, as_json: bool) -> None:
+    """Try every fault on the bus in the same turn-in: what was injected and seen, when the fail-safe came, how far the
+    rear wheels went, and when control was back. On a bus each run takes its time, and a late machine is a fault of its own."""
+    from codegen.report.fault_table import HEADER, fault_data, fault_rows
+    from codegen.report.summary import table
+    from codegen.sil.software import load
+    from hil_sim.bench import BenchResult
+    from hil_sim.bus import BusAddress
+    from hil_sim.fault_catalogue import run_all
+    from hil_sim.runs import run_through_can
+    from hil_sim.scenarios import Scenario
+    from hil_sim.session import BuildFacts, Setup, run_hil
+
+    address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(build_path)
+    software = load(build_path) if address is None else None
+
+    def run(scenario: Scenario) -> BenchResult:
+        if software is not None:
+            return run_through_can(software, scenario)
+        assert address is not None
+        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), build_path, kind).result
+
+    with console.progress("faults") as progress:
+        outcomes = run_all(facts.config, run, progress)
+    if as_json:
+        console.print_json({"build": str(build_path), "bus": bus, "faults": fault_data(outcomes)})
+    else:
+        console.say(table(HEADER, fault_rows(outcomes)))
+    wrong = [outcome.case.name for outcome in outcomes if outcome.violations]
+    if wrong:
+        raise CheckFailed(f"not as defined: {', '.join(wrong)}", where=build_path, remedy="see the table")
+
+
 @click.command(short_help="List the scenarios.", epilog=example("codegen scenarios"))
 @json_option
 def scenarios(as_json: bool) -> None:
@@ -281,4 +322,4 @@ def scenarios(as_json: bool) -> None:
     console.say("\nYour own: a recorded .csv, or a .toml with base, changes and [[faults]]; see docs/interface.md.")
 
 
-COMMANDS = (sil, hil, plant, ecu, scenarios)
+COMMANDS = (sil, hil, plant, ecu, faults, scenarios)

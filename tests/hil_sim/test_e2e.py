@@ -138,15 +138,23 @@ DEFAULTS = {"max_delta_counter_init": 1, "max_no_new_or_repeated_data": 3, "sync
         pytest.param({}, [0, "-", "-", 5, 6, 7], [INITIAL, NO_NEW, NO_NEW, SEQUENCE, SYNC, OK], id="two more"),
         pytest.param({}, [0, "-", "-", "-", 4, 5], [INITIAL, *[NO_NEW] * 3, LOST, OK], id="silence that is tolerated"),
         pytest.param({}, [0, "-", "-", "-", "-", 5, 6, 7], [INITIAL, *[NO_NEW] * 4, SYNC, SYNC, OK], id="silence too long"),
-        pytest.param({}, [0, *["-"] * 4, 10, 11, 12], [INITIAL, *[NO_NEW] * 4, SEQUENCE, SYNC, OK], id="silence ends by a jump"),
+        pytest.param(
+            {}, [0, *["-"] * 4, 10, 11, 12], [INITIAL, *[NO_NEW] * 4, SEQUENCE, SYNC, OK], id="silence ends by a jump"
+        ),
         pytest.param({}, [0, 0, 0, 0, 0, 1, 2, 3], [INITIAL, *[REPEATED] * 4, SYNC, SYNC, OK], id="repeated too often"),
-        pytest.param({}, [0, 0, "-", 0, "-", 3, 4, 5], [INITIAL, REPEATED, NO_NEW, REPEATED, NO_NEW, SYNC, SYNC, OK], id="mixed"),
+        pytest.param(
+            {}, [0, 0, "-", 0, "-", 3, 4, 5], [INITIAL, REPEATED, NO_NEW, REPEATED, NO_NEW, SYNC, SYNC, OK], id="mixed"
+        ),
         pytest.param({}, [0, "x", "x", "x", "x", 5, 6], [INITIAL, *[WRONG_CRC] * 4, LOST, OK], id="corrupt is not silence"),
         pytest.param({}, ["-", "-", "x", 4, 5], [NO_NEW, NO_NEW, WRONG_CRC, INITIAL, OK], id="nothing before the first"),
-        pytest.param({}, [*["-"] * 6, 4, 5, 6, 7], [*[NO_NEW] * 6, INITIAL, SYNC, SYNC, OK], id="long silence before the first"),
+        pytest.param(
+            {}, [*["-"] * 6, 4, 5, 6, 7], [*[NO_NEW] * 6, INITIAL, SYNC, SYNC, OK], id="long silence before the first"
+        ),
         pytest.param({}, [3, 5, 4, 6, 7, 8], [INITIAL, LOST, SEQUENCE, SYNC, OK, OK], id="two frames swapped"),
         pytest.param({}, [9, 10, 0, 1, 2], [INITIAL, OK, SEQUENCE, SYNC, OK], id="sender restarted"),
-        pytest.param({}, [0, *["-"] * 20, 0, 1], [INITIAL, *[NO_NEW] * 20, REPEATED, SYNC], id="silence, same counter by chance"),
+        pytest.param(
+            {}, [0, *["-"] * 20, 0, 1], [INITIAL, *[NO_NEW] * 20, REPEATED, SYNC], id="silence, same counter by chance"
+        ),
         pytest.param({}, [0, *["-"] * 20, 14, 0, 1], [INITIAL, *[NO_NEW] * 20, SYNC, SYNC, OK], id="tolerance ends at 14"),
         pytest.param({}, [0, 15, 2], [INITIAL, WRONG_CRC, LOST], id="counter 15 is invalid, though its CRC is right"),
         pytest.param({}, [15, 15, 3], [WRONG_CRC, WRONG_CRC, INITIAL], id="nor is it a first one"),
@@ -164,7 +172,9 @@ DEFAULTS = {"max_delta_counter_init": 1, "max_no_new_or_repeated_data": 3, "sync
             [INITIAL, SEQUENCE, NO_NEW, NO_NEW, NO_NEW, LOST, OK],
             id="no sync: the tolerance reaches the counter",
         ),
-        pytest.param({"sync_counter_init": 0}, [0, *["-"] * 4, 5, 6], [INITIAL, *[NO_NEW] * 4, SYNC, OK], id="silence, no sync"),
+        pytest.param(
+            {"sync_counter_init": 0}, [0, *["-"] * 4, 5, 6], [INITIAL, *[NO_NEW] * 4, SYNC, OK], id="silence, no sync"
+        ),
         pytest.param({"max_delta_counter_init": 4}, [0, 5, 11, 12], [INITIAL, LOST, SEQUENCE, SYNC], id="larger tolerance"),
         pytest.param({"max_delta_counter_init": 0}, [0, 1, 3, 4], [INITIAL, OK, SEQUENCE, SYNC], id="no tolerance"),
         pytest.param(

@@ -1,0 +1,64 @@
+"""What the faults on the bus came to, as rows of text and as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hil_sim.fault_catalogue import FaultOutcome
+
+HEADER = (
+    *("injected", "reached", "fail-safe after", "|rear angle| up to", "its rate up to", "back after", "as defined"),
+    "seen",
+)
+
+
+def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
+    """Rows under HEADER."""
+    seen = [", ".join(_condensed(outcome.seen)) or "nothing" for outcome in outcomes]
+    width = max(map(len, seen), default=0)
+    return [
+        (
+            outcome.case.what,
+            outcome.worst.name,
+            _milliseconds(outcome.fail_safe_after),
+            f"{outcome.rear_angle_max_deg:.2f} deg",
+            f"{outcome.rear_rate_max_deg_s:.1f} deg/s",
+            _milliseconds(outcome.recovered_after),
+            "yes" if not outcome.violations else "; ".join(outcome.violations),
+            text.ljust(width),
+        )
+        for outcome, text in zip(outcomes, seen, strict=True)
+    ]
+
+
+def fault_data(outcomes: Sequence[FaultOutcome]) -> list[dict[str, Any]]:
+    """The same for JSON; times in s."""
+    return [
+        {
+            "name": outcome.case.name,
+            "injected": outcome.case.what,
+            "seen": list(outcome.seen),
+            "reached": outcome.worst.name,
+            "defined": outcome.case.worst.name,
+            "held_after_s": outcome.held_after,
+            "fail_safe_after_s": outcome.fail_safe_after,
+            "rear_angle_max_deg": outcome.rear_angle_max_deg,
+            "rear_rate_max_deg_s": outcome.rear_rate_max_deg_s,
+            "recovered_after_s": outcome.recovered_after,
+            "violations": list(outcome.violations),
+        }
+        for outcome in outcomes
+    ]
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{1e3 * seconds + 0.0:.0f} ms"
+
+
+def _condensed(seen: Sequence[str]) -> list[str]:
+    """What holds for both of the car's messages is said once, without their names."""
+    both = {text.removeprefix("motion ") for text in seen if f"conditions {text.removeprefix('motion ')}" in seen}
+    texts = [text.removeprefix("motion ") if text.removeprefix("motion ") in both else text for text in seen]
+    return [text for text in texts if text.removeprefix("conditions ") not in both or not text.startswith("conditions ")]

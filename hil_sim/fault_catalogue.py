@@ -1,0 +1,210 @@
+"""Every fault on the bus, each in the same turn-in: what was injected, what became of it, and whether that is as defined.
+
+The fault begins while the car turns in and the rear wheels move, above the speed from which the fail-safe holds the rear angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.can_sections import Can
+from codegen.config import Config
+from codegen.sil.software import RECORD_COLUMNS, Status
+from hil_sim import manoeuvres
+from hil_sim.bench import BenchResult
+from hil_sim.diagnostics import causes
+from hil_sim.faults import Fault, FaultKind
+from hil_sim.manoeuvres import Settings
+from hil_sim.scenarios import Scenario
+
+SPEED_KM_H, FRONT_ANGLE_DEG = 65.0, 4.0
+STEER_TIME, START, DURATION = 0.2, 0.4, 3.0
+"""s: the driver steers, the fault begins, the run ends."""
+
+SAFE_WITHIN = 0.05
+"""s from the first lost sample to the fail-safe, at most."""
+
+RATE_TOLERANCE = 1e-9
+"""Of the actuator's own rate limit, for rounding."""
+
+
+@dataclass(frozen=True)
+class FaultCase:
+    """A fault with its defined end.
+
+    Attributes:
+        name, what: for the table.
+        faults: what is injected.
+        worst: the status that is reached and not passed; LIMITED stands for TRACKING as well: no sample is lost.
+    """
+
+    name: str
+    what: str
+    faults: tuple[Fault, ...]
+    worst: Status
+
+    @property
+    def end(self) -> float:
+        """s, when the last fault is over."""
+        return max(fault.start + fault.duration for fault in self.faults)
+
+
+@dataclass(frozen=True)
+class FaultOutcome:
+    """What came of a case. Times in s from its beginning, or from its end for `recovered_after`; None: not reached."""
+
+    case: FaultCase
+    seen: tuple[str, ...]
+    held_after: float | None
+    fail_safe_after: float | None
+    rear_angle_max_deg: float
+    rear_rate_max_deg_s: float
+    recovered_after: float | None
+    worst: Status
+    violations: tuple[str, ...]
+
+
+def scenario(case: FaultCase) -> Scenario:
+    """The corner with the faults of a case."""
+    return Scenario(
+        name=f"fault-{case.name}",
+        subject="Fault in a corner",
+        what=case.what,
+        source="ISO 26262-4:2018 (fault injection test)",
+        duration=DURATION,
+        steer_time=STEER_TIME,
+        kind="corner",
+        drive=manoeuvres.step(STEER_TIME, front_angle_deg=FRONT_ANGLE_DEG),
+        settings=Settings(speed_km_h=SPEED_KM_H),
+        faults=case.faults,
+    )
+
+
+def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
+    """All cases for the message names of a configuration; each lasts so many samples of `sampling_time` (s)."""
+    motion, conditions, command = (message.name for message in can.messages().values())
+
+    def case(name: str, what: str, worst: Status, kind: FaultKind, samples: int, **more: object) -> FaultCase:
+        fault = Fault(kind=kind, start=START, duration=sampling_time * samples)
+        return FaultCase(name, what, (replace(fault, **more),), worst)  # type: ignore[arg-type]
+
+    fine, held, safe = Status.LIMITED, Status.DEGRADED, Status.FAIL_SAFE
+    return (
+        case("drop-1", "1 sample of the car lost", held, "drop", 1),
+        case("drop-3", "3 samples lost: as many as are held", held, "drop", 3),
+        case("drop-4", "4 samples lost: one too many", safe, "drop", 4),
+        case("drop-50", "50 samples lost", safe, "drop", 50),
+        case("drop-motion", f"50 frames of {motion} lost", safe, "drop", 50, message=motion),
+        case("drop-conditions", f"50 frames of {conditions} lost", safe, "drop", 50, message=conditions),
+        case("drop-command", f"50 frames of {command} lost", safe, "drop", 50, message=command),
+        case("delay-2", "frames 2 cycles late for 50 samples", held, "delay", 50, cycles=2),
+        case("delay-6", "frames 6 cycles late for 50 samples", safe, "delay", 50, cycles=6),
+        case("duplicate", "each frame twice for 50 samples", fine, "duplicate", 50),
+        case("reorder", "each frame after its successor for 50 samples", safe, "reorder", 50),
+        case("corrupt-3", "a bit flipped in 3 samples", held, "corrupt", 3),
+        case("corrupt-50", "a bit flipped in 50 samples", safe, "corrupt", 50),
+        case("corrupt-command", f"a bit flipped in 50 frames of {command}", safe, "corrupt", 50, message=command),
+        case("freeze-3", "the counters stand still for 3 samples", held, "freeze-counter", 3),
+        case("freeze-50", "the counters stand still for 50 samples", safe, "freeze-counter", 50),
+        case("stuck", "the yaw rate stands still for 50 samples", fine, "stuck-value", 50, message=motion, signal="yaw_rate"),
+        case("nan-3", "NaN into the encoder for 3 samples", held, "not-a-number", 3, message=motion, signal="yaw_rate"),
+        case("nan-50", "NaN into the encoder for 50 samples", safe, "not-a-number", 50, message=motion, signal="yaw_rate"),
+        case("inf-50", "infinity into the encoder for 50 samples", safe, "infinity", 50, message=motion, signal="speed"),
+        case(
+            "nan-rear",
+            "rear angle not available for 50 samples",
+            fine,
+            "not-a-number",
+            50,
+            message=conditions,
+            signal="rear_angle",
+        ),
+        case("foreign", "the bus full of foreign frames for 50 samples", fine, "foreign-traffic", 50),
+        case("ecu", "the ECU without power for 50 samples", safe, "ecu-restart", 50),
+        case("plant", "the car's node without power for 50 samples", safe, "plant-restart", 50),
+        case("bus-2", "nothing gets through for 2 samples", held, "bus-down", 2),
+        case("bus-50", "nothing gets through for 50 samples", safe, "bus-down", 50),
+    )
+
+
+def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
+    """Compare a run of a case with what is defined."""
+    time, status = _column(result, "time_s"), _column(result, "status").astype(int)
+    rear, command = _column(result, "rear_angle_rad"), _column(result, "rear_angle_command_rad")
+    period = config.controller.sampling_time_s
+    after, over = time > START - 0.5 * period, time > case.end - 0.5 * period
+    fine = status <= Status.LIMITED
+    troubled = np.flatnonzero(over & ~fine)
+    recovered = int(troubled[-1]) + 1 if troubled.size else int(np.argmax(over))
+    reached = Status(int(status[after].max()))
+    fail_safe = _first(after & (status == Status.FAIL_SAFE))
+    outcome = FaultOutcome(
+        case=case,
+        seen=_seen(result, after),
+        held_after=_since(time, _first(after & (status >= Status.DEGRADED)), START),
+        fail_safe_after=_since(time, fail_safe, START),
+        rear_angle_max_deg=math.degrees(max(np.abs(rear).max(), np.abs(command).max())),
+        rear_rate_max_deg_s=math.degrees(np.abs(np.diff(rear)).max() / period),
+        recovered_after=round(float(time[recovered]) - case.end, 9) if fine[-1] else None,
+        worst=reached,
+        violations=(),
+    )
+    return replace(outcome, violations=tuple(_violations(outcome, config)))
+
+
+def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    """What the ECU reports, and what the car notices of the commands."""
+    commands = {"command missing": "cycles_without", "command refused": "refused", "command lost in between": "lost"}
+    noticed = tuple(text for text, count in commands.items() if result.received[count])
+    return causes(int(np.bitwise_or.reduce(result.diagnostics[after]))) + noticed
+
+
+def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:
+    case, actuator = outcome.case, config.rear_actuator
+    step = config.can.rear_steer_command.rear_angle.factor
+    reached = max(outcome.worst, Status.LIMITED)
+    if reached != case.worst:
+        yield f"reached {Status(reached).name}, defined is {case.worst.name}"
+    if case.worst == Status.FAIL_SAFE and (outcome.fail_safe_after is None or outcome.fail_safe_after > SAFE_WITHIN + 1e-9):
+        yield f"fail-safe later than {SAFE_WITHIN:g} s"
+    if outcome.rear_angle_max_deg > actuator.angle_max_deg + math.degrees(step):
+        yield f"rear angle beyond {actuator.angle_max_deg:g} deg"
+    if outcome.rear_rate_max_deg_s > actuator.rate_max_deg_s * (1.0 + RATE_TOLERANCE):
+        yield f"rear angle faster than {actuator.rate_max_deg_s:g} deg/s"
+    if outcome.recovered_after is None:
+        yield "no recovery"
+
+
+def run_all(
+    config: Config, runner: Callable[[Scenario], BenchResult], progress: Callable[[int, int], None] | None = None
+) -> list[FaultOutcome]:
+    """Every case of the catalogue, one after the other.
+
+    Args:
+        runner: runs a scenario with its faults.
+        progress: is told of cases done, and of all.
+    """
+    cases = catalogue(config.can, config.controller.sampling_time_s)
+    outcomes = []
+    for number, case in enumerate(cases, start=1):
+        outcomes.append(judge(case, runner(scenario(case)), config))
+        if progress is not None:
+            progress(number, len(cases))
+    return outcomes
+
+
+def _column(result: BenchResult, name: str) -> npt.NDArray[np.float64]:
+    return result.record[:, RECORD_COLUMNS.index(name)]
+
+
+def _first(where: npt.NDArray[np.bool_]) -> int | None:
+    return int(np.argmax(where)) if where.any() else None
+
+
+def _since(time: npt.NDArray[np.float64], index: int | None, start: float) -> float | None:
+    return None if index is None else round(float(time[index]) - start, 9)
