@@ -1,9 +1,9 @@
 """Frames to signals and back in Python, from the same tables as the generated C but by other means.
 
-A signal's code is the whole number nearest to `(value - offset) * steps`, the even one of two that are equally near, where
-`steps` is 1 / factor in the precision of the build: 200 is exact where 0.005 is not. Beyond the limits it saturates, NaN
-becomes "not available". Backwards, a value is `code / steps + offset`, rounded as the build's numbers are. So the bench and the
-controller see the same bits.
+A signal's code is the whole number nearest to `(value - offset) / factor`, the even one of two that are equally near. Beyond
+the limits it saturates, NaN becomes "not available". Backwards, a value is `code * factor + offset`. For a build of single
+precision the inverse of the factor, rounded to that, is multiplied with and divided by: 200 is exact where 0.005 is not. So
+the bench and the controller see the same bits.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ class _Scale:
 
     def __init__(self, signal: RealSignal, precision: Precision) -> None:
         self._real = numpy_type(precision)
-        self._steps = self._real(1.0 / signal.factor)
+        self._single = precision == "single"
+        self._factor, self._steps = signal.factor, np.float32(1.0 / signal.factor)
         self._offset = self._real(signal.offset)
         self._low, self._high = signal.raw_low, signal.raw_high
         self.not_available = signal.raw_not_available
@@ -90,15 +91,19 @@ class _Scale:
     def code(self, value: float) -> int:
         """The nearest code."""
         with np.errstate(over="ignore"):  # too large for single precision: infinite, so it saturates
-            # In float64: exact for two numbers of single precision, and a double-precision build rounds likewise.
-            scaled = float(self._real(value) - self._offset) * float(self._steps)
+            shifted = float(self._real(value) - self._offset)
+        # In float64 the product of two numbers of single precision is exact.
+        scaled = shifted * float(self._steps) if self._single else shifted / self._factor
         if math.isnan(scaled):
             return self.not_available
         return round(min(max(scaled, self._low), self._high))
 
     def value(self, code: int) -> float:
         """The value of a code; NaN for "not available"."""
-        return math.nan if code == self.not_available else float(self._real(code) / self._steps + self._offset)
+        if code == self.not_available:
+            return math.nan
+        scaled = np.float32(code) / self._steps if self._single else np.float64(code) * self._factor
+        return float(scaled + self._offset)
 
 
 class _Layout:

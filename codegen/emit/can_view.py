@@ -106,7 +106,7 @@ class SignalView:
     low: int
     high: int
     not_available: int
-    steps: str
+    scale: str
     value: str
     decoded: str
     qualifier_bit: str
@@ -157,6 +157,9 @@ class CanView:
     max_no_new_or_repeated_data: int
     sync_counter_init: int
     exact: bool
+    scale: str
+    to_code: str
+    to_value: str
     splitter: str
     half: str
     nan_type: str
@@ -183,6 +186,8 @@ def task_view(config: Config) -> TaskView:
 
 def can_view(config: Config, precision: Precision) -> CanView:
     """The view of `config.can`."""
+    # In single precision the arithmetic is made exact; in double precision it is that of every tool that reads a DBC.
+    exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
     return CanView(
         messages=tuple(_message(can, role, precision) for role in can.messages()),
@@ -194,7 +199,10 @@ def can_view(config: Config, precision: Precision) -> CanView:
         max_delta_counter_init=can.e2e.max_delta_counter_init,
         max_no_new_or_repeated_data=can.e2e.max_no_new_or_repeated_data,
         sync_counter_init=can.e2e.sync_counter_init,
-        exact=precision == "single",
+        exact=exact,
+        scale="steps" if exact else "factor",
+        to_code="* steps" if exact else "/ factor",
+        to_value="/ steps" if exact else "* factor",
         splitter=literal(2.0**12 + 1.0, precision),
         half=literal(0.5, precision),
         nan_type="uint32_t" if precision == "single" else "uint64_t",
@@ -232,11 +240,13 @@ def _message(can: Can, role: str, precision: Precision) -> MessageView:
 def _signal(message: Message, role: str, signal: Signal, precision: Precision) -> SignalView:
     scaled: dict[str, Any] = {
         **{"low": 0, "high": 2**signal.length - 1, "not_available": 0},
-        **dict.fromkeys(("steps", "value", "decoded"), ""),
+        **dict.fromkeys(("scale", "value", "decoded"), ""),
     }
     if isinstance(signal, RealSignal):
         sign = f"0x{1 << (signal.length - 1):X}u"
-        steps, offset = literal(1.0 / signal.factor, precision), literal(abs(signal.offset), precision)
+        # Single precision multiplies and divides by the inverse: 200 is exact where 0.005 is not.
+        scale = literal(1.0 / signal.factor if precision == "single" else signal.factor, precision)
+        offset = literal(abs(signal.offset), precision)
         more, less = (" + ", " - ") if signal.offset >= 0.0 else (" - ", " + ")
         code = f"(int32_t)(code ^ {sign}) - (int32_t){sign}" if signal.signed else "(int32_t)code"
         scaled = {
@@ -244,9 +254,8 @@ def _signal(message: Message, role: str, signal: Signal, precision: Precision) -
             "high": signal.raw_high,
             "not_available": signal.raw_not_available,
             "value": f"signals->{role}" + (f"{less}{offset}" if signal.offset else ""),
-            # Multiplied and divided by: 200 is exact where 0.005 is not.
-            "steps": steps,
-            "decoded": f"to_value({code}, {steps}, {signal.raw_not_available})" + (f"{more}{offset}" if signal.offset else ""),
+            "scale": scale,
+            "decoded": f"to_value({code}, {scale}, {signal.raw_not_available})" + (f"{more}{offset}" if signal.offset else ""),
         }
     return SignalView(
         role=role,

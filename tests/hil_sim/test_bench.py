@@ -204,7 +204,7 @@ class TestNodesOnABusyBus:
 class TestWhatIsMissing:
     def test_no_ecu_in_lock_step(self, software: Software, channel: BusAddress, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(bench, "ANSWER_TIMEOUT", 0.01)
-        with Bus(channel) as bus, pytest.raises(CodegenError, match="no answer to the frames of 0.00 s within 0.01 s"):
+        with Bus(channel) as bus, pytest.raises(CodegenError, match=r"no answer to the frames of 0\.00 s within 0\.01 s"):
             run_in_lock_step(PlantNode(software.config, short()), bus)
 
     def test_no_ecu_in_real_time_the_actuator_holds(self, software: Software, channel: BusAddress) -> None:

@@ -1,4 +1,4 @@
-"""AUTOSAR E2E profile 1A: the specification's vectors, an independent implementation, error detection, the receiver's states."""
+"""AUTOSAR E2E profile 1A: the specification's vectors, an independent implementation, error detection, states."""
 
 from __future__ import annotations
 
