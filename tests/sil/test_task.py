@@ -6,6 +6,7 @@ The other side here is Python's own codec and protection, which share no code wi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
@@ -348,3 +349,64 @@ def test_another_period_builds_and_runs() -> None:
     assert "ars_task_5ms" in built.folder.files["include/ars_task.h"].decode("ascii")
     car = car_of(built)
     assert [car.cycle().status for _ in range(3)] == [Status.TRACKING] * 3
+
+
+def test_one_message_twice_is_a_late_task(car: Car) -> None:
+    car.cycle()
+    car.give(car.motion())
+    car.give(car.motion(), car.conditions())
+    assert "TASK_LATE" in names(car.answer().diagnostics)
+
+
+def three_lost(car: Car) -> None:
+    test_three_lost_samples_are_held_and_the_fourth_is_fail_safe(car, "motion")
+
+
+def starts_from_achieved(car: Car) -> None:
+    test_control_starts_from_the_angle_that_the_actuator_holds(car, -0.06)
+
+
+def late(car: Car) -> None:
+    TestEveryCauseHasItsBit().test_a_task_that_comes_late(car)
+
+
+def twice(car: Car) -> None:
+    TestEveryCauseHasItsBit().test_a_task_that_comes_twice(car)
+
+
+def repeated(car: Car) -> None:
+    TestEveryCauseHasItsBit().test_a_repeated_frame(car)
+
+
+def wrong_length(car: Car) -> None:
+    TestEveryCauseHasItsBit().test_a_wrong_length(car, 7)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "seen_by"),
+    [
+        ("self->good = self->good || usable;", "self->good = true;", repeated),
+        ("    self->frames = 0u;\n    self->good = false;\n    return", "    self->frames = 0u;\n    return", three_lost),
+        ("conditions_shift = 5u", "conditions_shift = 4u", test_a_short_gap_is_told_and_goes_on_at_once),
+        ("self->started ? command.rear_angle : ars_can_not_available()", "command.rear_angle",
+         test_before_the_first_good_sample_no_angle_is_sent),
+        ("ars_controller_init(&self->controller, self->conditions.rear_angle);", "", starts_from_achieved),
+        ("(self->motion_input.frames > 1u)", "(self->motion_input.frames > 2u)", test_one_message_twice_is_a_late_task),
+        ("causes = (uint32_t)ARS_DIAGNOSTICS_TASK_LATE;", "", late),
+        ("self->late_cycles++;", "", late),
+        ("self->early_cycles++;", "", twice),
+        ("self->lost_samples++;", "", twice),
+        ("(void)ars_e2e_no_new_data(&self->receiver);", "", test_a_short_gap_is_told_and_goes_on_at_once),
+        (".speed = motion_good ? self->motion.speed : not_available", ".speed = not_available",
+         test_with_the_speed_still_known_the_fail_safe_goes_by_it),
+        ("(length != (uint8_t)ARS_CAN_LENGTH)", "(length > (uint8_t)ARS_CAN_LENGTH)", wrong_length),
+        ("controller->bad_samples > self->parameters->degraded_samples_max", "controller->bad_samples > 0u", three_lost),
+        ("(uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND", "(uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION",
+         test_each_answer_is_protected_and_counts_on),
+    ],
+)  # fmt: skip
+def test_a_planted_fault_fails_a_named_test(old: str, new: str, seen_by: Callable[[Car], None]) -> None:
+    """One place of the task's C changed."""
+    car = car_of(builds.altered("src/ars_task.c", old, new))
+    with pytest.raises(AssertionError):
+        seen_by(car)
