@@ -13,10 +13,10 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil test vcan-test check bench lock generated wheel clean venv preflight
+.PHONY: help sil test vcan-test check bench bench-can lock generated wheel clean venv preflight
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 sil: $(READY) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
 	@$(BIN)/codegen paper -o build
@@ -35,16 +35,20 @@ check: $(READY) ## lint, format and types, nothing changed
 bench: $(READY) ## the benchmarks
 	@$(BIN)/python -m benchmarks
 
+bench-can: $(READY) ## the bench on vcan0: lock-step against real time, punctuality by the clock
+	@$(BIN)/python -m tests.can.vcan_run -- $(BIN)/python -m benchmarks can
+
 lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions); needs uv
 	@command -v $(UV) >/dev/null || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }
 	@$(UV) pip compile pyproject.toml --quiet --universal --fork-strategy fewest --all-extras --generate-hashes \
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
 
-generated: $(READY) ## the committed reference output, generated/4ws2.npz and generated/4ws2/, and README's picture
+generated: $(READY) ## the committed reference output, generated/4ws2.npz and generated/4ws2/, and README's pictures
 	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2.npz
 	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
 	@$(BIN)/codegen paper -o build >/dev/null
 	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
+	@$(BIN)/codegen sil --build generated/4ws2 --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist

@@ -77,6 +77,7 @@ class PlantNode:
         self._waiting: deque[float] = deque([0.0] * config.plant.command_delay_samples)
         self.received = Received()
         self.command: RearSteerCommand | None = None
+        self._reference = 0.0  # rad/s, the last one that was available
         self._restart()
 
     def _restart(self) -> None:
@@ -145,6 +146,8 @@ class PlantNode:
         self.received.commands += 1
         self.received.lost += status == E2eStatus.OK_SOME_LOST
         self.command = decoded
+        if not math.isnan(decoded.yaw_rate_reference):
+            self._reference = decoded.yaw_rate_reference
         if math.isnan(decoded.rear_angle):
             return False
         self._actuator.command(decoded.rear_angle)
@@ -176,7 +179,7 @@ class PlantNode:
             "speed_m_s": self._rows[cycle * self._per_sample][0],
             "front_angle_rad": sample.front_angle,
             "yaw_rate_rad_s": sample.yaw_rate,
-            "yaw_rate_reference_rad_s": 0.0 if command is None else command.yaw_rate_reference,
+            "yaw_rate_reference_rad_s": self._reference,
             "sideslip_rad": sample.sideslip_angle,
             "lateral_acceleration_m_s2": sample.lateral_acceleration,
             "rear_angle_command_rad": commanded,

@@ -90,7 +90,10 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
         return result
 
     yaw_rate, sideslip, rear = degrees("yaw_rate_rad_s"), degrees("sideslip_rad"), degrees("rear_angle_rad")
-    controlled = bool((column(record, "status")[steady] <= Status.LIMITED).all())
+    # A sample that was held now and then does not make it an uncontrolled car.
+    controlled = steady & (column(record, "status") <= Status.LIMITED)
+    mostly = 2 * np.count_nonzero(controlled) > np.count_nonzero(steady)
+    reference = float(degrees("yaw_rate_reference_rad_s")[controlled].mean()) if mostly else None
     yaw_rate_steady = float(yaw_rate[steady].mean())
     sign = 1.0 if yaw_rate_steady >= 0.0 else -1.0
     peak = sign * float((sign * yaw_rate[after]).max())
@@ -103,7 +106,7 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
         settled=swing <= SETTLED_SHARE * max(abs(yaw_rate_steady), 1e-9),
         yaw_rate_steady_deg_s=yaw_rate_steady,
         yaw_rate_peak_deg_s=peak,
-        yaw_rate_reference_deg_s=float(degrees("yaw_rate_reference_rad_s")[steady].mean()) if controlled else None,
+        yaw_rate_reference_deg_s=reference,
         overshoot_percent=100.0 * (peak / yaw_rate_steady - 1.0) if yaw_rate_steady else 0.0,
         rise_time_s=float(time[first]) - steer_time,
         peak_time_s=float(time[after][np.argmax(sign * yaw_rate[after])]) - steer_time,

@@ -23,6 +23,7 @@ from hil_sim.ecu_node import EcuNode
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.frames import Frame
+from hil_sim.metrics import step_metrics
 from hil_sim.plant_node import PlantNode
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import Scenario, find
@@ -214,6 +215,13 @@ class TestWhatIsMissing:
         assert not column(result, "rear_angle_command_rad").any()
         assert (column(result, "status") == Status.STANDBY).all()
 
+    def test_an_ecu_that_knows_no_angle_yet_leaves_no_holes_in_the_recording(self, software: Software) -> None:
+        """Restarted while the car's frames stay away: it sends "not available", and the recording has numbers throughout."""
+        faults = (Fault("ecu-restart", 0.0, 0.1), Fault("drop", 0.0, 0.3))
+        result = run_in_process(PlantNode(software.config, short(faults=faults)), software)
+        assert np.isfinite(result.record).all()
+        assert set(column(result, "status")[:20]) <= {Status.STANDBY, Status.DEGRADED, Status.FAIL_SAFE}
+
     def test_faults_have_no_meaning_in_lock_step(self, software: Software, channel: BusAddress) -> None:
         faulty = short(faults=(Fault("drop", 0.5, 0.1),))
         with Bus(channel) as bus, pytest.raises(CodegenError, match="take --real-time"):
@@ -325,3 +333,12 @@ class TestBus:
             Bus(BusAddress("pcan", "PCAN_USBBUS1"))
         assert "pcan:PCAN_USBBUS1" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("held", "told"), [(1, True), (40, True), (60, False)])
+def test_a_sample_held_now_and_then_leaves_the_car_controlled(software: Software, held: int, told: bool) -> None:
+    """In the last second of a step, whose mean is the steady value: it is told while most of it is controlled."""
+    scenario = short(3.0)
+    record = run_through_can(software, scenario).record.copy()
+    record[-held:, RECORD_COLUMNS.index("status")] = Status.DEGRADED
+    assert (step_metrics(record, scenario.steer_time).yaw_rate_reference_deg_s is not None) == told
