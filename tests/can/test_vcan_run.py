@@ -1,0 +1,220 @@
+"""`vcan_run` on this machine: guests that behave like the command in them, and that leave nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from codegen.sil.cache import cache_folder
+from tests.can import uml, vcan_run
+from tests.can.interfaces import is_up, set_interface
+from tests.can.uml import Unavailable, modules_in_load_order
+from tests.can.vcan_run import CANNOT_RUN, DIED, TIMEOUT, UNAVAILABLE
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Where a command in a guest is told to wait for the test: long enough for a slow machine, and an end for a lost guest.
+LONG = "60"
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    """A cache of the test's own, so that what a guest leaves can be seen; the kernel in it is the shared one."""
+    try:
+        uml.find_kernel()
+    except Unavailable as error:
+        pytest.skip(str(error))
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    if (cache_folder() / uml.PACKAGE).exists():
+        (folder / uml.PACKAGE).symlink_to(cache_folder() / uml.PACKAGE)
+    return folder
+
+
+def start(cache: Path, *command: str, timeout: str = LONG, writable: Path | None = None) -> subprocess.Popen[str]:
+    """In a guest; the output can be read while it runs."""
+    options = ["--backend", "uml", "--timeout", timeout, *(["--writable", str(writable)] if writable else [])]
+    return subprocess.Popen(
+        [sys.executable, "-m", "tests.can.vcan_run", *options, "--", *command],
+        cwd=ROOT,
+        env=os.environ | {"ARS_CACHE": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    output, errors = process.communicate()
+    if process.returncode == UNAVAILABLE:
+        pytest.skip(errors.strip())
+    # Where /dev/shm cannot hold the guest's memory, its kernel says so.
+    told = [line for line in errors.splitlines(keepends=True) if not line.startswith("Warning: tempdir")]
+    return process.returncode, output, "".join(told)
+
+
+def left_behind(cache: Path) -> list[str]:
+    """Folders, and the command lines of processes, of guests that had this cache."""
+    found = [str(path) for path in cache.glob("guest-*")]
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            line = process.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:  # it has just ended
+            continue
+        if f"{cache}/guest-" in line:
+            found.append(line)
+    return found
+
+
+def test_output_arguments_and_exit_code_come_through(cache: Path) -> None:
+    script = 'printf "%s|" "$@"; echo; echo "to stderr" >&2; exit 7'
+    code, output, errors = finish(start(cache, "sh", "-c", script, "sh", "two words", "'quoted'", "$HOME", "a\nb", ""))
+    assert (code, output, errors) == (7, "two words|'quoted'|$HOME|a\nb||\n", "to stderr\n")
+    assert left_behind(cache) == []
+
+
+def test_files_of_the_host_are_read_only_but_for_the_folders_named(cache: Path, tmp_path: Path) -> None:
+    (tmp_path / "writable").mkdir()
+    script = f"""
+    touch {tmp_path}/forbidden 2>/dev/null && echo "written outside"
+    cat {tmp_path}/greeting > {tmp_path}/writable/copy
+    touch "$TMPDIR/own" && test ! -e {tmp_path}/own && kill -9 $$
+    """
+    (tmp_path / "greeting").write_text("hello")
+    code, output, errors = finish(start(cache, "sh", "-c", script, writable=tmp_path / "writable"))
+    assert (code, output, errors) == (128 + signal.SIGKILL, "", "")
+    assert not (tmp_path / "forbidden").exists()
+    assert (tmp_path / "writable" / "copy").read_text() == "hello"
+
+
+def test_a_timeout_ends_the_guest(cache: Path) -> None:
+    code, output, errors = finish(start(cache, "sh", "-c", f"echo begun; sleep {LONG}", timeout="4"))
+    assert (code, output, errors) == (TIMEOUT, "begun\n", "vcan_run: timeout after 4 s\n")
+    assert left_behind(cache) == []
+
+
+def test_an_interrupt_ends_the_guest(cache: Path) -> None:
+    process = start(cache, "sh", "-c", f"echo begun; sleep {LONG}")
+    assert process.stdout is not None
+    if process.stdout.readline() == "begun\n":
+        assert len(left_behind(cache)) > 1  # the folder and its processes: it can be seen
+        process.send_signal(signal.SIGINT)
+    assert finish(process) == (128 + signal.SIGINT, "", "")
+    assert left_behind(cache) == []
+
+
+def test_a_guest_that_dies_and_a_command_that_is_not_there_are_told_apart(cache: Path) -> None:
+    dying = start(cache, "sh", "-c", f"echo o > /proc/sysrq-trigger; sleep {LONG}")  # o: off
+    missing = start(cache, "no-such-command")
+    assert finish(missing) == (CANNOT_RUN, "", "vcan_run: [Errno 2] No such file or directory: 'no-such-command'\n")
+    code, _, errors = finish(dying)
+    assert code == DIED
+    assert errors.endswith("vcan_run: the guest died (exit code 0)\n")
+
+
+# Sends a frame, waits until the other guest has sent one, then tells whose frames it has heard.
+TWO_GUESTS = """
+import pathlib, socket, struct, sys, time
+folder, own, other = pathlib.Path(sys.argv[1]), *map(int, sys.argv[2:])
+sender, listener = (socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) for _ in range(2))
+for bus in (sender, listener):
+    bus.bind(("vcan0",))
+sender.send(struct.pack("=IB11x", own, 0))
+(folder / str(own)).touch()
+while not (folder / str(other)).exists():
+    time.sleep(0.01)
+listener.setblocking(False)
+try:
+    while True:
+        print(struct.unpack_from("=I", listener.recv(16))[0])
+except BlockingIOError:
+    pass
+"""
+
+
+def test_two_guests_at_once_have_a_bus_each(cache: Path, tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    first, second = (
+        start(cache, sys.executable, "-c", TWO_GUESTS, str(shared), own, other, writable=shared)
+        for own, other in (("1", "2"), ("2", "1"))
+    )
+    assert finish(first) == (0, "1\n", "")
+    assert finish(second) == (0, "2\n", "")
+
+
+class Choice:
+    """`vcan_run.run` on a machine that the test describes; which way it has gone is in `way`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, socketcan: bool, own_network: bool, interface_up: bool) -> None:
+        self.own_network = own_network
+        self.way = ""
+        monkeypatch.setattr(vcan_run, "has_socketcan", lambda: socketcan)
+        monkeypatch.setattr(vcan_run, "is_up", lambda name: interface_up)
+        monkeypatch.setattr(vcan_run, "_start", self.start)
+        monkeypatch.setattr(vcan_run, "_finish", lambda process, timeout: 5)
+        monkeypatch.setattr(vcan_run, "_run_in_guest", self.run_in_guest)
+
+    def start(self, command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None) -> None:
+        assert environment["VCAN_RUN"] == "native"
+        if prepare and not self.own_network:
+            raise subprocess.SubprocessError
+        self.way = "own network" if prepare else "the interface that is there"
+
+    def run_in_guest(self, command: Sequence[str], timeout: float | None, writable: Sequence[Path]) -> int:
+        self.way = "guest"
+        return 5
+
+
+@pytest.mark.parametrize(
+    ("socketcan", "own_network", "interface_up", "way"),
+    [
+        (True, True, False, "own network"),
+        (True, True, True, "own network"),
+        (True, False, True, "the interface that is there"),
+        (True, False, False, "guest"),
+        (False, True, False, "guest"),
+    ],
+)
+def test_the_kernel_is_used_where_it_has_socketcan(
+    monkeypatch: pytest.MonkeyPatch, socketcan: bool, own_network: bool, interface_up: bool, way: str
+) -> None:
+    choice = Choice(monkeypatch, socketcan, own_network, interface_up)
+    assert vcan_run.run(["true"], None, None, []) == 5
+    assert choice.way == way
+
+
+def test_native_alone_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    Choice(monkeypatch, socketcan=False, own_network=True, interface_up=False)
+    with pytest.raises(Unavailable, match=r"^this kernel has no SocketCAN$"):
+        vcan_run.run(["true"], "native", None, [])
+    Choice(monkeypatch, socketcan=True, own_network=False, interface_up=False)
+    with pytest.raises(Unavailable, match=r"^no right to a network of one's own, and there is no vcan0$"):
+        vcan_run.run(["true"], "native", None, [])
+
+
+def test_the_socket_and_the_interface_are_asked_for_in_the_kernel() -> None:
+    assert is_up("lo")
+    assert not is_up("no-such-if")
+    with pytest.raises(OSError, match="No such device"):
+        set_interface("no-such-if", up=True)
+
+
+def test_modules_come_after_what_they_need(tmp_path: Path) -> None:
+    for name, needs in {"vcan": "can-dev", "can-dev": "can", "can": "", "can-raw": "can"}.items():
+        (tmp_path / f"{name}.ko").write_bytes(b"license=GPL\0depends=" + needs.encode() + b"\0name=x\0")
+    found = [Path(file).stem for file in modules_in_load_order(tmp_path, ["can_raw", "built_in", "vcan"])]
+    assert found == ["can", "can-raw", "can-dev", "vcan"]
+
+
+def test_where_there_is_no_way_the_reason_is_one_line() -> None:
+    with pytest.raises(Unavailable, match=r"^no-such-apt is missing, and user-mode-linux is not installed$"):
+        uml._call(["no-such-apt"])
+    with pytest.raises(Unavailable, match=r"^sh -c 'echo first >&2; echo last >&2; exit 3': last; install user-mode-linux, or"):
+        uml._call(["sh", "-c", "echo first >&2; echo last >&2; exit 3"])

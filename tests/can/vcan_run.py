@@ -1,0 +1,156 @@
+"""Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
+
+    python -m tests.can.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... -- COMMAND...
+
+native: this kernel has SocketCAN; the command gets a network namespace of its own with lo and vcan0, or, where it may not have
+        one, the vcan0 that is there.
+uml:    it has not; a User Mode Linux guest whose root is the host's, read-only, but for the current folder and --writable ones.
+
+Standard input is closed. Exit codes of its own: 124 timeout, 125 the guest died, 69 neither of the two is possible here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+from codegen.errors import CodegenError
+from codegen.sil.cache import cache_folder
+from tests.can import uml
+from tests.can.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
+from tests.can.uml import Unavailable
+
+TIMEOUT, DIED, UNAVAILABLE, CANNOT_RUN = 124, 125, 69, 127
+SECONDS_TO_END = 3.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# From the kernel's headers: linux/sched.h, linux/prctl.h.
+CLONE_NEWUSER, CLONE_NEWNET = 0x10000000, 0x40000000
+PR_SET_PDEATHSIG = 1
+
+
+def main() -> int:
+    options = _parser().parse_args()
+    for number in SIGNALS:
+        signal.signal(number, _stop)
+    if sys.platform == "linux":  # a guest does not outlive a pytest that is killed
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    try:
+        return run(options.command, options.backend, options.timeout, options.writable)
+    except (Unavailable, CodegenError) as error:
+        print(f"vcan_run: {error}", file=sys.stderr)
+        return UNAVAILABLE
+    except OSError as error:
+        print(f"vcan_run: {error}", file=sys.stderr)
+        return CANNOT_RUN
+    except subprocess.TimeoutExpired:
+        print(f"vcan_run: timeout after {options.timeout:g} s", file=sys.stderr)
+        return TIMEOUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vcan_run", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--backend", choices=["native", "uml"], help="default: native, else uml")
+    parser.add_argument("--timeout", type=float, metavar="SECONDS")
+    parser.add_argument("--writable", type=Path, action="append", default=[], metavar="FOLDER")
+    parser.add_argument("command", nargs="+")
+    return parser
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
+    for other in SIGNALS:
+        signal.signal(other, signal.SIG_IGN)  # not again while it cleans up
+    raise SystemExit(128 + number)
+
+
+def run(command: Sequence[str], backend: str | None, timeout: float | None, writable: Sequence[Path]) -> int:
+    """The command's exit code, or DIED. Raises Unavailable, OSError, subprocess.TimeoutExpired."""
+    if backend != "uml":
+        try:
+            return _run_native(command, timeout)
+        except Unavailable:
+            if backend == "native":
+                raise
+    return _run_in_guest(command, timeout, writable)
+
+
+def _run_native(command: Sequence[str], timeout: float | None) -> int:
+    if not has_socketcan():
+        raise Unavailable("this kernel has no SocketCAN")
+    environment = os.environ | {"VCAN_RUN": "native"}
+    try:
+        process = _start(command, environment, _enter_own_network)
+    except subprocess.SubprocessError as error:  # _enter_own_network failed
+        if not is_up(INTERFACE):
+            raise Unavailable(f"no right to a network of one's own, and there is no {INTERFACE}") from error
+        process = _start(command, environment)
+    code = _finish(process, timeout)
+    return code if code >= 0 else 128 - code
+
+
+def _enter_own_network() -> None:
+    """Nothing of it is seen outside, and it goes with the last process in it. Who is not root becomes root of it."""
+    user, group = os.getuid(), os.getgid()
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(CLONE_NEWNET) != 0:
+        if libc.unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0:
+            raise OSError(ctypes.get_errno(), "unshare")
+        for name, text in (("setgroups", "deny"), ("uid_map", f"0 {user} 1"), ("gid_map", f"0 {group} 1")):
+            Path("/proc/self", name).write_text(text, encoding="ascii")
+    set_loopback_up()
+    add_vcan(INTERFACE)
+
+
+def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Sequence[Path]) -> int:
+    kernel = uml.find_kernel()
+    # Not below TMPDIR: that may be in /run or /dev/shm, which the guest has its own of.
+    folder = Path(tempfile.mkdtemp(prefix="guest-", dir=cache_folder()))
+    try:
+        uml.write_job(folder, kernel, command, [Path.cwd(), *writable])
+        try:
+            process = _start(uml.kernel_command(folder, kernel), uml.kernel_environment())
+        except OSError as error:
+            raise Unavailable(str(error)) from error
+        code = _finish(process, timeout)
+        if (folder / "status").exists():
+            return int((folder / "status").read_text(encoding="ascii"))
+        if not (folder / "booted").exists():
+            raise Unavailable(f"the User Mode Linux guest did not start (exit code {code})")
+        print(f"vcan_run: the guest died (exit code {code})", file=sys.stderr)
+        return DIED
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start(
+    command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None
+) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=prepare)
+
+
+def _finish(process: subprocess.Popen[bytes], timeout: float | None) -> int:
+    """Wait for it; whatever happens meanwhile, nothing of it is left."""
+    try:
+        return process.wait(timeout)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(SECONDS_TO_END)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
