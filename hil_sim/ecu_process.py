@@ -156,6 +156,11 @@ class EcuThread:
             self._thread.join()
             self._thread = None
 
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._thread is not None and self._thread.is_alive()
+
     def stop(self) -> str:
         """End it; its counters."""
         self.kill()

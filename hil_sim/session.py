@@ -18,7 +18,7 @@ from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.folder import read_manifest
 from codegen.emit.text import Precision
-from codegen.errors import CodegenError
+from codegen.errors import CheckFailed, CodegenError
 from hil_sim.bench import BenchResult, Observer, run_in_lock_step, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.ecu_process import EcuProcess, EcuThread, cffi_command
@@ -126,8 +126,17 @@ def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None =
             )
         return HilRun(run_plant(setup, None, observe), "")
     with ecu_of(build, setup.address, kind, lock_step=setup.lock_step) as ecu:
-        result = run_plant(setup, ecu, observe)
+        try:
+            result = run_plant(setup, ecu, observe)
+        except CodegenError as error:
+            raise error if ecu.alive else _ended(ecu) from None
+        if not ecu.alive:
+            raise _ended(ecu)
         return HilRun(result, ecu.stop())
+
+
+def _ended(ecu: EcuProcess | EcuThread) -> CodegenError:
+    return CheckFailed(f"the ECU ended during the run: {ecu.stop() or 'without a word'}")
 
 
 def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool) -> EcuProcess | EcuThread:

@@ -45,7 +45,9 @@ def find_kernel() -> Kernel:
         raise Unavailable("User Mode Linux needs Linux on x86-64")
     fetched = cache_folder() / PACKAGE
     if re.search(r"[\s:]", str(fetched)):  # in a kernel's command line and in LD_PRELOAD nothing can be quoted
-        raise Unavailable(f"User Mode Linux can have no space and no colon in the cache's path, {fetched.parent}: set ARS_CACHE")
+        raise Unavailable(
+            f"User Mode Linux can have no space and no colon in the cache's path, {fetched.parent}: set ARS_CACHE"
+        )
     for root in (Path("/"), fetched):
         if (root / "usr/bin/linux.uml").exists():
             return _kernel_below(root)

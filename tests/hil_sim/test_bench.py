@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
-from hil_sim import bench
+from hil_sim import bench, session
 from hil_sim.bench import BenchResult, run_in_lock_step, run_in_process, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.ecu_node import EcuNode
@@ -246,6 +247,17 @@ class TestWhatIsMissing:
     def test_the_native_ecu_needs_socketcan(self, software: Software, channel: BusAddress) -> None:
         with pytest.raises(CodegenError, match="the native ECU speaks SocketCAN on Linux, not virtual"):
             run_hil(Setup(software.config, short(), channel), Path("unused"), "native")
+
+    def test_an_ecu_that_ends_during_the_run_is_told(self, software: Software, build_folder: Path) -> None:
+        """A process that says `ready` and dies: the run is no evidence."""
+        address = BusAddress("udp_multicast", f"239.74.165.{2 + os.getpid() % 250}")
+        script = "import sys, time; print('ready', flush=True); time.sleep(0.1); print('error: out of luck', file=sys.stderr)"
+        setup = Setup(software.config, short(0.5), address)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(session, "cffi_command", lambda *_, **__: [sys.executable, "-c", script])
+            with pytest.raises(CodegenError, match="the ECU ended during the run: error: out of luck") as caught:
+                run_hil(setup, build_folder, "cffi")
+        assert caught.value.exit_code == 1
 
     def test_an_ecu_process_that_does_not_start_says_why(self, software: Software, tmp_path: Path) -> None:
         setup = Setup(software.config, short(), MULTICAST)
