@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import Annotated
 
 from pydantic import Field
@@ -16,14 +17,14 @@ class Sensor(Section):
     delay_samples: Annotated[int, Field(ge=0, le=100)] = 0
 
     @property
+    @abstractmethod
     def noise(self) -> float:
         """Standard deviation, SI unit."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def resolution(self) -> float:
         """Step between two values, SI unit; 0: none."""
-        raise NotImplementedError
 
 
 class SpeedSensor(Sensor):

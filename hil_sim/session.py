@@ -61,6 +61,10 @@ class Setup:
         """In words."""
         return "lock-step" if self.lock_step else "real time"
 
+    def describe(self) -> dict[str, str]:
+        """For JSON."""
+        return {"bus": str(self.address), "clock": self.clock, "scenario": self.scenario.name}
+
     def node(self) -> PlantNode:
         """The car, at its start."""
         sensors = SensorModel(self.config.sensors, self.seed) if self.sensors else None

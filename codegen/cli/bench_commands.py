@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,8 +18,11 @@ from codegen.cli.base import example, file_type, json_option
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
+    from codegen.cli.bench_report import Outputs
+    from codegen.config import Config
+    from codegen.emit.text import Precision
     from hil_sim.bus import BusAddress
-    from hil_sim.session import EcuKind
+    from hil_sim.session import EcuKind, Setup
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -60,6 +64,54 @@ def result_options(command: Command) -> Command:
 
 
 log_option = click.option("--log", type=file_type, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
+
+
+def run_options(command: Command) -> Command:
+    """All options of Choices."""
+    for option in (result_options, log_option, sensor_options, clock_option, scenario_option, bus_option):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user chose for a run on a bus."""
+
+    bus: str
+    scenario: str
+    lock_step: bool
+    sensors: bool
+    seed: int
+    log: Path | None
+    plot: Path | None
+    csv: Path | None
+    as_json: bool
+
+    def outputs(self, *inputs: Path | None) -> Outputs:
+        """Where the results go; refused before anything runs where they could not be written. `inputs`: files that are read."""
+        from codegen.cli.bench_report import Outputs
+
+        outputs = Outputs(self.plot, self.csv, self.log, self.as_json)
+        outputs.check(inputs)
+        return outputs
+
+    def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
+        """The run, for a car."""
+        from hil_sim.bus import BusAddress
+        from hil_sim.scenarios import find
+        from hil_sim.session import Setup
+
+        return Setup(
+            config=config,
+            scenario=find(self.scenario, config),
+            address=BusAddress.parse(self.bus),
+            lock_step=self.lock_step,
+            precision=precision,
+            sensors=self.sensors,
+            seed=self.seed,
+            log=self.log,
+            dbc=dbc,
+        )
 
 
 @click.command(
@@ -115,7 +167,6 @@ def sil(
     epilog=example("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf"),
 )
 @build_option
-@bus_option
 @click.option(
     "--ecu",
     "kind",
@@ -123,87 +174,47 @@ def sil(
     required=True,
     help="A Linux program made of the C, the C in Python, or an ECU that is on the bus already.",
 )
-@scenario_option
-@clock_option
-@sensor_options
-@log_option
-@result_options
-def hil(
-    build_path: Path,
-    bus: str,
-    kind: EcuKind,
-    scenario: str,
-    lock_step: bool,
-    sensors: bool,
-    seed: int,
-    log: Path | None,
-    plot: Path | None,
-    csv: Path | None,
-    as_json: bool,
-) -> None:
+@run_options
+def hil(build_path: Path, kind: EcuKind, **given: Any) -> None:
     """Let a plant simulator and an ECU exchange CAN frames, every 10 ms by the clock or in lock-step.
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
     """
-    from codegen.cli.bench_report import Outputs, live_view
-    from hil_sim.bus import BusAddress
-    from hil_sim.scenarios import find
-    from hil_sim.session import BuildFacts, Setup, passive, run_hil
+    from codegen.cli.bench_report import live_view
+    from hil_sim.session import BuildFacts, passive, run_hil
 
-    outputs = Outputs(plot, csv, log, as_json)
-    outputs.check(())
-    address, facts = BusAddress.parse(bus), BuildFacts.read(build_path)
-    manoeuvre = find(scenario, facts.config)
-    setup = Setup(facts.config, manoeuvre, address, lock_step, facts.precision, sensors, seed, log, facts.dbc)
-    with live_view(setup, kind, quiet=as_json) as observe:
+    chosen = Choices(**given)
+    outputs, facts = chosen.outputs(), BuildFacts.read(build_path)
+    setup = chosen.setup(facts.config, facts.precision, facts.dbc)
+    with live_view(setup, kind, quiet=chosen.as_json) as observe:
         ran = run_hil(setup, build_path, kind, observe)
-    runs = {"controlled": ran.result.record, "passive": passive(facts.config, manoeuvre)}
-    described = {"build": str(build_path), "bus": str(address), "ecu": kind, "clock": setup.clock, "scenario": manoeuvre.name}
-    title = f"{build_path} on {address}, ECU {kind}, {setup.clock}"
-    outputs.tell(title, facts.config, manoeuvre, runs, ran.result, described, ran.ecu_counters)
+    runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
+    title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
+    described = {"build": str(build_path), "ecu": kind, **setup.describe()}
+    outputs.tell(title, setup.config, setup.scenario, runs, ran.result, described, ran.ecu_counters)
 
 
 @click.command(
     short_help="Be the plant on a bus.", epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell")
 )
 @click.option("--config", "config_path", type=file_type, help="ars.toml; by default the paper's preset.")
-@bus_option
-@scenario_option
-@clock_option
-@sensor_options
-@log_option
-@result_options
-def plant(
-    config_path: Path | None,
-    bus: str,
-    scenario: str,
-    lock_step: bool,
-    sensors: bool,
-    seed: int,
-    log: Path | None,
-    plot: Path | None,
-    csv: Path | None,
-    as_json: bool,
-) -> None:
+@run_options
+def plant(config_path: Path | None, **given: Any) -> None:
     """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
-    from codegen.cli.bench_report import Outputs, live_view
+    from codegen.cli.bench_report import live_view
     from codegen.refmap.choose import choose_config
-    from hil_sim.bus import BusAddress
-    from hil_sim.scenarios import find
-    from hil_sim.session import Setup, passive, run_plant
+    from hil_sim.session import passive, run_plant
 
-    outputs = Outputs(plot, csv, log, as_json)
-    outputs.check((config_path,))
-    address, chosen = BusAddress.parse(bus), choose_config(None, config_path)
-    if config_path is None and not as_json:
+    chosen = Choices(**given)
+    outputs, car = chosen.outputs(config_path), choose_config(None, config_path)
+    if config_path is None and not chosen.as_json:
         console.note("no --config: the paper's preset is taken")
-    manoeuvre = find(scenario, chosen.config)
-    setup = Setup(chosen.config, manoeuvre, address, lock_step, "single", sensors, seed, log)
-    with live_view(setup, "external", quiet=as_json) as observe:
+    setup = chosen.setup(car.config)
+    with live_view(setup, "external", quiet=chosen.as_json) as observe:
         result = run_plant(setup, None, observe)
-    runs = {"controlled": result.record, "passive": passive(chosen.config, manoeuvre)}
-    described = {"configuration": chosen.source, "bus": str(address), "clock": setup.clock, "scenario": manoeuvre.name}
-    outputs.tell(f"plant on {address}, {setup.clock}", chosen.config, manoeuvre, runs, result, described)
+    runs = {"controlled": result.record, "passive": passive(setup.config, setup.scenario)}
+    described = {"configuration": car.source, **setup.describe()}
+    outputs.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
 
 
 @click.command(short_help="Be the ECU on a bus.", epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"))

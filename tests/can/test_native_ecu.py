@@ -309,16 +309,18 @@ def test_frames_that_came_before_a_late_run_are_in_its_answer(wire: Wire, folder
     car, command = Car(), native.command(folder, vcan, parent=os.getpid())
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as ecu:
         assert car.command(wire.receive()).diagnostics & TASK_EARLY
+        while Path(f"/proc/{ecu.pid}/stat").read_text().split()[2] != "S":  # not before it waits for both
+            pass
         ecu.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, ecu.pid, os.WSTOPPED)
         while wire.receive(3.0 * PERIOD) is not None:
             pass
         send_set(wire, car)
         ecu.send_signal(signal.SIGCONT)
-        command_sent = car.command(wire.receive())
+        answer = car.command(wire.receive())
         ecu.kill()
-    assert not np.isnan(command_sent.rear_angle)
-    assert command_sent.diagnostics == 0
+    assert not np.isnan(answer.rear_angle)
+    assert answer.diagnostics == 0
 
 
 def wait_for_control(wire: Wire, car: Car) -> bool:
