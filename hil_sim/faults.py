@@ -69,7 +69,7 @@ class Injector:
         seed: of the bits that are flipped.
 
     Raises:
-        CodegenError: a fault names a message or a signal that there is not.
+        CodegenError: a fault names a message or a signal that there is not, or that its kind does not act upon.
     """
 
     def __init__(self, faults: Sequence[Fault], can: Can, sampling_time: float, seed: int = 0) -> None:
@@ -78,7 +78,7 @@ class Injector:
         self._random = random.Random(seed)
         self._messages = {message.name: message for message in can.messages().values()}
         for fault in self.faults:
-            _check(fault, self._messages)
+            _check(fault, self._messages, can.rear_steer_command.name)
         self._stuck: dict[tuple[int, str], float] = {}
         self._frozen: dict[tuple[int, int], int] = {}
         self._later: list[tuple[int, Frame]] = []
@@ -122,17 +122,21 @@ class Injector:
 
     def outgoing(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
         """What the car's node really puts on the bus."""
-        sent = [] if self.bus_down(cycle) else self._through(cycle, frames, from_car=True)
+        sent = self._through(cycle, frames, from_car=True)
+        if self.bus_down(cycle):
+            return []
         return self._among_strangers(sent) if self._active(cycle, ("foreign-traffic",)) else sent
 
     def incoming(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
         """What the car's node really gets of the ECU's frames."""
-        return [] if self.bus_down(cycle) else self._through(cycle, frames, from_car=False)
+        received = self._through(cycle, frames, from_car=False)
+        return [] if self.bus_down(cycle) else received
 
     def _through(self, cycle: int, frames: Sequence[Frame], *, from_car: bool) -> list[Frame]:
         command = self._can.rear_steer_command.id
-        due = [frame for time, frame in self._later if time <= cycle and (frame.id != command) == from_car]
-        self._later = [entry for entry in self._later if entry[1] not in due]
+        is_due = [time <= cycle and (frame.id != command) == from_car for time, frame in self._later]
+        due = [frame for (_, frame), now in zip(self._later, is_due, strict=True) if now]
+        self._later = [entry for entry, now in zip(self._later, is_due, strict=True) if not now]
         for frame in frames:
             due += self._changed(cycle, frame)
         return due
@@ -152,12 +156,10 @@ class Injector:
                 self._later += [(cycle + fault.cycles, one) for one in result]
                 result = []
             elif fault.kind == "reorder":
-                held = self._held.pop(frame.id, None)
-                if held is None:
-                    self._held[frame.id] = frame
-                    result = []
-                else:
-                    result = [*result, held]
+                if frame.id in self._held:
+                    result.append(self._held.pop(frame.id))
+                elif result:
+                    self._held[frame.id] = result.pop()
             elif fault.kind == "corrupt":
                 result = [self._flipped(one) for one in result]
             else:
@@ -196,7 +198,17 @@ class Injector:
         return [*strangers[:middle], *frames, *strangers[middle:]]
 
 
-def _check(fault: Fault, messages: Mapping[str, Message]) -> None:
+def _check(fault: Fault, messages: Mapping[str, Message], command: str) -> None:
+    of_values = fault.kind in VALUE_KINDS
+    if fault.message is not None and not of_values and fault.kind not in FRAME_KINDS:
+        raise CodegenError(f"a fault {fault.kind} takes no message", where="faults", remedy="remove it")
+    if fault.signal is not None and not of_values:
+        raise CodegenError(f"a fault {fault.kind} takes no signal", where="faults", remedy="remove it")
+    if fault.message == command and of_values:
+        what = f"a fault {fault.kind} acts on what the car sends, and {command} is the controller's"
+        raise CodegenError(what, where="faults", remedy="name a message of the car")
+    if fault.kind == "delay" and fault.cycles < 1:
+        raise CodegenError(f"a fault delay of {fault.cycles} cycles", where="faults", remedy="give at least 1")
     if fault.message is not None and fault.message not in messages:
         raise _unknown("message", fault.message, messages)
     if fault.signal is not None:

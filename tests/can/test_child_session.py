@@ -69,6 +69,12 @@ import sys
 from tests.can import child_session
 child_session.PLACE = (sys.executable, "-c", "print('vcan_run: no way'); raise SystemExit(69)")
 """,
+    "too_long.py": """
+import sys
+from tests.can import child_session
+child_session.PLACE = (sys.executable, "-c", "import sys, time; print('at work', flush=True); time.sleep(60)")
+child_session.SECONDS_PER_TEST = 1.0
+""",
     "test_second.py": """
 def test_unmarked_too():
     pass
@@ -149,3 +155,16 @@ def test_where_there_is_no_way_the_reason_is_told(tmp_path: Path, ci: str, outco
     assert cases["test_passes"][0] == outcome
     assert "vcan_run: no way" in cases["test_passes"][1]
     assert cases["test_unmarked"][0] == cases["test_unmarked_too"][0] == "passed"
+
+
+def test_one_that_never_ends_has_failed(tmp_path: Path) -> None:
+    _, cases = run_sample(tmp_path, "-k", "passes or has_no_turn", "-p", "too_long")
+    for name in ("test_passes", "test_has_no_turn"):
+        assert cases[name][0] == "failure"
+        assert "no result within 1 s; its output:\nat work\n" in cases[name][1]
+
+
+@pytest.mark.parametrize(("ci", "exit_code"), [("", pytest.ExitCode.NO_TESTS_COLLECTED), ("true", pytest.ExitCode.INTERRUPTED)])
+def test_in_ci_a_skipped_module_has_failed(tmp_path: Path, ci: str, exit_code: int) -> None:
+    (tmp_path / "test_third.py").write_text("import pytest\npytest.importorskip('no_such_module')\n", encoding="utf-8")
+    assert run_sample(tmp_path, "test_third.py", CI=ci).exit_code == exit_code

@@ -66,6 +66,28 @@ class TestInjector:
         late = numbers([faulty.outgoing(cycle, frames(cycle)) for cycle in range(12)])
         assert late == [[0], [1], [], [], [], [5], [2, 6], [3, 7], [4, 8], [9], [10], [11]]
 
+    def test_delayed_frames_that_are_equal_are_all_sent(self) -> None:
+        """Counters come round after 15 cycles, so frames with unchanging data are equal; each is due in its own cycle."""
+        faulty = injector("delay", start=0, count=40, cycles=20)
+        counts = []
+        for cycle in range(60):
+            frame = Frame(MOTION.id, protect(MOTION.e2e_data_id, cycle % 15, bytes(8)))
+            counts.append(len(faulty.outgoing(cycle, [frame])))
+        assert counts == [0] * 20 + [1] * 20 + [2] * 20
+
+    def test_what_is_dropped_does_not_come_back_in_another_order(self) -> None:
+        faulty = Injector([Fault("drop", 0.02, 0.03), Fault("reorder", 0.0, 0.1)], CAN, PERIOD)
+        assert numbers([faulty.outgoing(cycle, frames(cycle)) for cycle in range(8)]) == [
+            [],
+            [1, 0],
+            [],
+            [],
+            [],
+            [],
+            [6, 5],
+            [],
+        ]
+
     def test_duplicate(self) -> None:
         assert numbers(sent("duplicate"))[1:6] == [[1], [2, 2], [3, 3], [4, 4], [5]]
 
@@ -104,6 +126,12 @@ class TestInjector:
         ]
         assert faulty.incoming(3, [Frame(COMMAND.id, bytes(8))]) == []
         assert faulty.incoming(5, [Frame(COMMAND.id, bytes(8))]) != []
+
+    def test_a_bus_that_is_down_carries_no_strangers_and_keeps_no_delayed_frame(self) -> None:
+        down = Fault("bus-down", 0.02, 0.03)
+        assert Injector([down, Fault("foreign-traffic", 0.0, 1.0)], CAN, PERIOD).outgoing(3, frames(3)) == []
+        late = Injector([down, Fault("delay", 0.0, 0.02, cycles=3)], CAN, PERIOD)
+        assert numbers([late.outgoing(cycle, frames(cycle)) for cycle in range(7)]) == [[], [], [], [], [], [5], [6]]
 
     def test_commands_are_touched_only_where_named(self) -> None:
         command = Frame(COMMAND.id, bytes(8))
@@ -144,6 +172,20 @@ class TestInjector:
         with pytest.raises(CodegenError, match="a fault names the") as caught:
             Injector([fault], CAN, PERIOD)
         assert words in str(caught.value)
+
+    @pytest.mark.parametrize(
+        ("fault", "words"),
+        [
+            (Fault("bus-down", 0.0, 1.0, message="VehicleMotion"), "takes no message"),
+            (Fault("foreign-traffic", 0.0, 1.0, message="VehicleMotion"), "takes no message"),
+            (Fault("drop", 0.0, 1.0, message="VehicleMotion", signal="speed"), "takes no signal"),
+            (Fault("not-a-number", 0.0, 1.0, message="RearSteerCommand", signal="rear_angle"), "is the controller's"),
+            (Fault("delay", 0.0, 1.0), "delay of 0 cycles"),
+        ],
+    )
+    def test_what_a_kind_does_not_take(self, fault: Fault, words: str) -> None:
+        with pytest.raises(CodegenError, match=words):
+            Injector([fault], CAN, PERIOD)
 
 
 class TestEveryFaultEndsAsDefined:
