@@ -10,6 +10,7 @@ Where no frame is lost or late, all three give the same bits.
 from __future__ import annotations
 
 import gc
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -200,9 +201,10 @@ def run_in_real_time(
         for cycle in range(node.cycles):
             _wait(deadline)
             lateness = time.monotonic() - deadline
-            if lateness >= period:  # never a burst to catch up: the rhythm goes on from here
+            if lateness >= period:  # never a burst to catch up: on with the next deadline, in the same phase
                 recorder.late += 1
-                deadline += lateness
+                deadline += math.ceil(lateness / period) * period
+                _wait(deadline)
             running = _switch(ecu, running, node.injector.ecu_off(cycle))
             sent = time.monotonic()
             for frame in node.outgoing(cycle):

@@ -6,6 +6,7 @@ of them does. Foreign frames, 29-bit identifiers, remote and error frames and it
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,9 +71,9 @@ class EcuNode:
                 continue
             self._answer()
             deadline += self._period
-            if now >= deadline:  # late by a period or more: never a burst to catch up
+            if now >= deadline:  # late by a period or more: never a burst to catch up, on in the same phase
                 self.counters.late += 1
-                deadline = now + self._period
+                deadline += (math.floor((now - deadline) / self._period) + 1) * self._period
 
     def _take(self, frame: Frame | None) -> bool:
         """Give a frame to the task; whether it was one of the car's."""
