@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import can
@@ -27,8 +28,10 @@ from codegen.sil.software import RECORD_COLUMNS, Software, Status, load
 from hil_sim import bench, manoeuvres
 from hil_sim.bench import BenchResult, run_in_lock_step
 from hil_sim.bus import Bus, BusAddress
+from hil_sim.codec import Codec, RearSteerCommand
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
+from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import Scenario, find
@@ -41,6 +44,8 @@ pytestmark = pytest.mark.vcan
 KINDS: tuple[EcuKind, ...] = ("native", "cffi")
 RATE_LIMIT_DEG_S = 30.0
 """Of the paper's actuator."""
+SYNC_FRAMES_MAX = 2
+"""Frames that prove the counter after a silence: the first, and sync_counter_init = 1 more."""
 
 
 @pytest.fixture(scope="module")
@@ -114,21 +119,40 @@ class TestTheSameBits:
 
 
 class TestByTheClock:
-    def test_a_minute_without_a_lost_frame(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
-        """6,000 cycles; each side counts the other's frames. Late cycles are the machine's, lost frames would be ours."""
+    def test_a_minute_without_a_lost_frame(
+        self, address: BusAddress, folders: dict[str, Path], software: Software, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """6,000 cycles. A busy machine may delay any of them; what must not be is a frame that did not arrive.
+
+        The car's side: the counters of all commands that came are consecutive. The ECU's side: of all its commands none reports
+        a gap, a wrong CRC or a repetition, and a wrong sequence only where its counter proves itself after a silence (SYNC).
+        """
+        arrived: list[tuple[int, int]] = []  # counter and diagnostics of each command
+        codec = Codec(software.config.can)
+        original = PlantNode.receive
+
+        def receive(node: PlantNode, frame: Frame) -> bool:
+            if original(node, frame):
+                command = codec.decode(frame.id, frame.data)
+                assert isinstance(command, RearSteerCommand)
+                arrived.append((frame.data[1] & 0xF, command.diagnostics))
+                return True
+            return False
+
+        monkeypatch.setattr(PlantNode, "receive", receive)
         scenario = replace(find("step-steer"), duration=60.0)
         ran = run_hil(Setup(software.config, scenario, address), folders["C1"], "native")
         result, counters = ran.result, counted(ran.ecu_counters)
         assert len(result.record) == 6000
         assert result.send_errors == counters["send_errors"] == 0
-        assert result.received["lost"] == result.received["refused"] == 0
-        # A lost frame would show as a gap or a wrong sequence on the ECU's side. After its silence before the run the counter
-        # of the first frames proves itself (SYNC), which the ECU reports in the same bit.
-        lost_bits = 1 << 4 | 1 << 9 | 1 << 1 | 1 << 6
-        assert not (result.diagnostics & lost_bits).any()
-        assert not (result.diagnostics[100:] & (1 << 3 | 1 << 8)).any()
-        # Every command that the ECU sent after the run began has arrived (those before were nobody's).
-        assert result.received["commands"] >= 5990
+        assert result.received["lost"] == 0
+        assert all((later - earlier) % 15 == 1 for (earlier, _), (later, _) in pairwise(arrived))
+        silent = SYNC_FRAMES_MAX  # before the run the bus was silent
+        for _, diagnostics in arrived:
+            for missing, wrong_sequence in ((1 << 0, 1 << 3), (1 << 5, 1 << 8)):
+                assert not diagnostics & (missing << 1 | missing << 2 | missing << 4)
+                assert not diagnostics & wrong_sequence or silent >= 0
+            silent = SYNC_FRAMES_MAX if diagnostics & (1 << 0 | 1 << 5) else silent - 1
 
     def test_the_run_is_the_one_of_lock_step_where_every_command_is_in_time(
         self, address: BusAddress, folders: dict[str, Path], software: Software
@@ -157,6 +181,10 @@ class TestWhatGoesWrong:
     def status(result: BenchResult) -> np.ndarray:
         return column(result, "status").astype(int)
 
+    def controls_again(self, result: BenchResult) -> bool:
+        """At the end, but for a sample that a busy machine delays."""
+        return bool((self.status(result)[-50:] <= Status.LIMITED).any())
+
     @pytest.mark.parametrize("kind", KINDS)
     def test_the_ecu_is_killed_and_restarted(
         self, address: BusAddress, folders: dict[str, Path], software: Software, kind: EcuKind
@@ -168,8 +196,8 @@ class TestWhatGoesWrong:
         status, commands = self.status(result), column(result, "rear_angle_command_rad")
         assert status[140] == Status.FAIL_SAFE  # the actuator's, for nobody commands
         assert len(set(commands[102:150])) == 1  # held
-        assert status[-1] <= Status.LIMITED  # the restarted ECU controls again
-        assert not np.isnan(result.response[-1])
+        assert self.controls_again(result)
+        assert np.isfinite(result.response[-50:]).any()
 
     def test_the_plant_is_killed_and_restarted(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
         lost = Fault("plant-restart", 1.0, 0.3)
@@ -177,7 +205,7 @@ class TestWhatGoesWrong:
         self.check(result)
         diagnostics = result.diagnostics[130:160]
         assert (diagnostics & (1 << 3)).any()  # the ECU sees counters that begin anew
-        assert self.status(result)[-1] <= Status.LIMITED
+        assert self.controls_again(result)
 
     def test_the_interface_goes_down_and_up(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
         def down_and_up(cycle: bench.Cycle) -> None:
@@ -189,15 +217,15 @@ class TestWhatGoesWrong:
         assert result.send_errors >= 2 * 30  # two frames in each of forty cycles, give or take late ones
         status = self.status(result)
         assert status[130] == Status.FAIL_SAFE
-        assert status[-1] <= Status.LIMITED
+        assert self.controls_again(result)
 
     def test_a_bus_full_of_strangers(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
         full = Fault("foreign-traffic", 0.5, 1.0)
         result = run_hil(Setup(software.config, corner(2.0, full), address), folders["C1"], "native").result
         self.check(result)
-        assert result.received["refused"] == 0
+        assert result.received["lost"] == 0
         assert not (result.diagnostics & (1 << 4 | 1 << 9 | 1 << 14)).any()  # none of ours was lost or spoilt
-        assert self.status(result)[-1] <= Status.LIMITED
+        assert self.controls_again(result)
 
     def test_a_missing_interface_says_how_to_make_one(self, software: Software, folders: dict[str, Path], vcan: str) -> None:
         for kind in KINDS:
@@ -209,15 +237,32 @@ class TestAStrangerOnTheBus:
     """Other people's tools beside the bench."""
 
     @contextlib.contextmanager
-    def running(self, address: BusAddress, folder: Path, software: Software) -> Iterator[list[BenchResult]]:
-        """A run in real time, in a thread."""
-        results: list[BenchResult] = []
-        setup = Setup(software.config, corner(3.0), address)
-        thread = threading.Thread(target=lambda: results.append(run_hil(setup, folder, "native").result))
+    def running(self, address: BusAddress, folder: Path, software: Software) -> Iterator[list[list[bench.Cycle]]]:
+        """A run in real time, in a thread, for as long as the block lasts; its result is there after it."""
+        results: list[list[bench.Cycle]] = []
+        setup, over = Setup(software.config, corner(60.0), address), threading.Event()
+
+        class Over(Exception):
+            pass
+
+        def run_until_over() -> None:
+            cycles: list[bench.Cycle] = []
+
+            def observe(cycle: bench.Cycle) -> None:
+                cycles.append(cycle)
+                if over.is_set() and cycle.number >= 100:
+                    raise Over
+
+            with contextlib.suppress(Over):
+                run_hil(setup, folder, "native", observe)
+            results.append(cycles)
+
+        thread = threading.Thread(target=run_until_over)
         thread.start()
         try:
             yield results
         finally:
+            over.set()
             thread.join()
 
     @staticmethod
@@ -228,7 +273,7 @@ class TestAStrangerOnTheBus:
         return found
 
     def test_candump_sees_every_frame(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
-        command = [self.tool("candump"), "-L", "-n", "300", "-T", "8000", address.channel]
+        command = [self.tool("candump"), "-L", "-n", "300", "-T", "50000", address.channel]
         with (
             subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as dump,
             self.running(address, folders["C1"], software),
@@ -244,8 +289,13 @@ class TestAStrangerOnTheBus:
             for text in ("123#DEADBEEF", "00000101#0011223344556677", "101#R", "102#01"):
                 for _ in range(20):
                     subprocess.run([cansend, address.channel, text], check=True)
-        (result,) = results
-        assert self_is_well(result)
+        (cycles,) = results
+        # No frame lost or spoilt but for the wrong length that was sent.
+        spoilt = 1 << 1 | 1 << 4 | 1 << 6 | 1 << 9
+        seen = [cycle.command.diagnostics for cycle in cycles if cycle.command is not None]
+        assert seen
+        assert not any(diagnostics & spoilt for diagnostics in seen)
+        assert any(diagnostics & 1 << 14 for diagnostics in seen)  # the frame of one byte was noticed
 
     def test_cansend_can_be_the_car(self, address: BusAddress, folders: dict[str, Path], software: Software) -> None:
         """A motion and a conditions frame by hand, protected: the ECU answers in lock-step."""
@@ -271,25 +321,19 @@ class TestAStrangerOnTheBus:
             assert word in shown, word
 
 
-def self_is_well(result: BenchResult) -> bool:
-    """No frame lost or spoilt but for the wrong length that was sent."""
-    spoilt = 1 << 1 | 1 << 4 | 1 << 6 | 1 << 9
-    return not (result.diagnostics & spoilt).any() and column(result, "status")[-1] <= Status.LIMITED
-
-
 def counted(line: str) -> dict[str, int]:
     """An ECU's counters by name."""
     return {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
 
 
 def on_a_terminal(command: list[str], enough: Callable[[str], bool]) -> str:
-    """What a program draws on a terminal of 120 x 40, until it is enough or ten seconds are over."""
+    """What a program draws on a terminal of 120 x 40, until it is enough or far too much time is over."""
     pid, terminal = pty.fork()
     if pid == 0:
         os.environ.update(TERM="xterm", COLUMNS="120", LINES="40")
         os.execv(command[0], command)
     shown = ""
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 50.0
     with contextlib.suppress(OSError):
         while time.monotonic() < deadline and not enough(shown):
             if select.select([terminal], [], [], 0.2)[0]:
