@@ -25,7 +25,16 @@ COUNTER_BITS = frozenset(range(8, 12))
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
 
+_RESERVED = ("VERSION", "FILTER", "VECTOR__INDEPENDENT_SIG_MSG", "Vector__XXX")
+"""Words of the DBC format; all others of its words end in an underscore."""
+
+NODES = ("Car", "RearSteering")
+"""Who sends: the names of the two nodes in the DBC."""
+
+
 def _check_dbc_name(name: str) -> str:
+    if name in _RESERVED or name in NODES or name.endswith("_"):
+        raise ValueError(f"{name!r} has a meaning of its own in a DBC; use another name")
     if not _NAME.match(name):
         raise ValueError(f"{name[:40]!r} cannot stand in a DBC; use a letter, then letters, digits or '_', at most 32")
     return name

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -68,6 +68,10 @@ __all__ = [
 
 MAX_FILE_BYTES = 2**20
 """Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
+
+
+STEPS_MIN = 50
+"""Steps that a CAN signal must have over the range that it has to carry; fewer are a slip in its factor."""
 
 
 def _whole_number(value: object) -> object:
@@ -132,28 +136,31 @@ class Config(Section):
         for role, message in self.can.messages().items():
             if message.cycle_time_ms is not None and abs(message.cycle_time_ms - period_ms) > 1e-9 * period_ms:
                 raise ValueError(f"can.{role}.cycle_time_ms must be that of controller.sampling_time_s, {period_ms:g}")
-        for place, signal, largest in self._carried():
-            if min(-signal.physical_low if signal.signed else largest, signal.physical_high) < largest:
-                raise ValueError(
-                    f"can.{place} carries {signal.physical_low:.4g} to {signal.physical_high:.4g}, {largest:.4g} is needed; "
-                    "enlarge its factor or length"
-                )
+        for place, signal, smallest, largest in self._carried():
+            carried = (
+                f"can.{place} carries {signal.physical_low:.4g} to {signal.physical_high:.4g} in steps of {signal.factor:.4g}"
+            )
+            if signal.physical_low > smallest or signal.physical_high < largest:
+                raise ValueError(f"{carried}, {smallest:.4g} to {largest:.4g} is needed; enlarge its factor or length")
+            if signal.factor > (largest - smallest) / STEPS_MIN:
+                raise ValueError(f"{carried}, which is too coarse for {smallest:.4g} to {largest:.4g}; make its factor smaller")
         return self
 
-    def _carried(self) -> tuple[tuple[str, RealSignal, float], ...]:
-        """Place, signal, and the largest magnitude (SI) that it must carry: what the controller accepts, or may command."""
+    def _carried(self) -> Iterator[tuple[str, RealSignal, float, float]]:
+        """Place, signal, and the range (SI) that it must carry: what the controller accepts, or may command."""
         can, inputs = self.can, self.controller.inputs
-        rear_angle = math.radians(inputs.rear_angle_max_deg)
         yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
-        return (
+        both_signs = (
             ("vehicle_motion.speed", can.vehicle_motion.speed, inputs.speed_max_km_h * KM_H),
             ("vehicle_motion.front_angle", can.vehicle_motion.front_angle, math.radians(inputs.front_angle_max_deg)),
             ("vehicle_motion.yaw_rate", can.vehicle_motion.yaw_rate, yaw_rate),
-            ("vehicle_conditions.rear_angle", can.vehicle_conditions.rear_angle, rear_angle),
-            ("vehicle_conditions.friction", can.vehicle_conditions.friction, inputs.friction_max),
+            ("vehicle_conditions.rear_angle", can.vehicle_conditions.rear_angle, math.radians(inputs.rear_angle_max_deg)),
             ("rear_steer_command.rear_angle", can.rear_steer_command.rear_angle, self.rear_actuator.angle_max),
             ("rear_steer_command.yaw_rate_reference", can.rear_steer_command.yaw_rate_reference, yaw_rate),
         )
+        for place, signal, largest in both_signs:
+            yield place, signal, -largest, largest
+        yield "vehicle_conditions.friction", can.vehicle_conditions.friction, 0.0, inputs.friction_max
 
     def case(self, name: str, where: object = "") -> Case:
         """The case called `name`; ConfigError with the nearest name where there is none."""

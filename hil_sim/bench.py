@@ -64,7 +64,7 @@ class BenchResult:
 
     Attributes:
         record: (cycles, 12), columns RECORD_COLUMNS.
-        diagnostics: (cycles,) bits of the last command.
+        diagnostics: (cycles,) bits of the commands that came in the cycle; 0 where none came.
         response: (cycles,) s from sending to the command's arrival; NaN where none came in the cycle, or time is simulated.
         lateness: (cycles,) s that the cycle began after its deadline.
         late_cycles: cycles that began a period or more late.
@@ -105,7 +105,7 @@ class _Recorder:
         node = self.node
         row = node.finish(cycle)
         self.rows.append(row)
-        self.diagnostics.append(0 if node.command is None else node.command.diagnostics)
+        self.diagnostics.append(node.diagnostics)
         self.response.append(response)
         self.lateness.append(lateness)
         if self.observe is not None:
@@ -181,6 +181,12 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
             if node.receive(received):
                 break
         recorder.close_cycle(cycle, 0.0, np.nan)
+        if node.received.refused:
+            raise CodegenError(
+                f"a command at {now:.2f} s was not in sequence: another node sends 0x{node.command_id:03X} here",
+                where=str(bus.address),
+                remedy="leave one ECU and one plant on this bus",
+            )
     return recorder.result()
 
 

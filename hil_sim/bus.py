@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import errno
 import importlib.util
+import logging
+import socket
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import can
 
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, one_line
 from hil_sim.frames import Frame
 
 LOCAL_INTERFACES = ("virtual", "socketcan", "udp_multicast")
@@ -40,6 +44,8 @@ class BusAddress:
         if interface not in can.VALID_INTERFACES:
             known = ", ".join(sorted(can.VALID_INTERFACES))
             raise CodegenError(f"python-can has no interface {interface!r}", where="--bus", remedy=f"known: {known}")
+        if interface == "socketcan" and channel.startswith("-"):  # would be an option of the native ECU
+            raise CodegenError(f"{channel!r} cannot be a CAN interface", where="--bus", remedy="name one, such as vcan0")
         return cls(interface, channel)
 
     def __str__(self) -> str:
@@ -63,10 +69,14 @@ class Bus:
         settings: dict[str, Any] = {}
         if bitrate is not None and address.interface not in LOCAL_INTERFACES:
             settings["bitrate"] = round(bitrate)
+        # What the backends have to say goes into the one line of the error.
+        logging.getLogger("can").setLevel(logging.CRITICAL + 1)
         try:
             self._bus = can.Bus(interface=address.interface, channel=address.channel, receive_own_messages=False, **settings)
-        except (can.CanError, OSError, ValueError, ImportError, NotImplementedError, TypeError) as error:
+        except Exception as error:  # a backend whose driver is missing fails in any way
             raise _cannot_open(address, error) from error
+        if address.interface == "udp_multicast":
+            _keep_to_the_group(self._bus)
 
     def send(self, frame: Frame) -> bool:
         """Whether the frame went out: false where the bus is down or its queue is full."""
@@ -114,8 +124,26 @@ class Bus:
         self.close()
 
 
+def _keep_to_the_group(bus: Any) -> None:
+    """Linux gives a socket the frames of every group that anybody on the machine has joined, unless it is told otherwise."""
+    inner = getattr(getattr(bus, "_multicast", None), "_socket", None)
+    if inner is not None and sys.platform == "linux":
+        level, option = (socket.IPPROTO_IPV6, 29) if inner.family == socket.AF_INET6 else (socket.IPPROTO_IP, 49)
+        inner.setsockopt(level, option, 0)  # IPV6_MULTICAST_ALL, IP_MULTICAST_ALL of linux/in6.h, linux/in.h
+
+
+def _is_another_kind(name: str) -> bool:
+    """Whether there is a network interface of this name that is not CAN (ARPHRD_CAN is 280)."""
+    try:
+        return Path("/sys/class/net", name, "type").read_text(encoding="ascii").strip() != "280"
+    except (OSError, ValueError):
+        return False
+
+
 def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:
     number = getattr(error, "errno", None)
+    if address.interface == "socketcan" and _is_another_kind(address.channel):
+        return CodegenError("not a CAN interface", where=str(address), remedy="name one that is, such as vcan0")
     if address.interface == "socketcan" and number == errno.ENODEV:
         name = address.channel
         return CodegenError(
@@ -129,7 +157,7 @@ def _cannot_open(address: BusAddress, error: BaseException) -> CodegenError:
             where=str(address),
             remedy="load it (sudo modprobe vcan), or take --bus udp_multicast:239.74.163.2",
         )
-    text = str(error) or type(error).__name__
+    text = one_line(str(error)) or type(error).__name__
     return CodegenError(
         f"the bus cannot be opened: {text}", where=str(address), remedy="check the channel, the driver and the interface"
     )

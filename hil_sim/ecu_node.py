@@ -19,16 +19,22 @@ from hil_sim.frames import Frame
 SILENCE_PERIODS = 4
 """So many periods without a frame of the car, and the timer takes its phase anew from the next complete set."""
 
+SLIP_WEIGHT, SLIPPING_MAX = 10, 25
+"""A run that finds two sets of frames or none weighs so much against one that is well in phase; beyond the sum the phase is
+taken anew, for the car's frames then come just when the timer does."""
+
 POLL = 0.05
 """s between two looks at whether to stop, where there is no timer."""
 
 
 @dataclass
 class EcuCounters:
-    """What an ECU counted; late: runs of the timer that came a period or more after their deadline."""
+    """What an ECU counted; late: runs of the timer that came a period or more after their deadline; discarded: frames that
+    waited for too long."""
 
     cycles: int = 0
     late: int = 0
+    discarded: int = 0
     send_errors: int = 0
 
 
@@ -39,6 +45,7 @@ class EcuNode:
         can = software.config.can
         self._ids = (can.vehicle_motion.id, can.vehicle_conditions.id)
         self._period = software.config.controller.sampling_time_s
+        self._tolerated = software.config.controller.fail_safe.degraded_samples_max + 1
         self._bus = bus
         self.task: Task = software.task()
         self.counters = EcuCounters()
@@ -59,14 +66,17 @@ class EcuNode:
     def _run_in_real_time(self, stopped: Callable[[], bool]) -> None:
         now = time.monotonic()
         deadline, heard, in_phase = now + self._period, now, False
+        slips, slipping = 0, 0
         while not stopped():
-            if self._take(self._bus.receive(deadline - time.monotonic())):
-                now = time.monotonic()
+            frame = self._bus.receive(deadline - time.monotonic())
+            now = time.monotonic()
+            if now - deadline > self._tolerated * self._period:
+                self._discard(frame)  # what waits is of the past: consecutive, and yet not to be steered by
+            elif self._take(frame):
                 in_phase = in_phase and now - heard < SILENCE_PERIODS * self._period
                 heard = now
                 if not in_phase and self.task.is_complete:
                     deadline, in_phase = now + 0.5 * self._period, True
-            now = time.monotonic()
             if now < deadline or stopped():
                 continue
             self._answer()
@@ -74,6 +84,16 @@ class EcuNode:
             if now >= deadline:  # late by a period or more: never a burst to catch up, on in the same phase
                 self.counters.late += 1
                 deadline += (math.floor((now - deadline) / self._period) + 1) * self._period
+            found, slips = slips, self.task.state.late_cycles + self.task.state.early_cycles
+            slipping = slipping + SLIP_WEIGHT if slips != found else max(slipping - 1, 0)
+            if slipping > SLIPPING_MAX:
+                in_phase, slipping = False, 0
+
+    def _discard(self, frame: Frame | None) -> None:
+        """Forget a frame and all that wait behind it."""
+        while frame is not None:
+            self.counters.discarded += 1
+            frame = self._bus.receive(0.0)
 
     def _take(self, frame: Frame | None) -> bool:
         """Give a frame to the task; whether it was one of the car's."""

@@ -191,6 +191,7 @@ def counters_line(node: EcuNode) -> str:
         "late_samples": task["late_cycles"],
         "early_samples": task["early_cycles"],
         "lost_samples": task["lost_samples"],
+        "discarded": node.counters.discarded,
         "send_errors": node.counters.send_errors,
     }
     return " ".join(f"{name}={count}" for name, count in counts.items())

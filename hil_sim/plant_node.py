@@ -77,6 +77,8 @@ class PlantNode:
         self._waiting: deque[float] = deque([0.0] * config.plant.command_delay_samples)
         self.received = Received()
         self.command: RearSteerCommand | None = None
+        self.command_id = config.can.rear_steer_command.id
+        self.diagnostics = 0  # of the commands in the last cycle
         self._reference = 0.0  # rad/s, the last one that was available
         self._restart()
 
@@ -146,6 +148,7 @@ class PlantNode:
         self.received.commands += 1
         self.received.lost += status == E2eStatus.OK_SOME_LOST
         self.command = decoded
+        self.diagnostics |= decoded.diagnostics
         if not math.isnan(decoded.yaw_rate_reference):
             self._reference = decoded.yaw_rate_reference
         if math.isnan(decoded.rear_angle):
@@ -156,6 +159,7 @@ class PlantNode:
     def finish(self, cycle: int) -> list[float]:
         """End of the cycle: the car is moved on with the command that acts; the row of the recording (RECORD_COLUMNS)."""
         arrived, self._arrived = self._arrived, []
+        self.diagnostics = 0
         if not self._was_off:
             arrived = self.injector.incoming(cycle, arrived)
             taken = [self._take(frame.data) for frame in arrived]  # each of them, good or not
@@ -173,7 +177,6 @@ class PlantNode:
 
     def _row(self, cycle: int, commanded: float) -> list[float]:
         sample: PlantSample = self._sample
-        command = self.command
         row = {
             "time_s": self.sampling_time * cycle,
             "speed_m_s": self._rows[cycle * self._per_sample][0],
@@ -186,9 +189,16 @@ class PlantNode:
             "rear_angle_rad": sample.rear_angle,
             "slip_front_rad": sample.slip_front,
             "slip_rear_rad": sample.slip_rear,
-            "status": float(Status.STANDBY if command is None else self._actuator.status or command.status),
+            "status": float(self._status()),
         }
         return [row[name] for name in RECORD_COLUMNS]
+
+    def _status(self) -> int:
+        """The controller's, or the actuator's where no good command came."""
+        own = self._actuator.status
+        if own is not None:
+            return own
+        return Status.STANDBY if self.command is None else self.command.status
 
     def _acting(self, row: int, rear_angle_command: float) -> PlantInput:
         speed, wheel, friction, _, moment, _ = self._rows[row]

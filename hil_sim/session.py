@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.folder import read_manifest
+from codegen.emit.folder import read_manifest, verify_hashes
 from codegen.emit.text import Precision
-from codegen.errors import CheckFailed, CodegenError
+from codegen.errors import BuildError, CheckFailed, CodegenError
+from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.bench import BenchResult, Observer, run_in_lock_step, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.ecu_process import EcuProcess, EcuThread, cffi_command
@@ -63,7 +64,8 @@ class Setup:
 
     def describe(self) -> dict[str, str]:
         """For JSON."""
-        return {"bus": str(self.address), "clock": self.clock, "scenario": self.scenario.name}
+        sensors = f"seed {self.seed}" if self.sensors else "ideal"
+        return {"bus": str(self.address), "clock": self.clock, "scenario": self.scenario.name, "sensors": sensors}
 
     def node(self) -> PlantNode:
         """The car, at its start."""
@@ -79,6 +81,7 @@ class BuildFacts:
     precision: Precision
     prefix: str
     dbc: bytes | None
+    edited: tuple[str, ...]
 
     @classmethod
     def read(cls, build: Path) -> BuildFacts:
@@ -86,8 +89,10 @@ class BuildFacts:
         manifest = read_manifest(build)
         prefix = manifest["options"]["prefix"]
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-        dbc = build / f"{prefix}.dbc"
-        return cls(config, manifest["options"]["precision"], prefix, dbc.read_bytes() if dbc.is_file() else None)
+        dbc, precision = build / f"{prefix}.dbc", manifest["options"]["precision"]
+        if dbc.name not in manifest["files"]:
+            raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
+        return cls(config, precision, prefix, dbc.read_bytes() if dbc.is_file() else None, tuple(verify_hashes(build)))
 
 
 def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: Observer | None = None) -> BenchResult:
@@ -96,6 +101,8 @@ def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: 
     Args:
         ecu: the one that the scenario's faults take away and bring back.
     """
+    if ecu is None:
+        _refuse_restart(setup.scenario)
     node = setup.node()
     with Bus(setup.address, setup.config.can.bitrate_kbit_s * 1e3) as bus, _logged(setup) as log:
         if setup.lock_step:
@@ -122,12 +129,6 @@ def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None =
             raise CodegenError(
                 "an external ECU has a clock of its own", where="--lock-step", remedy="take --real-time, or another --ecu"
             )
-        if any(fault.kind == "ecu-restart" for fault in setup.scenario.faults):
-            raise CodegenError(
-                "an external ECU cannot be switched off from here",
-                where=f"scenario {setup.scenario.name}",
-                remedy="take --ecu native or cffi, or another scenario",
-            )
         return HilRun(run_plant(setup, None, observe), "")
     with ecu_of(build, setup.address, kind, lock_step=setup.lock_step) as ecu:
         try:
@@ -137,6 +138,15 @@ def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None =
         if not ecu.alive:
             raise _ended(ecu)
         return HilRun(result, ecu.stop())
+
+
+def _refuse_restart(scenario: Scenario) -> None:
+    if any(fault.kind == "ecu-restart" for fault in scenario.faults):
+        raise CodegenError(
+            "an ECU that was not started here cannot be switched off from here",
+            where=f"scenario {scenario.name}",
+            remedy="take `codegen hil` with --ecu native or cffi, or another scenario",
+        )
 
 
 def _ended(ecu: EcuProcess | EcuThread) -> CodegenError:
@@ -185,4 +195,6 @@ def passive(config: Config, scenario: Scenario) -> FloatArray:
     for cycle in range(node.cycles):
         node.outgoing(cycle)
         rows.append(node.finish(cycle))
-    return np.array(rows)
+    record = np.array(rows)
+    record[:, RECORD_COLUMNS.index("status")] = Status.STANDBY  # nobody is missing here
+    return record

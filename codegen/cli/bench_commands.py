@@ -136,7 +136,7 @@ def sil(
     as_json: bool,
 ) -> None:
     """Run the generated C in closed loop with the two-track plant, software in the loop."""
-    from codegen.cli.bench_report import Outputs
+    from codegen.cli.bench_report import Outputs, note_edited
     from codegen.refmap import map as npz
     from codegen.sil.software import load
     from hil_sim.runs import run, run_through_can
@@ -157,8 +157,9 @@ def sil(
     controlled = run(software, manoeuvre) if result is None else result.record
     runs = {"controlled": controlled, "passive": run(software, manoeuvre, controlled=False)}
     facts = {"build": str(build_path), "scenario": manoeuvre.name, "edited": list(software.edited)}
-    for path in software.edited if not as_json else ():
-        console.note(f"{build_path / path} was changed after the build; this run uses it as it is")
+    if sensors:
+        facts["sensors"] = f"seed {seed}"
+    note_edited(build_path, software.edited, quiet=as_json)
     outputs.tell(str(build_path), software.config, manoeuvre, runs, result, facts)
 
 
@@ -180,12 +181,13 @@ def hil(build_path: Path, kind: EcuKind, **given: Any) -> None:
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
     """
-    from codegen.cli.bench_report import live_view
+    from codegen.cli.bench_report import live_view, note_edited
     from hil_sim.session import BuildFacts, passive, run_hil
 
     chosen = Choices(**given)
     outputs, facts = chosen.outputs(), BuildFacts.read(build_path)
     setup = chosen.setup(facts.config, facts.precision, facts.dbc)
+    note_edited(build_path, facts.edited, quiet=chosen.as_json)
     with live_view(setup, kind, quiet=chosen.as_json) as observe:
         ran = run_hil(setup, build_path, kind, observe)
     runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
@@ -278,11 +280,12 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 )
 @build_option
 @click.option("--bus", "bus", metavar="INTERFACE:CHANNEL", help="A bus of python-can; by default in this process, without one.")
-@click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), default="cffi", show_default=True, help="On a bus.")
+@click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
-def faults(build_path: Path, bus: str | None, kind: EcuKind, as_json: bool) -> None:
+def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
     """Try every fault on the bus in the same turn-in: what was injected and seen, when the fail-safe came, how far the
     rear wheels went, and when control was back. On a bus each run takes its time, and a late machine is a fault of its own."""
+    from codegen.cli.bench_report import note_edited
     from codegen.report.fault_table import HEADER, fault_data, fault_rows
     from codegen.report.summary import table
     from codegen.sil.software import load
@@ -293,14 +296,17 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind, as_json: bool) -> N
     from hil_sim.scenarios import Scenario
     from hil_sim.session import BuildFacts, Setup, run_hil
 
+    if bus is None and kind is not None:
+        raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
     address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(build_path)
+    note_edited(build_path, facts.edited, quiet=as_json)
     software = load(build_path) if address is None else None
 
     def run(scenario: Scenario) -> BenchResult:
         if software is not None:
             return run_through_can(software, scenario)
         assert address is not None
-        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), build_path, kind).result
+        return run_hil(Setup(facts.config, scenario, address, precision=facts.precision), build_path, kind or "cffi").result
 
     with console.progress("faults") as progress:
         outcomes = run_all(facts.config, run, progress)

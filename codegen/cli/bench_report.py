@@ -70,8 +70,12 @@ class Outputs:
             console.print_json({**facts, "metrics": evaluation.to_dict(), **bus})
             return
         console.say(f"{title}: {scenario.title}")
+        if facts.get("sensors", "ideal") != "ideal":
+            console.say(f"measured by the sensors of the configuration, {facts['sensors']}")
         console.say(table(("", *evaluation.runs), metric_rows(evaluation)))
         if result is not None:
+            if not result.received["commands"]:
+                console.note("no command came from any ECU; the rear wheels stayed where they were")
             console.say("")
             for line in bus_lines(result, period):
                 console.say(line)
@@ -100,3 +104,9 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
             view.update(LiveSample(*motion, int(status), diagnostics, cycle.duration, cycle.without_command, cycle.late))
 
         yield observe
+
+
+def note_edited(build: Path, edited: Sequence[str], *, quiet: bool) -> None:
+    """Tell of generated files that are no longer as they were generated."""
+    for path in () if quiet else edited:
+        console.note(f"{build / path} was changed after the build; this run uses it as it is")

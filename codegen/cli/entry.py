@@ -22,7 +22,9 @@ def main() -> NoReturn:
     # Taken out here, so that it may stand anywhere, and so that an error in the other words is shown in full too.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     debug = len(arguments) < len(sys.argv) - 1
-    signal.signal(signal.SIGTERM, _terminate)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            signal.signal(number, _terminate)
     try:
         cli.main(arguments, standalone_mode=False)
         if sys.stdout is not None:  # closed by the caller

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import Can, Message, RealSignal, Signal
+from codegen.can_sections import NODES, Can, Message, RealSignal, Signal
 from codegen.config import Config
 from codegen.emit.text import Precision, literal
 
@@ -211,9 +211,9 @@ def can_view(config: Config, precision: Precision) -> CanView:
 
 
 _TITLES = {
-    "vehicle_motion": ("what the car does", "Car", "RearSteering"),
-    "vehicle_conditions": ("what else the controller should know of the car", "Car", "RearSteering"),
-    "rear_steer_command": ("what the controller asks for", "RearSteering", "Car"),
+    "vehicle_motion": ("what the car does", *NODES),
+    "vehicle_conditions": ("what else the controller should know of the car", *NODES),
+    "rear_steer_command": ("what the controller asks for", *reversed(NODES)),
 }
 
 

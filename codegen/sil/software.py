@@ -197,6 +197,8 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
     """
     manifest = read_manifest(build)
     wanted = [path for path in manifest["files"] if path.startswith(("include/", "src/"))]
+    if f"include/{manifest['options']['prefix']}_task.h" not in wanted:
+        raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
     files: dict[str, bytes] = {}
     for path in wanted:
         try:

@@ -214,14 +214,16 @@ class TestWhatIsMissing:
             result = run_in_real_time(PlantNode(software.config, short(0.3)), bus)
         assert result.received == {"commands": 0, "refused": 0, "cycles_without": 30, "lost": 0}
         assert not column(result, "rear_angle_command_rad").any()
-        assert (column(result, "status") == Status.STANDBY).all()
+        status = column(result, "status")
+        assert (status[:3] == Status.DEGRADED).all()  # the actuator's: it holds
+        assert (status[3:] == Status.FAIL_SAFE).all()
 
     def test_an_ecu_that_knows_no_angle_yet_leaves_no_holes_in_the_recording(self, software: Software) -> None:
         """Restarted while the car's frames stay away: it sends "not available", and the recording has numbers throughout."""
         faults = (Fault("ecu-restart", 0.0, 0.1), Fault("drop", 0.0, 0.3))
         result = run_in_process(PlantNode(software.config, short(faults=faults)), software)
         assert np.isfinite(result.record).all()
-        assert set(column(result, "status")[:20]) <= {Status.STANDBY, Status.DEGRADED, Status.FAIL_SAFE}
+        assert set(column(result, "status")[:20]) <= {Status.DEGRADED, Status.FAIL_SAFE}
 
     def test_faults_have_no_meaning_in_lock_step(self, software: Software, channel: BusAddress) -> None:
         faulty = short(faults=(Fault("drop", 0.5, 0.1),))

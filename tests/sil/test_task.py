@@ -139,9 +139,45 @@ def test_control_starts_from_the_angle_that_the_actuator_holds(car: Car, achieve
     assert car.answer().rear_angle == pytest.approx(achieved, abs=0.01 * 1.0 + 5e-5)
 
 
-def test_an_unmeasured_rear_angle_starts_from_zero(car: Car) -> None:
+def test_a_car_that_does_not_measure_the_rear_angle_starts_from_zero_after_a_while(car: Car) -> None:
+    for _ in range(RECOVERY):
+        car.give(car.motion(), car.conditions(rear_angle=math.nan))
+        assert math.isnan(car.answer().rear_angle)
     car.give(car.motion(), car.conditions(rear_angle=math.nan))
     assert car.answer().rear_angle == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_rear_angle_that_is_late_is_waited_for(car: Car) -> None:
+    for _ in range(2):
+        car.give(car.motion(), car.conditions(rear_angle=math.nan))
+        assert math.isnan(car.answer().rear_angle)
+    car.give(car.motion(), car.conditions(rear_angle=-0.03))
+    assert car.answer().rear_angle == pytest.approx(-0.03, abs=0.01 + 5e-5)
+
+
+@pytest.mark.parametrize("impossible", [0.3, -0.3, math.inf, -math.inf])
+def test_control_does_not_start_from_a_rear_angle_that_cannot_be(car: Car, impossible: float) -> None:
+    """However long it lasts; with the first one that can be, control starts there."""
+    for _ in range(3 * RECOVERY):
+        car.give(car.motion(), car.conditions(rear_angle=impossible))
+        assert math.isnan(car.answer().rear_angle)
+    car.give(car.motion(), car.conditions(rear_angle=0.02))
+    assert car.answer().rear_angle == pytest.approx(0.02, abs=0.01 + 5e-5)
+
+
+def test_the_inhibit_bit_holds_the_integrator(car: Car) -> None:
+    """A steady error moves the command sample by sample, and not while ESC or ABS acts."""
+
+    def moved(inhibit: bool) -> float:
+        commands = []
+        for _ in range(5):
+            car.give(car.motion(yaw_rate=0.0), car.conditions(rear_angle=0.0, inhibit=inhibit))
+            commands.append(car.answer().rear_angle)
+        return abs(commands[-1] - commands[0])
+
+    assert moved(inhibit=False) > 1e-3
+    assert moved(inhibit=True) == 0.0
+    assert moved(inhibit=False) > 1e-3
 
 
 @pytest.mark.parametrize("lost", ["motion", "conditions", "both"])
@@ -253,6 +289,7 @@ class TestEveryCauseHasItsBit:
         self.running(car)
         car.give(car.motion()[:length], car.conditions())
         assert names(car.answer().diagnostics) == {"WRONG_LENGTH", "MOTION_MISSING"}
+        assert "WRONG_LENGTH" not in names(car.cycle().diagnostics)
 
     def test_a_signal_that_is_not_available(self, car: Car) -> None:
         self.running(car)
@@ -300,6 +337,9 @@ def test_foreign_frames_are_nothing(car: Car) -> None:
 
 
 def test_a_set_is_complete_with_both_messages(car: Car) -> None:
+    """The conditions close it: one that was left over from before opens none."""
+    assert not car.task.is_complete
+    car.give(None, car.conditions())
     assert not car.task.is_complete
     car.give(car.motion())
     assert not car.task.is_complete
@@ -352,10 +392,13 @@ def test_another_period_builds_and_runs() -> None:
 
 
 def test_one_message_twice_is_a_late_task(car: Car) -> None:
-    car.cycle()
-    car.give(car.motion())
-    car.give(car.motion(), car.conditions())
-    assert "TASK_LATE" in names(car.answer().diagnostics)
+    for motions, conditions in ((2, 1), (1, 2)):
+        car.cycle()
+        for _ in range(motions):
+            car.give(car.motion())
+        for _ in range(conditions):
+            car.give(None, car.conditions())
+        assert "TASK_LATE" in names(car.answer().diagnostics)
 
 
 def three_lost(car: Car) -> None:
@@ -364,6 +407,10 @@ def three_lost(car: Car) -> None:
 
 def starts_from_achieved(car: Car) -> None:
     test_control_starts_from_the_angle_that_the_actuator_holds(car, -0.06)
+
+
+def starts_from_impossible(car: Car) -> None:
+    test_control_does_not_start_from_a_rear_angle_that_cannot_be(car, 0.3)
 
 
 def late(car: Car) -> None:
@@ -390,7 +437,16 @@ def wrong_length(car: Car) -> None:
         ("conditions_shift = 5u", "conditions_shift = 4u", test_a_short_gap_is_told_and_goes_on_at_once),
         ("self->started ? command.rear_angle : ars_can_not_available()", "command.rear_angle",
          test_before_the_first_good_sample_no_angle_is_sent),
-        ("ars_controller_init(&self->controller, self->conditions.rear_angle);", "", starts_from_achieved),
+        ("ars_controller_init(&self->controller, rear_angle);", "", starts_from_achieved),
+        ("(rear_angle <= largest)", "(rear_angle <= 100.0f)", starts_from_impossible),
+        ("(rear_angle < -largest)) {", "(rear_angle < -largest) || true) {",
+         test_a_car_that_does_not_measure_the_rear_angle_starts_from_zero_after_a_while),
+        ("measurement.inhibit = self->conditions.inhibit;", "measurement.inhibit = false;",
+         test_the_inhibit_bit_holds_the_integrator),
+        ("self->wrong_length = false;\n    }", "}", wrong_length),
+        ("(self->conditions_input.frames > 1u)", "false", test_one_message_twice_is_a_late_task),
+        ("self->conditions_close = self->motion_input.frames > 0u;", "self->conditions_close = true;",
+         test_a_set_is_complete_with_both_messages),
         ("(self->motion_input.frames > 1u)", "(self->motion_input.frames > 2u)", test_one_message_twice_is_a_late_task),
         ("causes = (uint32_t)ARS_DIAGNOSTICS_TASK_LATE;", "", late),
         ("self->late_cycles++;", "", late),

@@ -6,8 +6,8 @@
  * There is no clock in here: time is the number of calls.
  *
  * A sample needs a good frame of both VehicleMotion and VehicleConditions; else it counts as lost, and the
- * controller holds its last command, then goes to the fail-safe. Until the first good sample the command is sent as "not
- * available"; with that sample the controller starts from the angle that the actuator holds.
+ * controller holds its last command, then goes to the fail-safe. Until the first good sample with a measured rear angle the command
+ * is sent as "not available"; then the controller starts from the angle that the actuator holds.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -66,7 +66,9 @@ typedef struct {
     ars_vehicle_conditions_t conditions;    /* last good one */
     uint8_t counter;                            /* of the next command */
     bool wrong_length;                          /* a frame without eight bytes came since the last call */
-    bool started;                               /* a good sample was seen */
+    bool conditions_close;                      /* a frame of the conditions came after one of the motion: a set is complete */
+    bool started;                               /* a good sample with a rear angle to start from was seen */
+    uint16_t samples_without_angle;             /* good ones before that, in which it was not available */
     uint32_t cycles;                            /* calls; wraps around, as the others do */
     uint32_t late_cycles;                       /* calls that found a message more than once: the task came late */
     uint32_t early_cycles;                      /* calls that found no message: the task came twice, or the bus is silent */
@@ -83,7 +85,8 @@ void ars_task_init(ars_task_t *self, const ars_parameters_t *parameters);
  */
 void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length);
 
-/* Whether both messages of the car came since the last call, good or not: what triggers a call where there is no timer. */
+/* Whether both messages of the car came since the last call, good or not, VehicleConditions last: what triggers a call where
+ * there is no timer. */
 bool ars_task_is_complete(const ars_task_t *self);
 
 /*

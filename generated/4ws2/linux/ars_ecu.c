@@ -60,6 +60,8 @@ enum {
     EXIT_BAD_INPUT = 2,
     SILENCE_PERIODS = 4,        /* without a frame of the car: the timer takes its phase anew */
     FRAMES_AT_ONCE_MAX = 256,   /* read before the timer is looked at again, whatever floods the bus */
+    SLIP_WEIGHT = 10,           /* of a run with two sets or none, against one run that is well in phase */
+    SLIPPING_MAX = 25,          /* beyond: the timer takes its phase anew */
     RECEIVE_BUFFER = 1 << 20    /* bytes; the kernel may give less */
 };
 
@@ -85,10 +87,13 @@ typedef struct {
     bool in_phase;              /* with the frames of the car */
     bool heard;                 /* one of them since the last run */
     uint32_t silent_periods;
+    uint32_t slips;             /* runs with two sets or none, so far */
+    uint32_t slipping;          /* how often of late */
     uint32_t late;              /* runs a period or more after their deadline */
     uint32_t runs;              /* by the timer */
     int64_t lateness_sum;       /* of these */
     int64_t lateness_max;
+    uint32_t discarded;         /* frames that waited for too long */
     uint32_t sent;
     uint32_t send_errors;
 } ecu_t;
@@ -271,6 +276,16 @@ static void receive(ecu_t *self)
     }
 }
 
+/* After a pause beyond the tolerated samples, what waits is of the past: in sequence, yet not to be steered by. */
+static void discard(ecu_t *self)
+{
+    struct can_frame frame;
+
+    while ((self->bus >= 0) && (read(self->bus, &frame, sizeof frame) >= 0)) {
+        self->discarded++;
+    }
+}
+
 /* --- what happens by time ----------------------------------------------------------------------------------------- */
 
 static void measure_lateness(ecu_t *self, uint64_t expirations)
@@ -288,15 +303,30 @@ static void measure_lateness(ecu_t *self, uint64_t expirations)
     }
 }
 
-static void on_timer(ecu_t *self)
+/* Runs that find two sets or none, again and again, tell that the car's frames come just when the timer does. */
+static void watch_phase(ecu_t *self)
 {
-    const uint64_t expirations = read_timer(self->timer);
+    const uint32_t slips = self->task.late_cycles + self->task.early_cycles;
 
-    if (expirations == 0u) {
-        return; /* a frame has just set the phase */
+    if (slips != self->slips) {
+        self->slips = slips;
+        self->slipping += (uint32_t)SLIP_WEIGHT;
+    } else if (self->slipping > 0u) {
+        self->slipping--;
+    } else {
+        /* well in phase */
     }
+    if (self->slipping > (uint32_t)SLIPPING_MAX) {
+        self->slipping = 0u;
+        self->in_phase = false;
+    }
+}
+
+static void on_timer(ecu_t *self, uint64_t expirations)
+{
     measure_lateness(self, expirations);
     answer(self);
+    watch_phase(self);
     self->silent_periods = self->heard ? 0u : (self->silent_periods + 1u);
     self->heard = false;
     if (self->silent_periods >= (uint32_t)SILENCE_PERIODS) {
@@ -316,6 +346,21 @@ static bool on_watch(ecu_t *self)
 
 /* --- the program -------------------------------------------------------------------------------------------------- */
 
+/* First the bus: the task is to get the newest frames, and a first set moves the timer, whose run then comes later. */
+static void wake(ecu_t *self, uint64_t expirations)
+{
+    const bool was_in_phase = self->in_phase;
+
+    if (expirations > ((uint64_t)ars_parameters_default.degraded_samples_max + 1u)) {
+        discard(self);
+    } else {
+        receive(self);
+    }
+    if ((expirations > 0u) && (was_in_phase || !self->in_phase)) {
+        on_timer(self, expirations);
+    }
+}
+
 /* Until a signal comes. */
 static void serve(ecu_t *self)
 {
@@ -333,11 +378,7 @@ static void serve(ecu_t *self)
         if (poll(waiting, (nfds_t)WAITING, -1) < 0) {
             continue; /* stopped and continued */
         }
-        /* First the bus: the task is to get the newest frames, and the first ones move the timer. */
-        receive(self);
-        if (waiting[TIMER].revents != 0) {
-            on_timer(self);
-        }
+        wake(self, (waiting[TIMER].revents != 0) ? read_timer(self->timer) : 0u);
         running = (waiting[WATCH].revents == 0) || on_watch(self);
         running = running && (waiting[SIGNALS].revents == 0);
     }
@@ -381,9 +422,10 @@ static void print_counters(const ecu_t *self)
 
     (void)fprintf(stderr,
         "cycles=%" PRIu32 " late=%" PRIu32 " late_samples=%" PRIu32 " early_samples=%" PRIu32 " lost_samples=%" PRIu32
-        " sent=%" PRIu32 " send_errors=%" PRIu32 " lateness_mean_us=%" PRId64 " lateness_max_us=%" PRId64 "\n",
+        " discarded=%" PRIu32 " sent=%" PRIu32 " send_errors=%" PRIu32
+        " lateness_mean_us=%" PRId64 " lateness_max_us=%" PRId64 "\n",
         task->cycles, self->late, task->late_cycles, task->early_cycles, task->lost_samples,
-        self->sent, self->send_errors, mean / 1000, self->lateness_max / 1000);
+        self->discarded, self->sent, self->send_errors, mean / 1000, self->lateness_max / 1000);
 }
 
 static int run(ecu_t *self)

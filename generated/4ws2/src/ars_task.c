@@ -94,7 +94,9 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->conditions.inhibit = false;
     self->counter = 0u;
     self->wrong_length = false;
+    self->conditions_close = false;
     self->started = false;
+    self->samples_without_angle = 0u;
     self->cycles = 0u;
     self->late_cycles = 0u;
     self->early_cycles = 0u;
@@ -113,6 +115,7 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
             ars_can_unpack_vehicle_motion(data, &self->motion);
         }
     } else if (conditions) {
+        self->conditions_close = self->motion_input.frames > 0u;
         if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
             ars_can_unpack_vehicle_conditions(data, &self->conditions);
         }
@@ -123,7 +126,7 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
 
 ARS_SECTION_CODE bool ars_task_is_complete(const ars_task_t *self)
 {
-    return (self->motion_input.frames > 0u) && (self->conditions_input.frames > 0u);
+    return self->conditions_close;
 }
 
 /* How often the task comes compared with the frames. */
@@ -144,12 +147,32 @@ ARS_SECTION_CODE static uint32_t check_rhythm(ars_task_t *self)
     return causes;
 }
 
+/* Control starts from the angle that the actuator holds. An angle that cannot be is waited out; one that is not available is
+ * taken for a car that does not measure it, and for zero, only after as many samples as a recovery takes. */
+ARS_SECTION_CODE static void start(ars_task_t *self)
+{
+    const float rear_angle = self->conditions.rear_angle;
+    const float largest = self->parameters->rear_angle_input_max;
+
+    if ((rear_angle >= -largest) && (rear_angle <= largest)) {
+        self->started = true;
+    } else if ((rear_angle > largest) || (rear_angle < -largest)) {
+        self->samples_without_angle = 0u;
+    } else {
+        self->samples_without_angle++;
+        self->started = self->samples_without_angle > self->parameters->recovery_samples;
+    }
+    if (self->started) {
+        ars_controller_init(&self->controller, rear_angle);
+    }
+}
+
 /* A lost sample is told to the controller by signals that are not available. The speed is given as long as it is known: the
  * fail-safe depends on it. */
 ARS_SECTION_CODE static ars_command_t control(ars_task_t *self)
 {
     const bool motion_good = self->motion_input.good;
-    const bool conditions_good = self->conditions_input.good;
+    const bool good = motion_good && self->conditions_input.good;
     const float not_available = ars_can_not_available();
     ars_measurement_t measurement = {
         .speed = motion_good ? self->motion.speed : not_available,
@@ -160,10 +183,9 @@ ARS_SECTION_CODE static ars_command_t control(ars_task_t *self)
         .inhibit = true
     };
 
-    if (motion_good && conditions_good) {
+    if (good) {
         if (!self->started) {
-            ars_controller_init(&self->controller, self->conditions.rear_angle);
-            self->started = true;
+            start(self);
         }
         measurement.front_angle = self->motion.front_angle;
         measurement.yaw_rate = self->motion.yaw_rate;
@@ -201,6 +223,7 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     uint32_t diagnostics = check_rhythm(self) | causes_of_controller(self, good);
     ars_rear_steer_command_t signals;
 
+    self->conditions_close = false;
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     if (self->wrong_length) {
