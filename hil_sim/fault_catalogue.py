@@ -64,6 +64,8 @@ class FaultOutcome:
     fail_safe_after: float | None
     rear_angle_max_deg: float
     rear_rate_max_deg_s: float
+    command_step_max_deg: float
+    command_step_bound_deg: float
     recovered_after: float | None
     worst: Status
     violations: tuple[str, ...]
@@ -126,6 +128,24 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         ),
         case("foreign", "the bus full of foreign frames for 50 samples", fine, "foreign-traffic", 50),
         case("ecu", "the ECU without power for 50 samples", safe, "ecu-restart", 50),
+        FaultCase(
+            "ecu-angle",
+            "the same, and the rear angle not available when it is back",
+            (
+                Fault("ecu-restart", START, 50 * sampling_time),
+                Fault("not-a-number", START, 55 * sampling_time, message=conditions, signal="rear_angle"),
+            ),
+            safe,
+        ),
+        FaultCase(
+            "ecu-wrong-angle",
+            "the same, and the rear angle infinite when it is back",
+            (
+                Fault("ecu-restart", START, 50 * sampling_time),
+                Fault("infinity", START, 70 * sampling_time, message=conditions, signal="rear_angle"),
+            ),
+            safe,
+        ),
         case("plant", "the car's node without power for 50 samples", safe, "plant-restart", 50),
         case("bus-2", "nothing gets through for 2 samples", held, "bus-down", 2),
         case("bus-50", "nothing gets through for 50 samples", safe, "bus-down", 50),
@@ -150,6 +170,8 @@ def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
         fail_safe_after=_since(time, fail_safe, START),
         rear_angle_max_deg=math.degrees(max(np.abs(rear).max(), np.abs(command).max())),
         rear_rate_max_deg_s=math.degrees(np.abs(np.diff(rear)).max() / period),
+        command_step_max_deg=math.degrees(np.abs(np.diff(command)).max()),
+        command_step_bound_deg=_step_bound_deg(case, result, config),
         recovered_after=round(float(time[recovered]) - case.end, 9) if fine[-1] else None,
         worst=reached,
         violations=(),
@@ -164,6 +186,16 @@ def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
     return causes(int(np.bitwise_or.reduce(result.diagnostics[after]))) + noticed
 
 
+def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> float:
+    """How far the command may move in one sample: what the PI makes of the largest error of the run. Where commands are lost on
+    their way, the controller goes on meanwhile, up to its distance from the measured rear angle."""
+    controller, code = config.controller, config.can.rear_steer_command.rear_angle.factor
+    error = np.abs(_column(result, "yaw_rate_reference_rad_s") - _column(result, "yaw_rate_rad_s")).max()
+    gain = 2.0 * controller.proportional_gain_s + controller.integral_gain * controller.sampling_time_s
+    lost = any(fault.message == config.can.rear_steer_command.name for fault in case.faults)
+    return math.degrees(gain * error + code) + (controller.rear_angle_error_max_deg if lost else 0.0)
+
+
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:
     case, actuator = outcome.case, config.rear_actuator
     step = config.can.rear_steer_command.rear_angle.factor
@@ -176,6 +208,8 @@ def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:
         yield f"rear angle beyond {actuator.angle_max_deg:g} deg"
     if outcome.rear_rate_max_deg_s > actuator.rate_max_deg_s * (1.0 + RATE_TOLERANCE):
         yield f"rear angle faster than {actuator.rate_max_deg_s:g} deg/s"
+    if outcome.command_step_max_deg > outcome.command_step_bound_deg:
+        yield f"the command moves by more than {outcome.command_step_bound_deg:.2f} deg at once"
     if outcome.recovered_after is None:
         yield "no recovery"
 

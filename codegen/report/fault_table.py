@@ -9,7 +9,16 @@ if TYPE_CHECKING:
     from hil_sim.fault_catalogue import FaultOutcome
 
 HEADER = (
-    *("injected", "reached", "fail-safe after", "|rear angle| up to", "its rate up to", "back after", "as defined"),
+    *(
+        "injected",
+        "reached",
+        "fail-safe after",
+        "|rear angle| up to",
+        "its rate up to",
+        "command step",
+        "back after",
+        "as defined",
+    ),
     "seen",
 )
 
@@ -25,6 +34,7 @@ def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
             _milliseconds(outcome.fail_safe_after),
             f"{outcome.rear_angle_max_deg:.2f} deg",
             f"{outcome.rear_rate_max_deg_s:.1f} deg/s",
+            f"{outcome.command_step_max_deg:.2f} deg",
             _milliseconds(outcome.recovered_after),
             "yes" if not outcome.violations else "; ".join(outcome.violations),
             text.ljust(width),
@@ -46,6 +56,7 @@ def fault_data(outcomes: Sequence[FaultOutcome]) -> list[dict[str, Any]]:
             "fail_safe_after_s": outcome.fail_safe_after,
             "rear_angle_max_deg": outcome.rear_angle_max_deg,
             "rear_rate_max_deg_s": outcome.rear_rate_max_deg_s,
+            "command_step_max_deg": outcome.command_step_max_deg,
             "recovered_after_s": outcome.recovered_after,
             "violations": list(outcome.violations),
         }

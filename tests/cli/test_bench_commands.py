@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -98,7 +99,7 @@ def test_faults_are_a_table_and_as_defined(run: Run, here: Path) -> None:
     assert answer.code == 0, answer
     lines = answer.out.splitlines()
     assert " ".join(lines[0].split()) == (
-        "injected reached fail-safe after |rear angle| up to its rate up to back after as defined seen"
+        "injected reached fail-safe after |rear angle| up to its rate up to command step back after as defined seen"
     )
     assert any(line.startswith("50 samples lost") and "FAIL_SAFE" in line and "30 ms" in line for line in lines)
     assert not any("defined is" in line for line in lines)
@@ -183,6 +184,8 @@ class TestBadInput:
             (("sil", "--build", BUILD, "--sensors"), "add --can"),
             (("sil", "--build", BUILD, "--scenario", "ecu-loss"), "codegen hil"),
             (("faults", "--build", "nowhere"), "nowhere"),
+            (("faults", "--build", BUILD, "--ecu", "native"), "add --bus"),
+            (("plant", "--json", "--bus", "virtual:x", "--scenario", "ecu-loss"), "cannot be switched off from here"),
         ],
     )
     def test_one_line(self, refused: Callable[..., str], arguments: tuple[object, ...], words: str) -> None:
@@ -197,6 +200,64 @@ class TestBadInput:
         assert answer.code == 2
         assert "no answer to the frames of 0.00 s" in answer.err
         assert everything_in(here) == before
+
+
+def test_a_build_without_a_can_side_is_told(refused: Callable[..., str], tmp_path: Path) -> None:
+    """As an older version made it."""
+    old = tmp_path / "old"
+    shutil.copytree(BUILD, old)
+    manifest = json.loads((old / "manifest.json").read_text(encoding="ascii"))
+    for path in list(manifest["files"]):
+        if any(part in path for part in ("_can.", "_e2e.", "_task.", ".dbc", "linux/")):
+            (old / path).unlink()
+            del manifest["files"][path]
+    (old / "manifest.json").write_text(json.dumps(manifest), encoding="ascii")
+    for command in (("sil",), ("hil", "--bus", "virtual:x", "--ecu", "cffi"), ("faults",)):
+        assert "build it again" in refused(*command, "--build", "old")
+
+
+def test_edited_c_is_noted(run: Run, here: Path, bus: str) -> None:
+    shutil.copytree(BUILD, "edited")
+    source = Path("edited/src/ars_task.c")
+    source.write_text(source.read_text(encoding="ascii") + "/* by hand */\n", encoding="ascii")
+    answer = run("hil", "--build", "edited", "--bus", bus, "--ecu", "cffi", "--lock-step", "--scenario", "short.toml")
+    assert answer.code == 0
+    assert "src/ars_task.c was changed after the build" in answer.err
+
+
+def test_a_run_that_nobody_answers_says_so(run: Run, here: Path, bus: str) -> None:
+    Path("brief.csv").write_text("time_s,speed_m_s,front_angle_rad\n0,10,0\n0.3,10,0\n", encoding="utf-8")
+    answer = run("plant", "--bus", bus, "--scenario", "brief.csv")
+    assert answer.code == 0, answer
+    assert "no command came from any ECU" in answer.err
+    assert "FAIL_SAFE" in answer.out
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_run_that_is_ended_keeps_its_log_and_leaves_no_ecu(here: Path, number: signal.Signals) -> None:
+    script = (
+        "import os, signal, sys\n"
+        "from hil_sim import bench\n"
+        "from codegen import cli\n"
+        "for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP): signal.signal(each, signal.SIG_DFL)\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "close = bench._Recorder.close_cycle\n"
+        "def ending(recorder, cycle, *more):\n"
+        "    close(recorder, cycle, *more)\n"
+        f"    if cycle == 50: os.kill(os.getpid(), {int(number)})\n"
+        "bench._Recorder.close_cycle = ending\n"
+        "sys.argv[0] = 'codegen'\n"
+        "cli.main()\n"
+    )
+    arguments = ["hil", "--build", str(BUILD), "--bus", "virtual:x", "--ecu", "cffi", "--lock-step", "--log", "run.asc"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(
+        [sys.executable, "-c", script, *arguments], capture_output=True, text=True, env=environment, check=False
+    )
+    assert ended.returncode == (130 if number == signal.SIGINT else 128 + number), ended
+    with can.LogReader("run.asc") as log:
+        assert sum(1 for _ in log) >= 3 * 51
+    assert {path.name for path in here.iterdir()} == {"run.asc", "short.toml"}
 
 
 def test_a_recorded_run_can_be_driven_again(run: Run, here: Path) -> None:

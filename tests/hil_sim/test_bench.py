@@ -266,6 +266,16 @@ class TestWhatIsMissing:
         with pytest.raises(CodegenError, match=r"the ECU did not start: .*manifest\.json"):
             run_hil(setup, tmp_path, "cffi")
 
+    def test_another_ecu_in_lock_step_is_told(self, software: Software, channel: BusAddress) -> None:
+        """Two answer each sample: the run is nobody's."""
+        with (
+            EcuThread(software, channel, lock_step=True),
+            EcuThread(software, channel, lock_step=True),
+            Bus(channel) as bus,
+            pytest.raises(CodegenError, match="another node sends 0x201 here"),
+        ):
+            run_in_lock_step(PlantNode(software.config, short()), bus)
+
 
 class TestActuator:
     """What the rear actuator does by itself while commands stay away."""
@@ -290,6 +300,23 @@ class TestActuator:
         step = math.radians(2.0) * 0.01
         assert np.diff(np.abs(commands[102:110])) == pytest.approx(-step)  # the third lost sample is the last that is held
         assert abs(commands[199]) < step
+        returned = np.flatnonzero(np.abs(commands[102:200]) < step)
+        assert not commands[102 + returned[0] + 1 : 200].any()  # at zero, it stays there
+
+    def test_a_restarted_node_counts_from_zero(self, software: Software) -> None:
+        node = PlantNode(software.config, short(faults=(Fault("plant-restart", 0.3, 0.1),)))
+        counters = []
+        for cycle in range(60):
+            counters.append([frame.data[1] & 0xF for frame in node.outgoing(cycle)])
+            node.finish(cycle)
+        assert counters[29] == [29 % 15] * 2
+        assert counters[30:40] == [[]] * 10
+        assert counters[40:43] == [[0, 0], [1, 1], [2, 2]]
+
+    def test_its_status_while_nothing_comes(self, software: Software) -> None:
+        gone = short(3.0, faults=(Fault("ecu-restart", 1.0, 1.0),))
+        status = column(run_in_process(PlantNode(software.config, gone), software), "status")
+        assert [int(value) for value in status[99:105]] == [0, *[Status.DEGRADED] * 3, *[Status.FAIL_SAFE] * 2]
 
     def test_after_a_restart_control_goes_on_without_a_jump(self, software: Software) -> None:
         commands = self.run(software, software.config)
@@ -324,6 +351,28 @@ class TestSensors:
 
 
 class TestBus:
+    def test_multicast_groups_are_kept_apart(self) -> None:
+        """Linux would hand over the frames of each group that anybody has joined."""
+        number = os.getpid() % 250
+        one, other = (BusAddress("udp_multicast", f"239.74.{third}.{2 + number}") for third in (166, 167))
+        with Bus(one) as sender, Bus(one) as member, Bus(other) as stranger:
+            assert sender.send(Frame(0x123, b"hello"))
+            heard = member.receive(2.0)
+            assert heard is not None
+            assert heard.data == b"hello"
+            assert stranger.receive(0.0) is None  # what the member has got would be here as well
+
+    @pytest.mark.parametrize("interface", ["kvaser", "pcan", "vector", "socketcand", "ixxat", "slcan"])
+    def test_what_has_no_driver_here_is_one_line(self, interface: str, caplog: pytest.LogCaptureFixture) -> None:
+        with pytest.raises(CodegenError) as caught:
+            Bus(BusAddress(interface, "0"))
+        assert str(caught.value).startswith(f"{interface}:0: the bus cannot be opened: ")
+        assert "\n" not in str(caught.value)
+
+    def test_a_channel_is_no_option(self) -> None:
+        with pytest.raises(CodegenError, match="'-h' cannot be a CAN interface"):
+            BusAddress.parse("socketcan:-h")
+
     @pytest.mark.parametrize(
         ("text", "words"),
         [

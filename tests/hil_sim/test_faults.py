@@ -252,6 +252,13 @@ class TestTheJudgeCanFail:
     def test_a_rate_beyond_its_limit(self, software: Software, case: fault_catalogue.FaultCase) -> None:
         assert "faster than 30 deg/s" in self.violations(software, case, "rear_angle_rad", lambda values: values * 4.0)
 
+    def test_a_command_that_jumps(self, software: Software, case: fault_catalogue.FaultCase) -> None:
+        """As at a recovery that starts from another angle."""
+        said = self.violations(
+            software, case, "rear_angle_command_rad", lambda values: np.where(np.arange(len(values)) == 101, 0.02, values)
+        )
+        assert "deg at once" in said
+
     def test_a_fail_safe_that_never_comes(self, software: Software, case: fault_catalogue.FaultCase) -> None:
         said = self.violations(software, case, "status", lambda values: np.minimum(values, Status.DEGRADED))
         assert "reached DEGRADED, defined is FAIL_SAFE" in said
