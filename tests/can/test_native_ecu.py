@@ -191,7 +191,8 @@ def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
 
 
 def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
-    """Both frames, in either order; at times a signal is missing, a bit has flipped, or a frame of a wrong length comes too."""
+    """Both frames; at times a signal is missing, a bit has flipped, or a frame too many comes before: one of a wrong length, or
+    the conditions of another set, which open none."""
     motion = VehicleMotion(rng.uniform(-2.0, 40.0), rng.uniform(-0.3, 0.3), rng.uniform(-0.8, 0.8))
     if rng.random() < 0.05:
         motion = VehicleMotion(motion.speed, motion.front_angle, float("nan"))
@@ -201,7 +202,7 @@ def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
         identifier, data = frames[0]
         frames[0] = (identifier, data[:3] + bytes((data[3] ^ 0x10,)) + data[4:])
     if rng.random() < 0.2:
-        frames.reverse()
+        frames.insert(0, frames[1])
     if rng.random() < 0.1:
         frames.insert(0, (int(rng.choice([MOTION, CONDITIONS])), rng.bytes(int(rng.integers(8)))))
     return frames
@@ -315,22 +316,52 @@ def test_silence_degrades_and_fails_safe_then_it_recovers(wire: Wire, real_time:
     assert real_time.alive
 
 
+@contextmanager
+def stopped(ecu: subprocess.Popen[str], wire: Wire, silence: float) -> Iterator[None]:
+    """The ECU gets no processor until the block ends; from its beginning the bus was silent for so long (s)."""
+    ecu.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, ecu.pid, os.WSTOPPED)
+    while wire.receive(silence) is not None:
+        pass
+    yield
+    ecu.send_signal(signal.SIGCONT)
+
+
 def test_frames_that_came_before_a_late_run_are_in_its_answer(wire: Wire, folder: Path, vcan: str) -> None:
-    """Bus and timer wake it at once: were the timer first, the first answer would know nothing of the frames."""
+    """Bus and timer wake it at once: were the timer first, the first answer would know nothing of the frames.
+
+    On a busy machine the pause may be too long for frames to be used: one of ten has to be short enough.
+    """
+    command = native.command(folder, vcan, parent=os.getpid())
+    for _ in range(10):
+        car = Car()
+        with started(command) as ecu:
+            assert car.command(wire.receive()).diagnostics & TASK_EARLY
+            with stopped(ecu, wire, 1.5 * PERIOD):
+                send_set(wire, car)
+            answer = car.command(wire.receive())
+        if not np.isnan(answer.rear_angle) and answer.diagnostics == 0:
+            return
+    pytest.fail("no first answer knew of the frames")
+
+
+def test_frames_that_waited_through_a_pause_are_not_steered_by(wire: Wire, folder: Path, vcan: str) -> None:
+    """Thirty samples in sequence come while it has no processor: of the past when it wakes, which goes by newer ones only."""
     car, command = Car(), native.command(folder, vcan, parent=os.getpid())
     with started(command) as ecu:
-        assert car.command(wire.receive()).diagnostics & TASK_EARLY
-        while Path(f"/proc/{ecu.pid}/stat").read_text().split()[2] != "S":  # not before it waits for both
-            pass
-        ecu.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, ecu.pid, os.WSTOPPED)
-        while wire.receive(3.0 * PERIOD) is not None:
-            pass
-        send_set(wire, car)
-        ecu.send_signal(signal.SIGCONT)
-        answer = car.command(wire.receive())
-    assert not np.isnan(answer.rear_angle)
-    assert answer.diagnostics == 0
+        assert wait_for_control(wire, car)
+        before = car.command(wire.receive())
+        with stopped(ecu, wire, 20.0 * PERIOD):
+            for _ in range(30):
+                for frame in car.frames(VehicleMotion(speed=15.0, front_angle=-0.05, yaw_rate=-0.2)):
+                    wire.send(*frame)
+        answers = [car.command(wire.receive()) for _ in range(8)]
+        ecu.terminate()
+        _, said = ecu.communicate(timeout=PATIENCE)
+    assert before.yaw_rate_reference > 0.0
+    assert all(answer.yaw_rate_reference >= 0.0 for answer in answers)  # of none of the thirty, which turn right
+    assert answers[-1].status == Status.FAIL_SAFE
+    assert native.counters(said)["discarded"] == 60
 
 
 def wait_for_control(wire: Wire, car: Car) -> bool:
@@ -503,7 +534,7 @@ def test_a_signal_ends_it_with_its_counters(running: Running, number: signal.Sig
     assert running.process.returncode == 0
     assert output == ""
     assert said.count("\n") == 1
-    names = "cycles late late_samples early_samples lost_samples sent send_errors lateness_mean_us lateness_max_us"
+    names = "cycles late late_samples early_samples lost_samples discarded sent send_errors lateness_mean_us lateness_max_us"
     assert list(native.counters(said)) == names.split()
 
 
