@@ -317,9 +317,9 @@ class TestAStrangerOnTheBus:
         command = [sys.executable, "-m", "cantools", "monitor", "-i", "socketcan", "-c", address.channel]
         command.append(str(folders["C1"] / "ars.dbc"))
         with self.running(address, folders["C1"], software):
-            shown = on_a_terminal(command, lambda text: "RearSteerCommand" in text and "YawRate" in text)
-        for word in ("VehicleMotion", "VehicleConditions", "RearSteerCommand", "Speed: ", "m/s", "RearAngleCommand"):
-            assert word in shown, word
+            words = ("VehicleMotion", "VehicleConditions", "RearSteerCommand", "Speed: ", "m/s", "RearAngleCommand", "TRACKING")
+            shown = on_a_terminal(command, lambda text: all(word in text for word in words))
+        assert [word for word in words if word not in shown] == []
 
 
 def counted(line: str) -> dict[str, int]:
