@@ -80,7 +80,20 @@ class PlantNode:
         self.command_id = config.can.rear_steer_command.id
         self.diagnostics = 0  # of the commands in the last cycle
         self._reference = 0.0  # rad/s, the last one that was available
+        self._warm_up()
         self._restart()
+
+    def _warm_up(self) -> None:
+        """Do once what each cycle does, so that the first one, from which an ECU takes its phase, is not the slowest."""
+        self._plant.sample(self._acting(0, 0.0))
+        for message, payload in (
+            (self._can.vehicle_motion, VehicleMotion(0.0, 0.0, 0.0)),
+            (self._can.vehicle_conditions, VehicleConditions(0.0, 0.0)),
+            (self._can.rear_steer_command, RearSteerCommand(0.0, 0.0)),
+        ):
+            data = protect(message.e2e_data_id, 0, self._codec.encode(payload))
+            Receiver(self._can.e2e).check(message.e2e_data_id, data)
+            self._codec.decode(message.id, data)
 
     def _restart(self) -> None:
         self._motion_counter = self._conditions_counter = 0
