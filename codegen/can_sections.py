@@ -22,6 +22,9 @@ CRC_BITS = frozenset(range(8))
 COUNTER_BITS = frozenset(range(8, 12))
 """The low nibble of byte 1."""
 
+QUALIFIED = ("speed", "front_angle", "yaw_rate")
+"""Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
+
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
 

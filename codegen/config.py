@@ -5,12 +5,11 @@ Layer 1: imports only `errors`, `sections`, `can_sections` and `sensor_sections`
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -18,7 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from codegen.can_sections import Can, RealSignal
-from codegen.errors import ConfigError
+from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.sections import (
     KM_H,
     Case,
@@ -169,7 +168,7 @@ class Config(Section):
         raise ConfigError(
             f"there is no case {name!r}",
             where=where or "[cases]",
-            remedy=f"known cases: {', '.join(self.cases)}{_suggestion(name, self.cases)}",
+            remedy=f"known cases: {', '.join(self.cases)}{suggestion(name, self.cases)}",
         )
 
     def to_json(self) -> str:
@@ -193,6 +192,17 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
         raise _first_fault(error, where) from None
 
 
+def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
+    """The tables of a TOML text; an error of `kind` for the first line that is none."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise kind(f"TOML syntax: {error}", where=where, remedy="mend that line") from None
+    except (ValueError, RecursionError) as error:
+        # A number of thousands of digits, brackets nested by the thousand: TOML, but beyond what the reader takes.
+        raise kind(f"cannot be read as TOML ({error})", where=where, remedy="mend the number or the nesting") from None
+
+
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
     try:
@@ -207,14 +217,7 @@ def load(path: Path) -> Config:
         raise ConfigError(
             f"cannot be read ({error.strerror})", where=path, remedy="check the path; `codegen init DIR` makes one"
         ) from None
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"TOML syntax: {error}", where=path, remedy="mend that line") from None
-    except (ValueError, RecursionError) as error:
-        # A number of thousands of digits, brackets nested by the thousand: TOML, but beyond what the reader takes.
-        raise ConfigError(f"cannot be read as TOML ({error})", where=path, remedy="mend the number or the nesting") from None
-    return parse(data, path)
+    return parse(parse_toml(text, path, ConfigError), path)
 
 
 def preset_text(name: str = "paper") -> str:
@@ -225,11 +228,6 @@ def preset_text(name: str = "paper") -> str:
 def preset(name: str = "paper") -> Config:
     """A preset configuration; "paper" is the published vehicle and controller."""
     return parse(tomllib.loads(preset_text(name)), f"preset {name}")
-
-
-def _suggestion(word: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def _section_at(location: tuple[int | str, ...]) -> type[BaseModel] | None:
@@ -257,8 +255,7 @@ def _first_fault(error: ValidationError, where: object) -> ConfigError:
     if fault["type"] == "extra_forbidden":
         section = _section_at(location)
         known = section.model_fields if section is not None else {}
-        suggestion = _suggestion(str(location[-1]), known)
-        remedy = suggestion.lstrip("; ") or f"known here: {', '.join(known)}"
+        remedy = suggestion(str(location[-1]), known).lstrip("; ") or f"known here: {', '.join(known)}"
         return ConfigError("unknown key", where=f"{where}: {key}", remedy=remedy)
     if fault["type"] == "value_error":
         message = str(fault["ctx"]["error"])

@@ -6,8 +6,9 @@ Layer 0: imports nothing of the project.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 
 def one_line(text: object, limit: int = 300) -> str:
@@ -22,6 +23,12 @@ def one_line(text: object, limit: int = 300) -> str:
     )
     flat = " ".join(flat.split())
     return flat if len(flat) <= limit else flat[: limit - 1] + "…"
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """What to add to a remedy: "; did you mean 'NAME'?" for the known name nearest to `word`, "" where none is near."""
+    near = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 class CodegenError(Exception):

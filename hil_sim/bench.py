@@ -51,8 +51,6 @@ class Cycle:
     number: int
     row: list[float]
     command: RearSteerCommand | None
-    lateness: float
-    response: float
     duration: float
     without_command: int
     late: int
@@ -111,7 +109,7 @@ class _Recorder:
         if self.observe is not None:
             now = time.monotonic()
             without = node.received.cycles_without
-            self.observe(Cycle(cycle, row, node.command, lateness, response, now - self.closed, without, self.late))
+            self.observe(Cycle(cycle, row, node.command, now - self.closed, without, self.late))
             self.closed = now
 
     def result(self) -> BenchResult:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import FRAME_BYTES, Can, RealSignal, Signal
+from codegen.can_sections import FRAME_BYTES, QUALIFIED, Can, RealSignal, Signal
 from codegen.emit.text import Precision, numpy_type
 
 
@@ -54,9 +54,6 @@ PAYLOADS: dict[str, type[VehicleMotion] | type[VehicleConditions] | type[RearSte
     "rear_steer_command": RearSteerCommand,
 }
 """Contents of the messages by their role in the configuration."""
-
-QUALIFIED = ("speed", "front_angle", "yaw_rate")
-"""Signals of the vehicle motion with a bit of its qualifier each, from bit 0."""
 
 
 class _Codes:

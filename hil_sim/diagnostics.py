@@ -4,24 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-DIAGNOSTICS: Mapping[int, tuple[str, str]] = {
-    0: ("MOTION_MISSING", "motion missing"),
-    1: ("MOTION_WRONG_CRC", "motion CRC wrong"),
-    2: ("MOTION_REPEATED", "motion repeated"),
-    3: ("MOTION_WRONG_SEQUENCE", "motion out of sequence"),
-    4: ("MOTION_SOME_LOST", "motion lost in between"),
-    5: ("CONDITIONS_MISSING", "conditions missing"),
-    6: ("CONDITIONS_WRONG_CRC", "conditions CRC wrong"),
-    7: ("CONDITIONS_REPEATED", "conditions repeated"),
-    8: ("CONDITIONS_WRONG_SEQUENCE", "conditions out of sequence"),
-    9: ("CONDITIONS_SOME_LOST", "conditions lost in between"),
-    10: ("UNAVAILABLE", "signal unavailable or out of range"),
-    11: ("IMPLAUSIBLE", "yaw rate implausible"),
-    12: ("TASK_LATE", "task late"),
-    13: ("TASK_EARLY", "task early"),
-    14: ("WRONG_LENGTH", "wrong length"),
-    15: ("TIMEOUT", "timeout"),
-}
+from codegen.emit import can_view
+
+DIAGNOSTICS: Mapping[int, tuple[str, str]] = {cause.bit: (cause.name, cause.words) for cause in can_view.DIAGNOSTICS}
 """Bit: name as in the generated C, and a few words."""
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from codegen.can_sections import Can, Message, RealSignal
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, suggestion
 from hil_sim.e2e import protect
 from hil_sim.frames import Frame
 
@@ -52,7 +51,9 @@ class Fault:
 
 
 VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"})
+"""Faults of a value, before it is packed."""
 FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt", "freeze-counter"})
+"""Faults of frames: of one message, or of all that the car sends."""
 
 FRAME_BITS_MAX = 135
 """Bits on the wire of a frame with eight bytes and an 11-bit identifier: 111 with the interframe space, and at most 24 stuff
@@ -218,7 +219,6 @@ def _check(fault: Fault, messages: Mapping[str, Message], command: str) -> None:
             raise _unknown("signal", fault.signal, known)
 
 
-def _unknown(what: str, name: str, known: Iterable[str]) -> CodegenError:
-    near = difflib.get_close_matches(name, list(known), n=1)
-    remedy = f"known: {', '.join(known)}" + (f"; did you mean {near[0]!r}?" if near else "")
+def _unknown(what: str, name: str, known: Collection[str]) -> CodegenError:
+    remedy = f"known: {', '.join(known)}{suggestion(name, known)}"
     return CodegenError(f"a fault names the {what} {name!r}, which there is not", where="faults", remedy=remedy)

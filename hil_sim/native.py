@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from codegen.emit.folder import read_manifest
+from codegen.emit.folder import read_files, read_manifest
 from codegen.errors import BuildError
 from codegen.sil.cache import cache_folder
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
@@ -46,8 +46,8 @@ def compile_ecu(build: Path) -> Path:
     """
     if sys.platform != "linux":
         raise BuildError("the native ECU needs Linux", where=build, remedy="take --ecu cffi")
-    prefix = read_manifest(build)["options"]["prefix"]
-    sources = _read_sources(build)
+    manifest = read_manifest(build)
+    prefix, sources = manifest["options"]["prefix"], read_files(build, manifest, FOLDERS)
     program = f"linux/{prefix}_ecu.c"
     if program not in sources:
         raise BuildError(f"the build has no {program}", where=build, remedy="build again with `codegen build`")
@@ -66,20 +66,6 @@ def compile_ecu(build: Path) -> Path:
 def counters(line: str) -> dict[str, int]:
     """The last line of an ECU, `name=count` with spaces between, as a table."""
     return {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
-
-
-def _read_sources(build: Path) -> dict[str, bytes]:
-    """Content by path."""
-    sources = {}
-    for path in read_manifest(build)["files"]:
-        if path.startswith(FOLDERS):
-            try:
-                sources[path] = (build / path).read_bytes()
-            except OSError as error:
-                raise BuildError(
-                    f"cannot be read ({error.strerror})", where=build / path, remedy="build again with `codegen build`"
-                ) from None
-    return sources
 
 
 def _key(sources: dict[str, bytes], compiler: tuple[str, ...]) -> str:

@@ -50,7 +50,7 @@ class PlantNode:
         config: car, actuator, frames.
         scenario: what is done to it.
         precision: of the controller's numbers: what is sent is rounded to it first, as on the other side.
-        sensors: None: what the car does is measured exactly, but for the frames' own steps.
+        sensors: measured by the configured ones; else exactly, but for the frames' own steps.
         seed: of noise and of random faults.
     """
 
@@ -60,7 +60,7 @@ class PlantNode:
         scenario: Scenario,
         *,
         precision: Precision = "single",
-        sensors: SensorModel | None = None,
+        sensors: bool = False,
         seed: int = 0,
     ) -> None:
         self._config, self._can = config, config.can
@@ -71,7 +71,7 @@ class PlantNode:
         self._rows = inputs[: self.cycles * self._per_sample].tolist()
         self._plant = Plant(config)
         self._codec = Codec(config.can, precision)
-        self._sensors = sensors
+        self._sensors = SensorModel(config.sensors, seed) if sensors else None
         self.injector = Injector(scenario.faults, config.can, self.sampling_time, seed)
         self._actuator = _ActuatorSupervision(config, self.sampling_time)
         self._waiting: deque[float] = deque([0.0] * config.plant.command_delay_samples)

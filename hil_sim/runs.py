@@ -11,7 +11,6 @@ from codegen.sil.software import Software
 from hil_sim.bench import BenchResult, run_in_process
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario
-from hil_sim.sensors import SensorModel
 
 
 def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> npt.NDArray[np.float64]:
@@ -37,6 +36,5 @@ def run_through_can(software: Software, scenario: Scenario, *, sensors: bool = F
         sensors: whether the car is measured by the configured sensors.
         seed: of noise and of random faults.
     """
-    model = SensorModel(software.config.sensors, seed) if sensors else None
-    node = PlantNode(software.config, scenario, precision=software.precision, sensors=model, seed=seed)
+    node = PlantNode(software.config, scenario, precision=software.precision, sensors=sensors, seed=seed)
     return run_in_process(node, software)

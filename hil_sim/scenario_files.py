@@ -16,28 +16,22 @@ For recordings see `hil_sim.recorded_drives`. A scenario file:
 
 from __future__ import annotations
 
-import difflib
-import tomllib
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from codegen.config import Config
-from codegen.errors import CodegenError
+from codegen.config import Config, parse_toml
+from codegen.errors import CodegenError, suggestion
 from codegen.sections import Range, Section, check_name
 from hil_sim import recorded_drives
-from hil_sim.faults import Fault, FaultKind
+from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.recorded_drives import MAX_DURATION, MIN_DURATION
 from hil_sim.scenarios import SCENARIOS, Scenario
 
 MAX_FILE_BYTES = 64 * 2**20
-
-SIGNAL_FAULTS = frozenset({"stuck-value", "not-a-number", "infinity"})
-"""Faults of a signal: they need `message` and `signal`."""
-FRAME_FAULTS = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt", "freeze-counter"})
-"""Faults of frames: of one `message`, or of all that the car sends."""
 
 
 def load(path: Path, config: Config | None = None) -> Scenario:
@@ -72,11 +66,14 @@ def _read(path: Path) -> str:
         raise CodegenError(f"cannot be read ({reason})", where=path, remedy="check the path") from None
 
 
+def _remedy(word: str, known: Collection[str], title: str = "known") -> str:
+    """The name that was meant, or all that there are."""
+    return suggestion(word, known).lstrip("; ") or f"{title}: {', '.join(known)}"
+
+
 def _known_kind(kind: str) -> str:
     if kind not in get_args(FaultKind):
-        near = difflib.get_close_matches(kind, get_args(FaultKind), n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(get_args(FaultKind))}"
-        raise ValueError(f"there is no fault {kind!r}; {remedy}")
+        raise ValueError(f"there is no fault {kind!r}; {_remedy(kind, get_args(FaultKind))}")
     return kind
 
 
@@ -105,19 +102,13 @@ class ScenarioFile(Section):
 
 
 def _from_toml(text: str, path: Path, config: Config) -> Scenario:
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise CodegenError(f"TOML syntax: {error}", where=path, remedy="mend that line") from None
-    except (ValueError, RecursionError) as error:
-        raise CodegenError(f"cannot be read as TOML ({error})", where=path, remedy="mend the number or the nesting") from None
+    data = parse_toml(text, path, CodegenError)
     try:
         given = ScenarioFile.model_validate(data)
     except ValidationError as error:
         raise _first_fault(error, path) from None
     if given.base not in SCENARIOS:
-        near = difflib.get_close_matches(given.base, SCENARIOS, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(SCENARIOS)}"
+        remedy = _remedy(given.base, SCENARIOS)
         raise CodegenError(f"there is no scenario {given.base!r}", where=f"{path}: base", remedy=remedy)
     return _changed(SCENARIOS[given.base], given, path, config)
 
@@ -163,7 +154,7 @@ def _fault(line: FaultLine, place: str, config: Config) -> Fault:
     def wrong(key: str, what: str, remedy: str) -> CodegenError:
         return CodegenError(what, where=f"{place}: {key}", remedy=remedy)
 
-    of_signal, of_frame = line.kind in SIGNAL_FAULTS, line.kind in FRAME_FAULTS
+    of_signal, of_frame = line.kind in VALUE_KINDS, line.kind in FRAME_KINDS
     for key, value, taken, needed in (
         ("message", line.message, of_signal or of_frame, of_signal),
         ("signal", line.signal, of_signal, of_signal),
@@ -195,8 +186,7 @@ def _first_fault(error: ValidationError, path: Path) -> CodegenError:
     )
     where = f"{path}: {key}" if key else path
     if fault["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(fault["loc"][-1]), model.model_fields, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(model.model_fields)}"
+        remedy = _remedy(str(fault["loc"][-1]), model.model_fields, "known here")
         return CodegenError("unknown key", where=where, remedy=remedy)
     if fault["type"] == "missing":
         return CodegenError("this key is missing", where=where, remedy="add it")

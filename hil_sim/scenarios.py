@@ -6,7 +6,6 @@ Each names its source. Inputs are arrays with a row for each plant step; columns
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
@@ -272,9 +271,8 @@ def find(name: str, config: Config | None = None) -> Scenario:
         from hil_sim import scenario_files
 
         return scenario_files.load(Path(name), config)
-    near = difflib.get_close_matches(name, SCENARIOS, n=1)
     raise CodegenError(
         f"there is no scenario {name!r}",
         where="--scenario",
-        remedy=f"known: {', '.join(SCENARIOS)}, or a .csv or .toml file" + (f"; did you mean {near[0]!r}?" if near else ""),
+        remedy=f"known: {', '.join(SCENARIOS)}, or a .csv or .toml file{suggestion(name, SCENARIOS)}",
     )

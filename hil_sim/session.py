@@ -18,15 +18,14 @@ from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.folder import read_manifest, verify_hashes
 from codegen.emit.text import Precision
-from codegen.errors import BuildError, CheckFailed, CodegenError
-from codegen.sil.software import RECORD_COLUMNS, Status
+from codegen.errors import CheckFailed, CodegenError
+from codegen.sil.software import RECORD_COLUMNS, Status, require_can_side
 from hil_sim.bench import BenchResult, Observer, run_in_lock_step, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.ecu_process import EcuProcess, EcuThread, cffi_command
 from hil_sim.logs import BusLog
 from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import Scenario
-from hil_sim.sensors import SensorModel
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,8 +68,7 @@ class Setup:
 
     def node(self) -> PlantNode:
         """The car, at its start."""
-        sensors = SensorModel(self.config.sensors, self.seed) if self.sensors else None
-        return PlantNode(self.config, self.scenario, precision=self.precision, sensors=sensors, seed=self.seed)
+        return PlantNode(self.config, self.scenario, precision=self.precision, sensors=self.sensors, seed=self.seed)
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,6 @@ class BuildFacts:
 
     config: Config
     precision: Precision
-    prefix: str
     dbc: bytes | None
     edited: tuple[str, ...]
 
@@ -90,9 +87,8 @@ class BuildFacts:
         prefix = manifest["options"]["prefix"]
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         dbc, precision = build / f"{prefix}.dbc", manifest["options"]["precision"]
-        if dbc.name not in manifest["files"]:
-            raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
-        return cls(config, precision, prefix, dbc.read_bytes() if dbc.is_file() else None, tuple(verify_hashes(build)))
+        require_can_side(manifest, build)
+        return cls(config, precision, dbc.read_bytes() if dbc.is_file() else None, tuple(verify_hashes(build)))
 
 
 def run_plant(setup: Setup, ecu: EcuProcess | EcuThread | None = None, observe: Observer | None = None) -> BenchResult:

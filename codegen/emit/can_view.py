@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import NODES, Can, Message, RealSignal, Signal
+from codegen.can_sections import NODES, QUALIFIED, Can, Message, RealSignal, Signal
 from codegen.config import Config
 from codegen.emit.text import Precision, literal
-
-QUALIFIED = ("speed", "front_angle", "yaw_rate")
-"""Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
 
 UNITS = {
     "speed": "m/s",
@@ -43,11 +40,12 @@ STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
 
 @dataclass(frozen=True)
 class Cause:
-    """A bit of `Diagnostics`."""
+    """A bit of `Diagnostics`: its name and meaning in C, and a few words for a table."""
 
     bit: int
     name: str
     text: str
+    words: str
 
     @property
     def mask(self) -> str:
@@ -56,25 +54,29 @@ class Cause:
 
 
 _RECEPTION = (
-    ("MISSING", "no frame in this cycle"),
-    ("WRONG_CRC", "a frame with a wrong CRC"),
-    ("REPEATED", "a frame whose counter did not advance"),
-    ("WRONG_SEQUENCE", "a counter that jumped, or must prove itself again"),
-    ("SOME_LOST", "frames were lost in between, few enough to go on"),
+    ("MISSING", "no frame in this cycle", "missing"),
+    ("WRONG_CRC", "a frame with a wrong CRC", "CRC wrong"),
+    ("REPEATED", "a frame whose counter did not advance", "repeated"),
+    ("WRONG_SEQUENCE", "a counter that jumped, or must prove itself again", "out of sequence"),
+    ("SOME_LOST", "frames were lost in between, few enough to go on", "lost in between"),
 )
 _OTHERS = (
-    ("UNAVAILABLE", "a signal is not available or out of range"),
-    ("IMPLAUSIBLE", "the yaw rate is not explained by speed and steering"),
-    ("TASK_LATE", "a message came more than once since the last call of the task"),
-    ("TASK_EARLY", "no message came since the last call of the task"),
-    ("WRONG_LENGTH", "a frame that has not eight bytes"),
-    ("TIMEOUT", "samples stayed lost for longer than is tolerated"),
+    ("UNAVAILABLE", "a signal is not available or out of range", "signal unavailable or out of range"),
+    ("IMPLAUSIBLE", "the yaw rate is not explained by speed and steering", "yaw rate implausible"),
+    ("TASK_LATE", "a message came more than once since the last call of the task", "task late"),
+    ("TASK_EARLY", "no message came since the last call of the task", "task early"),
+    ("WRONG_LENGTH", "a frame that has not eight bytes", "wrong length"),
+    ("TIMEOUT", "samples stayed lost for longer than is tolerated", "timeout"),
 )
 
 
 def _causes() -> tuple[Cause, ...]:
-    names = [(f"{side}_{name}", f"{title}: {text}") for side, title in _SIDES for name, text in _RECEPTION] + list(_OTHERS)
-    return tuple(Cause(bit, name, text) for bit, (name, text) in enumerate(names))
+    received = [
+        (f"{side}_{name}", f"{title}: {text}", f"{side.lower()} {words}")
+        for side, title in _SIDES
+        for name, text, words in _RECEPTION
+    ]
+    return tuple(Cause(bit, *told) for bit, told in enumerate((*received, *_OTHERS)))
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))

@@ -79,6 +79,20 @@ def _number_rows(match: re.Match[str]) -> str:
     return f"[\n{rows}\n{indent[:-1]}]"
 
 
+def read_files(target: Path, manifest: Mapping[str, Any], folders: tuple[str, ...]) -> dict[str, bytes]:
+    """Content by path of those files that the manifest names in `folders` ("src/"). Raises BuildError: one cannot be read."""
+    files = {}
+    for path in manifest["files"]:
+        if path.startswith(folders):
+            try:
+                files[path] = (target / path).read_bytes()
+            except OSError as error:
+                raise BuildError(
+                    f"cannot be read ({error.strerror})", where=target / path, remedy="build again with `codegen build`"
+                ) from None
+    return files
+
+
 def read_manifest(target: Path) -> dict[str, Any]:
     """The manifest of a generated folder. Raises BuildError: there is none, it cannot be read, or it is not ours."""
     path = Path(target) / MANIFEST

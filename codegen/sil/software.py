@@ -18,7 +18,7 @@ import numpy.typing as npt
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.can_view import task_name, task_view
-from codegen.emit.folder import read_manifest, verify_hashes
+from codegen.emit.folder import read_files, read_manifest, verify_hashes
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.errors import BuildError
@@ -196,18 +196,15 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
         BuildError: not a build folder, no compiler, or C that does not compile.
     """
     manifest = read_manifest(build)
-    wanted = [path for path in manifest["files"] if path.startswith(("include/", "src/"))]
-    if f"include/{manifest['options']['prefix']}_task.h" not in wanted:
-        raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
-    files: dict[str, bytes] = {}
-    for path in wanted:
-        try:
-            files[path] = (build / path).read_bytes()
-        except OSError as error:
-            raise BuildError(
-                f"cannot be read ({error.strerror})", where=build / path, remedy="build again with `codegen build`"
-            ) from None
+    require_can_side(manifest, build)
+    files = read_files(build, manifest, ("include/", "src/"))
     return compile_build(files, manifest, config, flags=flags, edited=tuple(verify_hashes(build)))
+
+
+def require_can_side(manifest: Mapping[str, Any], build: Path) -> None:
+    """Refuse a build that knows nothing of CAN. Raises BuildError."""
+    if f"include/{manifest['options']['prefix']}_task.h" not in manifest["files"]:
+        raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
 
 
 def compile_build(
