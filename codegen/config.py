@@ -1,6 +1,6 @@
 """`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault.
 
-Layer 1: imports only `errors`, `sections`, `can_sections` and `sensor_sections`.
+Layer 1: imports only `errors` and the `*_sections`.
 """
 
 from __future__ import annotations
@@ -17,14 +17,12 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from codegen.can_sections import Can, RealSignal
+from codegen.controller_sections import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.sections import (
     KM_H,
     Case,
-    Controller,
-    FailSafe,
     Grid,
-    Inputs,
     Limits,
     Plant,
     RearActuator,
@@ -47,13 +45,18 @@ __all__ = [
     "FailSafe",
     "Grid",
     "Inputs",
+    "Kind",
+    "Limiter",
     "Limits",
     "Plant",
     "RearActuator",
     "Road",
+    "Schedule",
     "Sensor",
     "Sensors",
     "Steering",
+    "Tracking",
+    "Tuning",
     "Tyre",
     "Tyres",
     "Vehicle",
@@ -64,6 +67,8 @@ __all__ = [
     "preset_text",
 ]
 
+
+Preset = Literal["paper", "recommended"]
 
 MAX_FILE_BYTES = 2**20
 """Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
@@ -99,6 +104,8 @@ class Config(Section):
     steering: Steering = Steering()
     rear_actuator: RearActuator = RearActuator()
     controller: Controller = Controller()
+    tuning: Tuning = Tuning()
+    limiter: Limiter = Limiter()
     plant: Plant = Plant()
     sensors: Sensors = Sensors()
     can: Can = Can()
@@ -220,13 +227,15 @@ def load(path: Path) -> Config:
     return parse(parse_toml(text, path, ConfigError), path)
 
 
-def preset_text(name: str = "paper") -> str:
+def preset_text(name: Preset = "paper") -> str:
     """The commented text of a preset `ars.toml`."""
-    return resources.files("codegen").joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
+    folder = resources.files("codegen").joinpath("presets")
+    parts = (f"{name}-header", "car", f"{name}-controller", "inputs", "bench")
+    return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 
-def preset(name: str = "paper") -> Config:
-    """A preset configuration; "paper" is the published vehicle and controller."""
+def preset(name: Preset = "paper") -> Config:
+    """A preset configuration of the published vehicle: with the paper's controller, or with the recommended one."""
     return parse(tomllib.loads(preset_text(name)), f"preset {name}")
 
 

@@ -68,6 +68,14 @@ class Range:
         return core_schema.no_info_after_validator_function(self.check, number)
 
 
+class RangeOrZero(Range):
+    """The same, where zero stands for "none"."""
+
+    def check(self, value: float) -> float:
+        """Return `value`, or raise ValueError where it is outside."""
+        return value if value == 0.0 else super().check(value)
+
+
 @dataclass(frozen=True)
 class Breakpoints:
     """Annotation of a list of breakpoints, strictly increasing and each within `low` to `high`; None for an even axis."""
@@ -174,10 +182,14 @@ class Limits(Section):
 
 
 class Case(Section):
-    """One run of the optimisation: may the rear wheels steer, and how dear is sideslip (lambda of the objective)?"""
+    """One run of the optimisation: may the rear wheels steer, and how dear is sideslip (lambda of the objective)?
+
+    `passive_safe` leaves out what the car could not do without its rear steering.
+    """
 
     rear_steering: bool = True
     sideslip_weight_per_s2: Annotated[float, Range(0.0, 1e7, "1/s^2")] = 3000.0
+    passive_safe: bool = False
 
 
 class Grid(Section):
@@ -236,54 +248,10 @@ class RearActuator(Section):
         return math.radians(self.angle_max_deg)
 
 
-class Inputs(Section):
-    """Ranges that the controller accepts, and when a yaw rate stops being believable."""
-
-    speed_max_km_h: Annotated[float, Range(20.0, 500.0, "km/h")] = 400.0
-    front_angle_max_deg: Annotated[float, Range(1.0, 60.0, "deg")] = 45.0
-    yaw_rate_max_deg_s: Annotated[float, Range(5.0, 600.0, "deg/s")] = 150.0
-    rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
-    friction_max: Annotated[float, Range(0.1, 2.0)] = 1.5
-    yaw_rate_tolerance_deg_s: Annotated[float, Range(1.0, 180.0, "deg/s")] = 30.0
-    implausible_time_s: Annotated[float, Range(0.01, 10.0, "s")] = 0.3
-
-
-class FailSafe(Section):
-    """Reaction to inputs that stay lost or implausible."""
-
-    degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
-    recovery_samples: int = Field(default=10, ge=1, le=10_000)
-    hold_above_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 60.0
-    rate_at_standstill_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
-    rate_at_hold_speed_deg_s: Annotated[float, Range(0.02, 100.0, "deg/s")] = 0.5
-
-
-class Controller(Section):
-    """The yaw-rate controller. The paper's PI is kind "pi"."""
-
-    kind: Literal["pi"] = "pi"
-    proportional_gain_s: Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")] = 0.01
-    integral_gain: Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")] = 1.0
-    sampling_time_s: Annotated[float, Range(0.001, 0.1, "s")] = 0.01
-    rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 25.0
-    rear_angle_error_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 2.0
-    friction_min: Annotated[float, Range(0.02, 1.0)] = 0.1
-    enable_speed_km_h: Annotated[float, Range(0.5, 200.0, "km/h")] = 15.0
-    disable_speed_km_h: Annotated[float, Range(0.1, 200.0, "km/h")] = 12.0
-    standby_rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
-    inputs: Inputs = Inputs()
-    fail_safe: FailSafe = FailSafe()
-
-    @model_validator(mode="after")
-    def _hysteresis(self) -> Self:
-        if self.disable_speed_km_h >= self.enable_speed_km_h:
-            raise ValueError("disable_speed_km_h must be below enable_speed_km_h")
-        return self
-
-
 class Plant(Section):
     """The simulated car."""
 
     sampling_time_s: Annotated[float, Range(1e-5, 0.01, "s")] = 0.001
     load_transfer: Literal["moment-balance", "paper"] = "moment-balance"
+    relaxation_length_m: Annotated[float, RangeOrZero(0.05, 2.0, "m")] = 0.0
     command_delay_samples: int = Field(default=0, ge=0, le=100)

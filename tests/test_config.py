@@ -9,7 +9,7 @@ import tomllib
 import types
 import typing
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pydantic
 import pytest
@@ -58,11 +58,24 @@ def differences(left: Any, right: Any, key: str = "") -> dict[str, tuple[Any, An
     return {} if left == right and type(left) is type(right) else {key: (left, right)}
 
 
-def test_defaults_are_the_preset_but_for_the_rear_rate() -> None:
-    """The paper limits no rate; a controller for a car should. A cycle time that is not given is the sampling time."""
-    found = differences(Config().model_dump(mode="json"), preset().model_dump(mode="json"))
-    cycle_times = {f"can.{role}.cycle_time_ms": (None, 10.0) for role in preset().can.messages()}
-    assert found == {"controller.rear_rate_max_deg_s": (25.0, "off"), **cycle_times}
+CYCLE_TIMES = {f"can.{role}.cycle_time_ms": (None, 10.0) for role in preset().can.messages()}
+"""A cycle time that is not given is the sampling time."""
+
+
+def test_defaults_are_the_recommended_preset() -> None:
+    found = differences(Config().model_dump(mode="json"), preset("recommended").model_dump(mode="json"))
+    assert found == CYCLE_TIMES
+
+
+def test_the_papers_preset_differs_in_its_controller_alone() -> None:
+    """The paper limits no rate and has no limiter; a controller for a car should."""
+    found = differences(preset("recommended").model_dump(mode="json"), preset().model_dump(mode="json"))
+    assert found == {
+        "controller.kind": ("tracking", "pi"),
+        "controller.rear_rate_max_deg_s": (25.0, "off"),
+        "limiter.rear_rate_max_deg_s": (40.0, "off"),
+        "limiter.opposite_phase_max_deg": ([3.5, 1.5], "off"),
+    }
 
 
 def test_an_empty_file_is_the_default_car(tmp_path: Path) -> None:
@@ -104,22 +117,30 @@ def leaves(model: type[BaseModel], key: str = "") -> dict[str, Any]:
 LEAVES = leaves(Config)
 
 
-def test_preset_shows_every_key() -> None:
+WRITTEN_BY_TUNE = "controller.tracking.schedule."
+OF_THE_RECOMMENDED = ("controller.tracking.", "tuning.")
+
+
+@pytest.mark.parametrize("name", ["paper", "recommended"])
+def test_preset_shows_every_key(name: Literal["paper", "recommended"]) -> None:
     """What a user may set stands in the file that they edit; of two ways to say the same, one."""
-    shown = tomllib.loads(preset_text())
+    shown = tomllib.loads(preset_text(name))
     for key in LEAVES:
+        if key.startswith(WRITTEN_BY_TUNE) or (name == "paper" and key.startswith(OF_THE_RECOMMENDED)):
+            continue
         node: Any = shown
         for part in key.split("."):
             node = node.get(part) if isinstance(node, dict) else None
         if node is None:
-            assert key.rpartition(".")[2] in preset_text(), key  # named in a comment
+            assert key.rpartition(".")[2] in preset_text(name), key  # named in a comment
 
 
 def test_every_number_names_its_unit() -> None:
-    units = re.compile(r"_(kg|kg_m2|m|m_s2|n|n_per_rad|per_rad|per_s2|deg|deg_s|km_h|g|percent|s|ms|kbit_s)\Z")
+    units = re.compile(r"_(kg|kg_m2|m|m_s2|n|n_per_rad|per_rad|per_s2|deg|deg_s|km_h|g|percent|s|ms|kbit_s|m_s3|db)\Z")
     # Ratios, friction, gain of an integral of angle: no unit. `b_per_rad` is one by its suffix.
     bare = {"friction", "front_roll_share", "shape_factor_c", "curvature_factor_e", "peak_factor_p1", "ratio", "friction_max"}
     bare |= {"peak_load_sensitivity_p2", "friction_min", "integral_gain"}
+    bare |= {"sensitivity_max", "sensitivity"}  # peak of |1/(1 + L)|
     bare |= {"factor", "offset"}  # of a CAN signal, whose unit is that of what it carries
     for key, kind in {**LEAVES, "cases.X.sideslip_weight_per_s2": float}.items():
         name = key.rpartition(".")[2]
@@ -161,7 +182,8 @@ FLOATS = [
 def test_there_are_fields_to_try() -> None:
     assert len(FLOATS) > 50
     assert {key.partition(".")[0] for key in FLOATS} == {
-        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant", "sensors", "can")
+        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant", "sensors", "can"),
+        *("tuning", "limiter"),
     }
 
 

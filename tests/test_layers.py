@@ -16,9 +16,10 @@ LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
     ("codegen.files", "codegen.sections"),
-    ("codegen.can_sections", "codegen.sensor_sections"),
+    ("codegen.can_sections", "codegen.controller_sections", "codegen.sensor_sections"),
     ("codegen.config",),
     ("codegen.vehicle",),
+    ("codegen.design",),
     ("codegen.refmap",),
     ("codegen.emit",),
     ("codegen.sil",),

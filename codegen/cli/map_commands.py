@@ -20,7 +20,15 @@ LATERAL_ACCELERATION_NOTE_G = 1.5
 
 @click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=file_type)
-def init(folder: Path) -> None:
+@click.option(
+    "--preset",
+    "preset",
+    type=click.Choice(["recommended", "paper"]),
+    default="recommended",
+    show_default=True,
+    help="The controller: the recommended one, or the paper's PI.",
+)
+def init(folder: Path, preset: str) -> None:
     """Make DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
     from codegen.config import preset_text
     from codegen.files import make_folder, write_atomically
@@ -29,8 +37,9 @@ def init(folder: Path) -> None:
     if path.exists() or path.is_symlink():
         raise CodegenError("already there and left as it is", where=path, remedy="name another folder, or edit that file")
     make_folder(folder)
-    write_atomically(path, preset_text().encode("utf-8"))
-    console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz")
+    write_atomically(path, preset_text("paper" if preset == "paper" else "recommended").encode("utf-8"))
+    then = "" if preset == "paper" else ", codegen tune --map 4ws2.npz -o 4ws2.npz"
+    console.say(f"{path}: the paper's vehicle, to edit; next: codegen solve --config {path} --case 4ws-2 -o 4ws2.npz{then}")
 
 
 @click.command(
@@ -46,19 +55,32 @@ def init(folder: Path) -> None:
     show_default=True,
     help="Closed form, or IPOPT point by point (the reference).",
 )
+@click.option(
+    "--friction",
+    "friction_list",
+    metavar="LIST",
+    help="Solve a stack, such as 0.3,0.5,0.7,0.9: one map for each friction; the largest is road.friction.",
+)
 @json_option
-def solve(config_path: Path | None, case: str, output: Path, method: str, as_json: bool) -> None:
+def solve(config_path: Path | None, case: str, output: Path, method: str, friction_list: str | None, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
-    from codegen.refmap.solve import solve_case
+    from codegen.refmap.solve import Method, solve_case
+    from codegen.refmap.stack import solve_stack
     from codegen.report.summary import map_summary
 
     check_output(output, ".npz", (config_path,))
+    friction = None if friction_list is None else _numbers(friction_list, "--friction")
     chosen = choose_config(None, config_path)
-    with within(config_path or "the paper's preset"), console.progress(f"solving {case}") as progress:
-        reference_map = solve_case(chosen.config, case, "ipopt" if method == "ipopt" else "exact", progress)
+    solver: Method = "ipopt" if method == "ipopt" else "exact"
+    title = f"solving {case}" + ("" if friction is None else f" for {len(friction)} frictions")
+    with within(config_path or "the paper's preset"), console.progress(title) as progress:
+        if friction is None:
+            reference_map = solve_case(chosen.config, case, solver, progress)
+        else:
+            reference_map = solve_stack(chosen.config, case, friction, solver, progress)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
     if as_json:
@@ -99,6 +121,9 @@ def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
     if summary.binding_rows:
         console.say("")
         console.say(table(("what binds", "cells", "share"), summary.binding_rows))
+    if summary.stack_rows:
+        console.say("")
+        console.say(table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows))
     if plot is not None:
         console.say(f"\nplot: {plot}")
 
@@ -121,6 +146,7 @@ def build(
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
+    from codegen.emit.evidence import margin_note
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.write import write_folder
@@ -142,11 +168,15 @@ def build(
             console.say(f"{target}: up to date")
         return
     changed = write_folder(prepared.folder, target)
+    little_margin = margin_note(prepared.folder.manifest)
+    notes = [*prepared.chosen.notes, *filter(None, [little_margin])]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     if as_json:
-        console.print_json({**result, "notes": list(prepared.chosen.notes)})
+        console.print_json({**result, "notes": notes})
         return
     state = "" if changed else " (unchanged)"
+    if little_margin:
+        console.note(little_margin)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
 
 
@@ -163,6 +193,18 @@ def paper(output: Path, as_json: bool) -> None:
         return
     for line in result.lines():
         console.say(line)
+
+
+def _numbers(text: str, place: str) -> list[float]:
+    """The numbers of a list with commas. Raises CodegenError."""
+    numbers = []
+    for word in text.split(",") if text.strip() else ():
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            what = f"{word.strip()!r} is no number" if word.strip() else "a number is missing between two commas or at an end"
+            raise CodegenError(what, where=place, remedy="give numbers with commas between them, such as 0.5,0.9") from None
+    return numbers
 
 
 def _note_lateral_acceleration(reference_map: ReferenceMap) -> None:

@@ -14,9 +14,13 @@ import numpy as np
 from codegen import __version__
 from codegen.config import KM_H, Config, check_name
 from codegen.emit.can_view import can_view, task_view
-from codegen.emit.controller_view import LAWS, controller_view
+from codegen.emit.controller_view import controller_view
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
+from codegen.emit.evidence import Evidence
+from codegen.emit.laws import law_of
+from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
+from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
@@ -27,8 +31,10 @@ from codegen.refmap.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
-HEADERS = ("sections", "map", "controller", "dynamics", "e2e", "can", "task")
-SOURCES = ("map", "controller", "dynamics", "e2e", "can", "task", "selftest")
+HEADERS = ("sections", "map", "limiter", "controller", "dynamics", "e2e", "can", "task")
+SOURCES = ("map", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
+NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "minus_one": -1.0}
+"""Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H
 
@@ -97,6 +103,7 @@ class _Parts:
     total: TotalMap
     table: MapView
     error_bound: float
+    evidence: Evidence
 
 
 def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
@@ -109,7 +116,10 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     Raises:
         BuildError, MapError: see `extend` and `check_prefix`.
     """
+    law = law_of(config)
     total = extend(reference_map, config, config.steering.front_angle_stop)
+    more = ("reference_model",) if law.uses_reference_model else ()
+    headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
     identity = _build_id(config, options, inputs)
     view = BuildView(
@@ -119,29 +129,32 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         version=__version__,
         id=f"0x{identity}u",
         domain=_domain(total),
-        sources=tuple(f"src/{options.prefix}_{source}.c" for source in SOURCES),
+        sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
-    table = map_view(total, options.precision)
+    table = map_view(total, options.precision, options.prefix, with_rear_angle=law.uses_rear_angle)
     dynamics = dynamics_view(config, options.precision)
     context: dict[str, Any] = {
         "build": view,
         "map": table,
         "controller": controller_view(config, total, options.prefix, options.precision, real),
-        "law": LAWS[config.controller.kind],
+        "law": law,
+        "limiter": limiter_view(config, options.prefix, options.precision, real),
+        "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
         "task": task_view(config),
         "example": _example_view(reference_map, config, options.precision),
         "real": real,
-        "zero": literal(0.0, options.precision),
+        **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
     bound = error_bound(total, numpy_type(options.precision))
-    parts = _Parts(reference_map, config, options, inputs, total, table, bound)
+    evidence = Evidence.of(reference_map, config)
+    parts = _Parts(reference_map, config, options, inputs, total, table, bound, evidence)
     context["readme"] = _readme_facts(parts)
     prefix = options.prefix
     files = {
-        **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in HEADERS},
-        **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in SOURCES},
+        **{f"include/{prefix}_{name}.h": render(f"include/{name}.h.j2", context) for name in headers},
+        **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in sources},
         f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
         f"linux/{prefix}_ecu.c": render("linux/ars_ecu.c.j2", context),
@@ -202,6 +215,12 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "borrowed": inputs.config_source == "preset",
         "precision": options.precision,
         "kind": config.controller.kind,
+        "title": law_of(config).title,
+        "margins": parts.evidence.margins_text(),
+        "loss": parts.evidence.loss_rows(),
+        "margin_range": _margin_range(config),
+        "loss_share": parts.evidence.loss.share_of_feasible,
+        "loss_percent": _percent(parts.evidence.loss.share_of_feasible),
         "rules": [(rule.value, count, RULE_TEXT[rule]) for rule, count in rule_counts(total).items()],
         "cells": total.yaw_rate.size,
         "error_bound": f"{parts.error_bound:.2g}",
@@ -211,6 +230,15 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "recovery_samples": config.controller.fail_safe.recovery_samples,
         "cap_share": f"{total.lateral_acceleration_cap / config.road.gravity_m_s2:.3g}",
     }
+
+
+def _margin_range(config: Config) -> str:
+    controller = config.controller
+    return f"{controller.enable_speed_km_h:g} to {controller.inputs.speed_max_km_h:g} km/h"
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100.0 * share:.1f} %"
 
 
 def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str, Any]:
@@ -238,10 +266,12 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
             "lateral_acceleration_cap_m_s2": total.lateral_acceleration_cap,
             "friction": total.friction,
             "lookup_error_bound_rad_s": parts.error_bound,
+            "frictions": [layer.friction for layer in total.stack],
             "flash_bytes": table.flash_bytes,
             "checksum_crc32": f"{table.checksum_value:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
         },
+        **parts.evidence.to_dict(),
         "dynamics_library_functions": list(dynamics.math_functions),
     }

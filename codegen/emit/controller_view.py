@@ -1,62 +1,36 @@
-"""View model of the controller: parameters with values, ranges and meaning; state; the law that the kind names.
-
-The kind of controller is chosen here and nowhere else: `LAWS` names its parameters and state, the template folder
-`law/<kind>/` holds its C.
-"""
+"""View model of the controller: parameters with values, ranges and meaning, state, and what the self-test knows."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from codegen.config import KM_H, Config
+from codegen.emit.laws import law_of
+from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, parameter_view
 from codegen.emit.text import Precision, literal, numpy_type
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
 
-RATE_OFF = 1000.0
-"""rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
-
 SPEED_UNKNOWN = 1000.0
 """m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
+
+REFERENCE_OVERSHOOT = 1.05
+"""Of the reference model's yaw rate over what the road is taken to allow."""
 
 SELFTEST_TOLERANCE = 1e-5
 """rad/s. Fusing multiply and add changes the lookup by some units in the last place; a wrong cell changes it by far more."""
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One field of the parameter struct, SI units, with its allowed range (None: any unsigned count)."""
+class GripView:
+    """What the map allows on its road, and the friction for each m/s^2 of it."""
 
-    name: str
-    value: float
-    comment: str
-    low: float | None = None
-    high: float | None = None
-
-
-@dataclass(frozen=True)
-class ParameterView:
-    """A parameter as C text."""
-
-    type: str
-    name: str
-    value: str
-    comment: str
-    low: str
-    high: str
-
-
-@dataclass(frozen=True)
-class FieldView:
-    """One field of the controller's state."""
-
-    type: str
-    name: str
-    comment: str
+    grip_max: str
+    friction_per_grip: str
+    reference_overshoot: str
 
 
 @dataclass(frozen=True)
@@ -65,48 +39,16 @@ class ControllerView:
 
     parameters: tuple[ParameterView, ...]
     ranged: tuple[ParameterView, ...]
+    ranged_arrays: tuple[ParameterView, ...]
+    points: tuple[tuple[str, int], ...]
     state: tuple[FieldView, ...]
     sampling_time: str
     period_text: str
     actuator_angle_max: str
     speed_unknown: str
+    grip: GripView
     known: tuple[str, ...]
     known_tolerance: str
-
-
-@dataclass(frozen=True)
-class Law:
-    """A kind of controller: its own parameters, its own state, and the template folder of the same name."""
-
-    kind: str
-    parameters: Callable[[Config], tuple[Parameter, ...]]
-    state: tuple[tuple[str, str], ...]
-
-
-def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
-    controller = config.controller
-    return (
-        Parameter(
-            "proportional_gain", controller.proportional_gain_s, "s: rad of rear angle for each rad/s of error", 0.0, 10.0
-        ),
-        Parameter("integral_gain", controller.integral_gain, "rad of rear angle for each rad of integrated error", 0.0, 100.0),
-        Parameter(
-            "rear_angle_error_max",
-            math.radians(controller.rear_angle_error_max_deg),
-            "rad, how far the demand may run ahead of the measured rear angle",
-            1e-4,
-            1.0,
-        ),
-    )
-
-
-LAWS = {
-    "pi": Law(
-        kind="pi",
-        parameters=_pi_parameters,
-        state=(("integral", "rad, of rear angle"),),
-    ),
-}
 
 
 def _common_parameters(config: Config) -> tuple[Parameter, ...]:
@@ -165,44 +107,49 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
 
 
 _COMMON_STATE = (
-    ("real", "rear_angle", "rad, last command"),
-    ("real", "yaw_rate_reference", "rad/s, last reference"),
-    ("real", "speed", "m/s, last one in range"),
-    ("uint16_t", "bad_samples", "in a row"),
-    ("uint16_t", "good_samples", "in a row, counted in fail-safe"),
-    ("uint16_t", "implausible_samples", "in a row"),
-    ("bool", "enabled", "above the enabling speed, with hysteresis"),
+    Field("real", "rear_angle", "rad, last command"),
+    Field("real", "yaw_rate_reference", "rad/s, last reference"),
+    Field("real", "speed", "m/s, last one in range"),
+    Field("uint16_t", "bad_samples", "in a row"),
+    Field("uint16_t", "good_samples", "in a row, counted in fail-safe"),
+    Field("uint16_t", "implausible_samples", "in a row"),
+    Field("bool", "enabled", "above the enabling speed, with hysteresis"),
 )
 
 
 def controller_view(config: Config, total: TotalMap, prefix: str, precision: Precision, real: str) -> ControllerView:
-    """The view of the configured controller around a total map."""
-    law = LAWS[config.controller.kind]
-    parameters = tuple(
-        _view(parameter, precision, real) for parameter in (*law.parameters(config), *_common_parameters(config))
-    )
-    state = [FieldView(real, name, comment) for name, comment in law.state]
-    state += [FieldView(real if kind == "real" else kind, name, comment) for kind, name, comment in _COMMON_STATE]
+    """The view of the configured controller around a total map. Raises BuildError: see `law_of`."""
+    law = law_of(config)
+    given = (*law.parameters(config), *_common_parameters(config))
+    parameters = tuple(parameter_view(parameter, precision, real) for parameter in given)
+    parameters = tuple(replace(view, points=view.points.format(PREFIX=prefix.upper())) for view in parameters)
+    state = [field_view(field, real) for field in (*law.state, *_COMMON_STATE)]
+    if law.uses_reference_model:
+        state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
+    state.append(FieldView(f"{prefix}_limiter_t", "limiter", "last in the chain"))
     state.append(FieldView(f"{prefix}_status_t", "status", "of the last step"))
     period = config.controller.sampling_time_s
     return ControllerView(
         parameters=parameters,
-        ranged=tuple(parameter for parameter in parameters if parameter.low),
+        ranged=tuple(view for view in parameters if view.low and not view.points),
+        ranged_arrays=tuple(view for view in parameters if view.points),
+        points=law.points(config, prefix),
         state=tuple(state),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         speed_unknown=literal(SPEED_UNKNOWN, precision),
+        grip=_grip_view(total, precision),
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
 
 
-def _view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
-    if parameter.low is None or parameter.high is None:
-        return ParameterView("uint16_t", parameter.name, f"{int(parameter.value)}u", parameter.comment, "", "")
-    low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
-    return ParameterView(real, parameter.name, literal(parameter.value, precision), parameter.comment, low, high)
+def _grip_view(total: TotalMap, precision: Precision) -> GripView:
+    cap = total.lateral_acceleration_cap
+    # Rounded up, so that the full grip is not taken for a road more slippery than the map's.
+    per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
+    return GripView(literal(cap, precision), literal(per_grip, precision), literal(REFERENCE_OVERSHOOT, precision))
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:

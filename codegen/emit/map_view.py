@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from codegen.config import KM_H
 from codegen.emit.text import Precision, literal, numpy_type
@@ -55,12 +57,52 @@ class RowView:
 
 
 @dataclass(frozen=True)
+class LayerView:
+    """One friction of a table."""
+
+    text: str
+    rows: tuple[RowView, ...]
+
+
+@dataclass(frozen=True)
+class TableView:
+    """A table on the shared axes; `indices` are what picks each of its layers ("" where there is only one)."""
+
+    name: str
+    function: str
+    unit: str
+    layers: tuple[LayerView, ...]
+    indices: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SteeringView:
+    """The linear car of `extend.CapSteering`."""
+
+    wheelbase: str
+    understeer_coefficient: str
+    rear_arm: str
+    rear_slip: str
+    sideslip_max: str
+    rear_angle_max: str
+
+
+@dataclass(frozen=True)
 class MapView:
-    """The table with its axes and its cap."""
+    """The tables with their axes and caps."""
 
     speed: AxisView
     front_angle: AxisView
-    rows: tuple[RowView, ...]
+    tables: tuple[TableView, ...]
+    table_size: str
+    with_rear_angle: bool
+    stacked: bool
+    layer_count: int
+    frictions: str
+    frictions_text: str
+    caps: str
+    steering: SteeringView
+    rear_angle_max_text: str
     cap: str
     cap_per_friction: str
     cap_text: str
@@ -84,27 +126,41 @@ def lines_of(numbers: list[str], last_comma: bool = False) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def map_view(total: TotalMap, precision: Precision) -> MapView:
-    """The view of a total map. Raises ValueError where a number has no literal (the map contract rules that out)."""
+def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
+    """The view of a total map; `with_rear_angle` where the control law looks the optimum's rear angle up.
+
+    Raises ValueError where a number has no literal (the map contract rules that out).
+    """
     lookup = Lookup.from_map(total, numpy_type(precision))
     for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
         _check_apart(key, constants)
-    table = lookup.table
-    bits = table.dtype.itemsize * 8
-    rows = tuple(
-        RowView(
-            text=f"{speed / KM_H:.4g} km/h",
-            lines=lines_of([literal(value, precision) for value in row]),
-        )
-        for speed, row in zip(total.speed, table, strict=True)
+    stacked = bool(total.layers)
+    named = [("yaw_rate_table", "uncapped_yaw_rate", "rad/s", lookup.tables)]
+    if with_rear_angle:
+        named.append(("rear_angle_table", "rear_angle_of_table", "rad", lookup.rear_tables))
+    tables = tuple(
+        TableView(name, function, unit, _layers(total, numbers, precision), _indices(len(numbers), stacked))
+        for name, function, unit, numbers in named
     )
+    bits = lookup.table.dtype.itemsize * 8
     uneven = [constants.table for constants in (lookup.speed_axis, lookup.front_axis) if not constants.axis.even]
-    numbers = np.concatenate([table.ravel(), *uneven])
-    checksum = zlib.crc32(numbers.astype(table.dtype.newbyteorder("<")).tobytes())
+    also = ([lookup.frictions] if stacked else []) + uneven
+    numbers = np.concatenate([table.ravel() for *_, table in named] + also)
+    checksum = zlib.crc32(numbers.astype(lookup.table.dtype.newbyteorder("<")).tobytes())
+    points = f"[{prefix.upper()}_MAP_SPEED_POINTS][{prefix.upper()}_MAP_FRONT_ANGLE_POINTS]"
     return MapView(
         speed=_axis_view(lookup.speed_axis, "speed", "speed", "m/s", precision),
         front_angle=_axis_view(lookup.front_axis, "front_angle", "magnitude", "rad", precision),
-        rows=rows,
+        tables=tables,
+        table_size=f"[{prefix.upper()}_MAP_FRICTION_POINTS]{points}" if stacked else points,
+        with_rear_angle=with_rear_angle,
+        stacked=stacked,
+        layer_count=len(lookup.frictions),
+        frictions=", ".join(literal(value, precision) for value in lookup.frictions),
+        frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
+        caps=", ".join(literal(value, precision) for value in lookup.caps),
+        steering=SteeringView(*(literal(value, precision) for value in astuple(lookup.steering))),
+        rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap=literal(lookup.lateral_acceleration_cap, precision),
         cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),
         cap_text=f"{total.lateral_acceleration_cap:.4g} m/s^2",
@@ -113,11 +169,33 @@ def map_view(total: TotalMap, precision: Precision) -> MapView:
         checksum=f"0x{checksum:08X}u",
         checksum_value=checksum,
         checksum_steps=numbers.size * bits // 4,
-        checksum_also=", then over the uneven breakpoints" if uneven else "",
+        checksum_also=_checksum_also(stacked, bool(uneven)),
         bits=bits,
         bits_type=f"uint{bits}_t",
         flash_bytes=numbers.nbytes,
     )
+
+
+def _checksum_also(stacked: bool, uneven: bool) -> str:
+    also = (["the frictions"] if stacked else []) + (["the uneven breakpoints"] if uneven else [])
+    return f", then over {' and '.join(also)}" if also else ""
+
+
+def _layers(total: TotalMap, tables: npt.NDArray[Any], precision: Precision) -> tuple[LayerView, ...]:
+    return tuple(
+        LayerView(
+            text=f"{layer.friction:g}",
+            rows=tuple(
+                RowView(f"{speed / KM_H:.4g} km/h", lines_of([literal(value, precision) for value in row]))
+                for speed, row in zip(total.speed, table, strict=True)
+            ),
+        )
+        for layer, table in zip(total.stack, tables, strict=True)
+    )
+
+
+def _indices(layers: int, stacked: bool) -> tuple[str, ...]:
+    return tuple(f"[{layer}u]" for layer in range(layers)) if stacked else ("",)
 
 
 def _check_apart(key: str, constants: AxisConstants) -> None:

@@ -50,7 +50,8 @@ def read_file(path: Path) -> bytes:
 def check_size(size: int, limit: int, where: object) -> None:
     """Refuse more than `limit` bytes. Raises MapError."""
     if size > limit:
-        raise MapError(f"over {MAX_UNPACKED_BYTES >> 20} MiB unpacked", where=where, remedy="give the map fewer breakpoints")
+        remedy = "give the map fewer breakpoints, or its stack fewer frictions"
+        raise MapError(f"over {MAX_UNPACKED_BYTES >> 20} MiB unpacked", where=where, remedy=remedy)
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def choose_config(reference_map: ReferenceMap | None, config_path: Path | None) 
     if reference_map is None:
         return Chosen(paper, "preset")
     # The paper's controller belongs to the paper's maps; another table gets the one with its rate limit on.
-    return Chosen(paper.model_copy(update={"controller": Controller()}), "preset", (PRESET_NOTE,))
+    return Chosen(paper.model_copy(update={"controller": Controller(kind="pi")}), "preset", (PRESET_NOTE,))
 
 
 def _borrowed(config: Config) -> tuple[str, ...]:

@@ -9,13 +9,16 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
   uncapped, so that the lookup meets the minimum of both exactly and not along a chord;
 - a speed without a feasible cell takes its neighbours'.
 
+The rear angle that goes with it follows the same rules: the optimum's own inside, and beyond an edge the edge's, which is what the
+linear car needs for the straight line of the third rule. A bare table brings no rear angles: they are delta_f - r/G then.
+
 Holding the last feasible yaw rate instead would, at 20 km/h, ask for less than the passive car does at larger angles, and
 steer the rear wheels with the front ones just where the driver wants to turn.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -26,9 +29,11 @@ from codegen.errors import MapError
 from codegen.refmap import exact
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
+from codegen.refmap.stack import layer_configs
 from codegen.vehicle.single_track import SingleTrack
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 class Rule(StrEnum):
@@ -53,31 +58,75 @@ RULE_TEXT = {
 
 
 @dataclass(frozen=True)
+class CapSteering:
+    """Rear steering for the yaw rate that the cap takes away: the linear car turns by 1/G = L/vx + K vx rad less for each rad/s.
+
+    Attributes:
+        wheelbase: L, m. understeer_coefficient: K, s^2/m.
+        rear_arm: m, and rear_slip_per_lateral_acceleration: rad s^2/m, of the sideslip beta = delta_r + r (lr/vx - slip vx).
+        sideslip_max: rad; such steering ends where the steady sideslip would reach it.
+        rear_angle_max: rad.
+    """
+
+    wheelbase: float
+    understeer_coefficient: float
+    rear_arm: float
+    rear_slip_per_lateral_acceleration: float
+    sideslip_max: float
+    rear_angle_max: float
+
+    @classmethod
+    def from_config(cls, config: Config) -> CapSteering:
+        """Of the car and the limits of a configuration."""
+        car = SingleTrack.from_config(config)
+        return cls(
+            car.wheelbase,
+            car.understeer_coefficient,
+            car.rear_arm,
+            car.rear_slip_per_lateral_acceleration,
+            config.limits.sideslip_max,
+            min(config.limits.rear_angle_max, config.rear_actuator.angle_max),
+        )
+
+
+@dataclass(frozen=True)
 class TotalMap:
     """A map over the whole domain of an ECU.
 
     Attributes:
         speed: (n,) m/s, from 0. front_angle: (m,) rad, from 0 to the mechanical stop or beyond.
         yaw_rate: (n, m) rad/s, before the cap.
+        rear_angle: (n, m) rad, within the actuator's range.
         rule: (n, m) of `Rule` letters.
         lateral_acceleration_cap: ay_cap, m/s^2.
         friction: the road friction that the map assumes.
+        steering: what the lookup needs where the cap takes yaw rate away.
+        layers: the total maps of lower frictions on the same axes, the lowest first.
     """
 
     speed: FloatArray
     front_angle: FloatArray
     yaw_rate: FloatArray
+    rear_angle: FloatArray
     rule: npt.NDArray[np.str_]
     lateral_acceleration_cap: float
     friction: float
+    steering: CapSteering
+    layers: tuple[TotalMap, ...] = ()
+
+    @property
+    def stack(self) -> tuple[TotalMap, ...]:
+        """All total maps, the one of the lowest friction first, this one last."""
+        return (*self.layers, self)
 
 
 @dataclass(frozen=True)
 class _Edges:
-    """End of the usable front angles at each speed (n,): angle, yaw rate there, and whether grip ends it."""
+    """End of the usable front angles at each speed (n,): angle, yaw rate and rear angle there, and whether grip ends it."""
 
     front_angle: FloatArray
     yaw_rate: FloatArray
+    rear_angle: FloatArray
     grip_limited: npt.NDArray[np.bool_]
 
 
@@ -98,12 +147,13 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         raise MapError("no cell is feasible", where="feasible", remedy="relax the limits or check the vehicle data")
     gain = _passive_gain(config, speed)
     cap = _lateral_acceleration_cap(reference_map)
-    yaw_rate, rule = _fill_inside(reference_map)
-    edges = _edges(reference_map, yaw_rate)
+    yaw_rate, rule = _fill_inside(reference_map, reference_map.yaw_rate)
+    rear_angle, _ = _fill_inside(reference_map, _rear_angle(reference_map, gain))
+    edges = _edges(reference_map, yaw_rate, rear_angle, gain)
     stop = config.steering.front_angle_stop if front_angle_stop is None else front_angle_stop
     angles = np.concatenate([front_angle, [stop]]) if stop > front_angle[-1] * (1.0 + 1e-6) else front_angle
-    filled = np.full((speed.size, angles.size), np.nan)
-    filled[:, : front_angle.size] = yaw_rate
+    filled, rear = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
+    filled[:, : front_angle.size], rear[:, : front_angle.size] = yaw_rate, rear_angle
     letters = np.full(filled.shape, Rule.PASSIVE_SLOPE.value)
     letters[:, : front_angle.size] = rule
     slope_line = edges.yaw_rate[:, np.newaxis] + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
@@ -112,8 +162,37 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     grip = edges.grip_limited[:, np.newaxis]
     filled = np.where(beyond, np.where(grip, hold, slope_line), filled)
     letters = np.where(beyond & grip, Rule.HOLD.value, letters)
-    filled, letters = _from_neighbours(speed, filled, letters)
-    return _with_zeros(speed, angles, filled, letters, cap, config.road.friction)
+    rear = np.where(beyond, edges.rear_angle[:, np.newaxis], rear)
+    steering = CapSteering.from_config(config)
+    empty: BoolArray = np.any(np.isnan(filled), axis=1)
+    letters = np.where(empty[:, np.newaxis], Rule.NEIGHBOUR.value, letters)
+    filled, rear = (_from_neighbours(speed, values, empty) for values in (filled, rear))
+    rear = np.clip(rear, -steering.rear_angle_max, steering.rear_angle_max)
+    layers = tuple(
+        extend(layer.map, road, stop)
+        for layer, road in zip(reference_map.layers, layer_configs(reference_map, config), strict=True)
+    )
+    zeros = _Zeros(speed, angles)
+    return TotalMap(
+        speed=zeros.speed,
+        front_angle=zeros.front_angle,
+        yaw_rate=zeros.table(filled),
+        rear_angle=zeros.table(rear),
+        rule=zeros.rule(letters),
+        lateral_acceleration_cap=cap,
+        friction=config.road.friction,
+        steering=steering,
+        layers=layers,
+    )
+
+
+def _rear_angle(reference_map: ReferenceMap, gain: FloatArray) -> FloatArray:
+    """(n, m) rad: the map's own, else what the linear car needs for its yaw rate."""
+    if reference_map.rear_angle is not None:
+        return reference_map.rear_angle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = reference_map.front_angle - reference_map.yaw_rate / gain[:, np.newaxis]
+    return np.where(reference_map.feasible & np.isfinite(needed), needed, np.where(reference_map.feasible, 0.0, np.nan))
 
 
 def _passive_gain(config: Config, speed: FloatArray) -> FloatArray:
@@ -146,10 +225,10 @@ def _lateral_acceleration_cap(reference_map: ReferenceMap) -> float:
     return cap
 
 
-def _fill_inside(reference_map: ReferenceMap) -> tuple[FloatArray, npt.NDArray[np.str_]]:
-    """Yaw rates with gaps between (or before) feasible cells filled; NaN only beyond the last feasible cell of a row."""
+def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
+    """A table (n, m) with gaps between (or before) feasible cells filled; NaN only beyond the last feasible cell of a row."""
     front_angle, feasible = reference_map.front_angle, reference_map.feasible
-    yaw_rate = np.where(feasible, reference_map.yaw_rate, np.nan)
+    filled = np.where(feasible, table, np.nan)
     rule = np.where(feasible, Rule.SOLVED.value, Rule.PASSIVE_SLOPE.value)
     for row, known in enumerate(feasible):
         if not known.any():
@@ -157,13 +236,13 @@ def _fill_inside(reference_map: ReferenceMap) -> tuple[FloatArray, npt.NDArray[n
         last = int(np.flatnonzero(known)[-1])
         gaps = np.flatnonzero(~known[: last + 1])
         points = np.concatenate([[0.0], front_angle[known]])
-        values = np.concatenate([[0.0], yaw_rate[row, known]])
-        yaw_rate[row, gaps] = np.interp(front_angle[gaps], points, values)
+        values = np.concatenate([[0.0], filled[row, known]])
+        filled[row, gaps] = np.interp(front_angle[gaps], points, values)
         rule[row, gaps] = Rule.BETWEEN.value
-    return yaw_rate, rule
+    return filled, rule
 
 
-def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray) -> _Edges:
+def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray, rear_angle: FloatArray, gain: FloatArray) -> _Edges:
     """For a solved map from the continuous problem; else, and beyond the last angle, the last known cell of each row."""
     front_angle = reference_map.front_angle
     known = np.isfinite(yaw_rate)
@@ -172,10 +251,11 @@ def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray) -> _Edges:
     some = known.any(axis=1)
     angle = np.where(some, front_angle[last], np.nan)
     value = np.where(some, yaw_rate[rows, last], np.nan)
+    rear = np.where(some, rear_angle[rows, last], np.nan)
     grip = np.zeros(angle.shape, dtype=bool)
     problem = _problem(reference_map)
     if problem is not None:
-        found = exact.edge(problem, reference_map.speed)
+        found = _end_of_cells(reference_map, problem)
         # The edge counts where the cells end at it. Beyond the last breakpoint it is not reached by the table; elsewhere the
         # user has taken cells out of a solved map, which then ends where its cells do.
         below = np.where(some, front_angle[last], 0.0)
@@ -184,41 +264,64 @@ def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray) -> _Edges:
         inside = (found.front_angle >= below - slack) & (found.front_angle <= above + slack)
         angle = np.where(inside, found.front_angle, angle)
         value = np.where(inside, found.yaw_rate, value)
+        rear = np.where(inside, found.front_angle - found.yaw_rate / gain, rear)
         grip = inside & found.grip_limited
-    return _Edges(angle, value, grip)
+    return _Edges(angle, value, rear, grip)
 
 
-def _from_neighbours(
-    speed: FloatArray, filled: FloatArray, letters: npt.NDArray[np.str_]
-) -> tuple[FloatArray, npt.NDArray[np.str_]]:
-    empty: npt.NDArray[np.bool_] = np.any(np.isnan(filled), axis=1)
-    if not empty.any():
-        return filled, letters
-    filled = filled.copy()
+def _end_of_cells(reference_map: ReferenceMap, problem: SteadyTurnProblem) -> exact.Edge:
+    """The edge of the continuous problem. A passive-safe map ends where the passive car does, with the optimum's own values
+    there: mostly below what grip allows, so that the slope goes on from them."""
+    assert reference_map.config is not None and reference_map.case is not None  # a solved map has both
+    speed = reference_map.speed
+    if not reference_map.config.case(reference_map.case).passive_safe or problem.rear_angle_max == 0.0:
+        return exact.edge(problem, speed)
+    passive = exact.edge(replace(problem, rear_angle_max=0.0), speed)
+    # A trifle inside, for rounding decides whether the edge itself is feasible.
+    inside = passive.front_angle * (1.0 - 1e-12)
+    yaw_rate = [exact.solve(problem, speed[i : i + 1], inside[i : i + 1]).yaw_rate[0, 0] for i in range(speed.size)]
+    return exact.Edge(passive.front_angle, np.array(yaw_rate), np.zeros(speed.shape, dtype=bool))
+
+
+def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> FloatArray:
+    """A table (n, m) whose `empty` rows (n,) come from the rows around them."""
+    filled = table.copy()
     for column in range(filled.shape[1]):
-        filled[empty, column] = np.interp(speed[empty], speed[~empty], filled[~empty, column])
-    return filled, np.where(empty[:, np.newaxis], Rule.NEIGHBOUR.value, letters)
+        filled[empty, column] = np.interp(speed[empty], speed[~empty], table[~empty, column])
+    return filled
 
 
-def _with_zeros(
-    speed: FloatArray,
-    front_angle: FloatArray,
-    yaw_rate: FloatArray,
-    letters: npt.NDArray[np.str_],
-    cap: float,
-    friction: float,
-) -> TotalMap:
-    """Put the zero row and the zero column where the breakpoints do not start at zero; make them zero where they do."""
-    zero = Rule.ZERO.value
-    if speed[0] > 0.0:
-        speed = np.concatenate([[0.0], speed])
-        yaw_rate = np.vstack([np.zeros(yaw_rate.shape[1]), yaw_rate])
-        letters = np.vstack([np.full(letters.shape[1], zero), letters])
-    if front_angle[0] > 0.0:
-        front_angle = np.concatenate([[0.0], front_angle])
-        yaw_rate = np.hstack([np.zeros((yaw_rate.shape[0], 1)), yaw_rate])
-        letters = np.hstack([np.full((letters.shape[0], 1), zero), letters])
-    yaw_rate, letters = yaw_rate.copy(), letters.copy()
-    yaw_rate[0, :], yaw_rate[:, 0] = 0.0, 0.0
-    letters[0, :], letters[:, 0] = zero, zero
-    return TotalMap(speed, front_angle, yaw_rate, letters, cap, friction)
+@dataclass(frozen=True)
+class _Zeros:
+    """Puts a zero row and a zero column where the breakpoints do not start at zero; makes them zero where they do."""
+
+    given_speed: FloatArray
+    given_front_angle: FloatArray
+
+    @property
+    def speed(self) -> FloatArray:
+        return _from_zero(self.given_speed)
+
+    @property
+    def front_angle(self) -> FloatArray:
+        return _from_zero(self.given_front_angle)
+
+    def table(self, values: FloatArray) -> FloatArray:
+        """Of numbers (n, m)."""
+        result = np.pad(values, self._padding)
+        result[0, :], result[:, 0] = 0.0, 0.0
+        return result
+
+    def rule(self, letters: npt.NDArray[np.str_]) -> npt.NDArray[np.str_]:
+        """Of letters (n, m)."""
+        result = np.pad(letters, self._padding, constant_values=Rule.ZERO.value)
+        result[0, :], result[:, 0] = Rule.ZERO.value, Rule.ZERO.value
+        return result
+
+    @property
+    def _padding(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (int(self.given_speed[0] > 0.0), 0), (int(self.given_front_angle[0] > 0.0), 0)
+
+
+def _from_zero(breakpoints: FloatArray) -> FloatArray:
+    return breakpoints if breakpoints[0] == 0.0 else np.concatenate([[0.0], breakpoints])

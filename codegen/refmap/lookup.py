@@ -7,14 +7,17 @@ is part of the contract, because in floating point it decides the last bit:
 2. even axis: first cell u = x inv_first; last cell u = (x - x_last) inv_last; core p = (x - x_core) inv, i = min(int(p), last),
    u = p - i. Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} - x_i).
 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
-4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above. A friction below the map's own scales ay_cap.
-   The sign of the front angle comes back last.
+   The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
+4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
+   needs for that, up to the sideslip bound (`_capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
+   it, ay_cap is interpolated. The sign of the front angle comes back last.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -107,29 +110,73 @@ class AxisConstants:
 
 
 @dataclass(frozen=True)
+class SteeringConstants:
+    """`extend.CapSteering` in the precision of the target."""
+
+    wheelbase: Any
+    understeer_coefficient: Any
+    rear_arm: Any
+    rear_slip: Any
+    sideslip_max: Any
+    rear_angle_max: Any
+
+    @classmethod
+    def from_map(cls, total: TotalMap, real: Real) -> SteeringConstants:
+        """Those of a total map."""
+        return cls(*(real(value) for value in astuple(total.steering)))
+
+
+@dataclass(frozen=True)
 class Lookup:
-    """Yaw rate (rad/s) of a total map at any speed (m/s) and front angle (rad), in single or double precision."""
+    """Yaw rate (rad/s) and rear angle (rad) of a total map at any speed (m/s) and front angle (rad), in the target's precision.
+
+    Attributes:
+        tables, rear_tables: (k, n, m), of the lowest friction first; k is 1 for a map without a stack.
+        frictions, caps: (k,) the layers' friction and ay_cap in m/s^2.
+        lateral_acceleration_cap_per_friction: m/s^2, of the lowest layer: below its friction the cap shrinks in proportion.
+    """
 
     speed_axis: AxisConstants
     front_axis: AxisConstants
-    table: npt.NDArray[Any]
-    lateral_acceleration_cap: Any
+    tables: npt.NDArray[Any]
+    rear_tables: npt.NDArray[Any]
+    frictions: npt.NDArray[Any]
+    caps: npt.NDArray[Any]
     lateral_acceleration_cap_per_friction: Any
-    friction: Any
+    steering: SteeringConstants
     real: Real
 
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
         """The lookup of a total map."""
+        lowest, stack = total.stack[0], total.stack
         return cls(
             speed_axis=AxisConstants(Axis.from_breakpoints(total.speed), real),
             front_axis=AxisConstants(Axis.from_breakpoints(total.front_angle), real),
-            table=total.yaw_rate.astype(real),
-            lateral_acceleration_cap=cap_in_precision(total.lateral_acceleration_cap, real),
-            lateral_acceleration_cap_per_friction=cap_in_precision(total.lateral_acceleration_cap / total.friction, real),
-            friction=real(total.friction),
+            tables=np.stack([layer.yaw_rate for layer in stack]).astype(real),
+            rear_tables=np.stack([layer.rear_angle for layer in stack]).astype(real),
+            frictions=np.array([layer.friction for layer in stack], dtype=real),
+            caps=np.array([cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack], dtype=real),
+            lateral_acceleration_cap_per_friction=cap_in_precision(lowest.lateral_acceleration_cap / lowest.friction, real),
+            steering=SteeringConstants.from_map(total, real),
             real=real,
         )
+
+    @property
+    def table(self) -> npt.NDArray[Any]:
+        """(n, m) yaw rates at the map's own friction."""
+        table: npt.NDArray[Any] = self.tables[-1]
+        return table
+
+    @property
+    def lateral_acceleration_cap(self) -> Any:
+        """m/s^2, at the map's own friction."""
+        return self.caps[-1]
+
+    @property
+    def friction(self) -> Any:
+        """The map's own."""
+        return self.frictions[-1]
 
     def __call__(self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan) -> npt.NDArray[Any]:
         """Yaw rate in rad/s, in `real`, of the broadcast shape of the arguments.
@@ -139,24 +186,70 @@ class Lookup:
             front_angle: rad, any value.
             friction: estimated peak friction; NaN, and more than the map assumes, count as the map's own.
         """
+        return self.reference(speed, front_angle, friction)[0]
+
+    def reference(
+        self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: float = math.nan
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Yaw rate in rad/s and the rear angle in rad that goes with it; arguments as of a call."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             v, angle = np.broadcast_arrays(np.asarray(speed, dtype=self.real), np.asarray(front_angle, dtype=self.real))
             zero = self.real(0.0)
             v = np.where(v > zero, v, zero)
             magnitude = np.where(angle < zero, -angle, angle)
             magnitude = np.where(magnitude > zero, magnitude, zero)
-            i, u = self.speed_axis.locate(np.where(v > self.speed_axis.top, self.speed_axis.top, v))
-            j, w = self.front_axis.locate(np.where(magnitude > self.front_axis.top, self.front_axis.top, magnitude))
-            table = self.table
-            lower = table[i, j] + u * (table[i + 1, j] - table[i, j])
-            upper = table[i, j + 1] + u * (table[i + 1, j + 1] - table[i, j + 1])
-            yaw_rate = lower + w * (upper - lower)
-            cap = self.lateral_acceleration_cap
-            if self.real(friction) < self.friction:
-                cap = self.lateral_acceleration_cap_per_friction * max(zero, self.real(friction))
-            yaw_rate = np.where(yaw_rate * v > cap, cap / v, yaw_rate)
-            result: npt.NDArray[Any] = np.where(angle < zero, -yaw_rate, yaw_rate)
-            return result
+            clamped = np.where(v > self.speed_axis.top, self.speed_axis.top, v)
+            row = self.speed_axis.locate(clamped)
+            column = self.front_axis.locate(np.where(magnitude > self.front_axis.top, self.front_axis.top, magnitude))
+            layer, cap = self._road(self.real(friction))
+            yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
+            capped = yaw_rate * v > cap
+            rear_angle = np.where(capped, self._capped_rear_angle(yaw_rate, rear_angle, cap / v, clamped), rear_angle)
+            yaw_rate = np.where(capped, cap / v, yaw_rate)
+            left = ~(angle < zero)
+            return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
+
+    def _road(self, friction: Any) -> tuple[tuple[int, Any], Any]:
+        """Layer and position above it, and ay_cap, at a friction estimate (NaN: none)."""
+        frictions, caps = self.frictions, self.caps
+        if not friction < frictions[-1]:
+            friction = frictions[-1]
+        friction = max(friction + self.real(0.0), self.real(0.0))
+        on_stack = max(friction, frictions[0])
+        layer = int(np.count_nonzero(on_stack >= frictions[1:-1]))
+        if frictions.size == 1:
+            cap = caps[0] if friction == frictions[0] else self.lateral_acceleration_cap_per_friction * friction
+            return (0, self.real(0.0)), cap
+        share = (on_stack - frictions[layer]) / (frictions[layer + 1] - frictions[layer])
+        cap = caps[layer] + share * (caps[layer + 1] - caps[layer])
+        if friction < frictions[0]:
+            cap = self.lateral_acceleration_cap_per_friction * friction
+        return (layer, share), cap
+
+    def _over_friction(self, tables: npt.NDArray[Any], layer: tuple[int, Any], row: Any, column: Any) -> npt.NDArray[Any]:
+        index, share = layer
+        slippery = _interpolate(tables[index], row, column)
+        if len(tables) == 1:
+            return slippery
+        result: npt.NDArray[Any] = slippery + share * (_interpolate(tables[index + 1], row, column) - slippery)
+        return result
+
+    def _capped_rear_angle(self, yaw_rate: Any, rear_angle: Any, allowed_yaw_rate: Any, speed: Any) -> npt.NDArray[Any]:
+        car = self.steering
+        excess = yaw_rate - allowed_yaw_rate
+        wanted = rear_angle + excess * (car.wheelbase / speed + car.understeer_coefficient * speed)
+        bound = car.sideslip_max - allowed_yaw_rate * (car.rear_arm / speed - car.rear_slip * speed)
+        wanted = np.where(wanted > bound, bound, wanted)
+        wanted = np.where(wanted > car.rear_angle_max, car.rear_angle_max, wanted)
+        return np.where(wanted > rear_angle, wanted, rear_angle)
+
+
+def _interpolate(table: npt.NDArray[Any], row: Any, column: Any) -> npt.NDArray[Any]:
+    (i, u), (j, w) = row, column
+    lower = table[i, j] + u * (table[i + 1, j] - table[i, j])
+    upper = table[i, j + 1] + u * (table[i + 1, j + 1] - table[i, j + 1])
+    result: npt.NDArray[Any] = lower + w * (upper - lower)
+    return result
 
 
 def error_bound(total: TotalMap, real: Real = np.float32) -> float:
@@ -168,6 +261,20 @@ def error_bound(total: TotalMap, real: Real = np.float32) -> float:
     and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value.
     """
     unit = 0.5 * float(np.finfo(real).eps)
+    return max(_layer_bound(layer, unit) for layer in total.stack) + _stack_bound(total, unit)
+
+
+def _stack_bound(total: TotalMap, unit: float) -> float:
+    """The same along the friction axis: position and interpolation of yaw rate and cap between layers."""
+    stack = total.stack
+    bound = 0.0
+    for lower, upper in pairwise(stack):
+        rise = float(np.abs(upper.yaw_rate - lower.yaw_rate).max())
+        bound = max(bound, 6.0 * unit * upper.friction * rise / (upper.friction - lower.friction))
+    return bound + (16.0 * unit * float(total.yaw_rate.max()) if len(stack) > 1 else 0.0)
+
+
+def _layer_bound(total: TotalMap, unit: float) -> float:
     table = total.yaw_rate
     bound = 18.0 * unit * float(table.max())
     for breakpoints, rise in (

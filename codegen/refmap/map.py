@@ -4,74 +4,55 @@
 `beta`, `delta_r` (rad), `feasible`, `active` (what binds) and `meta`, a JSON text with the configuration. Nothing in a file is
 trusted: no pickle is read, no size believed, and what breaks the contract is refused with its key, index and remedy.
 
-Layer 3: imports `errors`, `config` and NumPy.
+That map is for the friction of its configuration, `road.friction`. A stack adds maps of the same car for lower frictions on the
+same axes: `friction` (k,) rising by 0.01 or more, all as far below that of the map, and `friction_yaw_rate` (k, n, m) with
+`friction_feasible` and, exactly where the map has the table itself, `friction_beta`, `friction_delta_r`, `friction_active`.
+Each layer is held to all that the map is held to. Who reads the map alone finds it where it always was.
+
+Layer 3: imports `errors`, `config`, `vehicle` (by `road`) and NumPy.
 """
 
 from __future__ import annotations
 
-import enum
 import io
 import json
 import zipfile
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from codegen import __version__
 from codegen.config import Config, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
-from codegen.refmap import archive
+from codegen.refmap import archive, tables
+from codegen.refmap.road import on_road
+from codegen.refmap.tables import KEYS, UNITS, AnyArray, Binding, BindingArray, BoolArray, FloatArray
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-BindingArray = npt.NDArray[np.uint8]
-AnyArray = npt.NDArray[Any]
+__all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
 
 SCHEMA_VERSION = 1
-LATERAL_ACCELERATION_MAX_G = 5.0  # far above any tyre: degrees taken for radians ask for more
 STANDARD_GRAVITY = 9.81
 
-REQUIRED = ("vx", "delta_f", "yaw_rate")
-UNITS = {"vx": "m/s", "delta_f": "rad", "yaw_rate": "rad/s", "beta": "rad", "delta_r": "rad", "feasible": "1", "active": "1"}
-KEYS = (*UNITS, "meta")
-KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
-
-
-class Binding(enum.IntFlag):
-    """The constraints that bind in a cell: a set, for several may be reached together."""
-
-    NONE = 0
-    SIDESLIP = 1
-    LATERAL_ACCELERATION = 2
-    SLIP_FRONT = 4
-    SLIP_REAR = 8
-    REAR_ANGLE = 16
-
-
-ALL_BINDING = sum(Binding)
-
-
-class _Plausible(NamedTuple):
-    low: float
-    high: float
-    if_low: str
-    if_high: str
-
-
-_IN_DEGREES = "if it is in degrees, multiply by pi/180"
-PLAUSIBLE = {
-    "vx": _Plausible(0.0, 150.0, "leave reverse out: the map is for forward speeds", "if it is in km/h, divide by 3.6"),
-    "delta_f": _Plausible(0.0, 1.2, "leave right turns out: the map is symmetric", _IN_DEGREES),
-    "yaw_rate": _Plausible(0.0, 10.0, "turn the sign: both are positive to the left", "if it is in deg/s, multiply by pi/180"),
-    "beta": _Plausible(-0.5, 0.5, _IN_DEGREES, _IN_DEGREES),
-    "delta_r": _Plausible(-0.5, 0.5, _IN_DEGREES, _IN_DEGREES),
+ATTRIBUTES = {
+    "yaw_rate": "yaw_rate",
+    "beta": "sideslip",
+    "delta_r": "rear_angle",
+    "feasible": "feasible",
+    "active": "active",
 }
-"""Values (SI) beyond which no car's map goes, and what is likely wrong where one does."""
+"""File key of each table -> attribute of `ReferenceMap`."""
+
+
+@dataclass(frozen=True)
+class FrictionLayer:
+    """One lower friction of a stack, and the map for it: a map like any other, on the axes of the map that it belongs to."""
+
+    friction: float
+    map: ReferenceMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +67,14 @@ class ReferenceMap:
         sideslip: (n, m) rad, file key `beta`; None where the file has none (so are all below).
         rear_angle: (n, m) rad, file key `delta_r`.
         active: (n, m) `Binding` flags.
-        config: the configuration that the map was made from.
+        config: the configuration that the map was made from; its `road.friction` is the friction of this map.
         case: name of the case in it.
         meta: the parsed JSON of the file; {} where it has none.
+        layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
+            (`road.on_road`), case and meta of this one: who replaces those here replaces them there.
+
+    Raises:
+        ConfigError: the configuration cannot stand for a friction of the stack.
     """
 
     speed: FloatArray
@@ -101,6 +87,17 @@ class ReferenceMap:
     config: Config | None = None
     case: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
+    layers: tuple[FrictionLayer, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.layers:
+            own = tuple(FrictionLayer(layer.friction, self._of_this_car(layer)) for layer in self.layers)
+            object.__setattr__(self, "layers", own)
+
+    def _of_this_car(self, layer: FrictionLayer) -> ReferenceMap:
+        config = None if self.config is None else on_road(self.config, layer.friction)
+        changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
+        return replace(layer.map, config=config, case=self.case, meta={**self.meta, **changes}, layers=())
 
     @property
     def solved(self) -> bool:
@@ -128,7 +125,7 @@ def load(path: Path) -> ReferenceMap:
 
 def from_bytes(data: bytes, where: object) -> ReferenceMap:
     """The map in the bytes of an `.npz`; `where` is what messages name as the place. Raises MapError."""
-    return from_arrays(archive.read_archive(data, where, KEYS, _check_keys), where)
+    return from_arrays(archive.read_archive(data, where, KEYS, tables.check_keys), where)
 
 
 def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
@@ -139,19 +136,36 @@ def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
     Raises:
         MapError: the first fault, with its key and index.
     """
-    _check_keys(arrays, where)
-    speed, front_angle = _axis(arrays, "vx", where), _axis(arrays, "delta_f", where)
+    tables.check_keys(arrays, where)
+    speed, front_angle = tables.read_axis(arrays, "vx", where), tables.read_axis(arrays, "delta_f", where)
     shape = (speed.size, front_angle.size)
-    feasible = _feasible(arrays, shape, where)
-    yaw_rate = _cells(arrays, "yaw_rate", feasible, where)
-    optional = {key: _cells(arrays, key, feasible, where) for key in ("beta", "delta_r") if key in arrays}
+    own = tables.read_tables(arrays, shape, where)
     meta = _meta(arrays, where)
     config, case = _configuration(meta, where)
-    _check_lateral_acceleration(speed, yaw_rate, STANDARD_GRAVITY if config is None else config.road.gravity_m_s2, where)
-    active = _active(arrays, shape, where)
-    return ReferenceMap(
-        speed, front_angle, yaw_rate, feasible, optional.get("beta"), optional.get("delta_r"), active, config, case, meta
+    gravity = STANDARD_GRAVITY if config is None else config.road.gravity_m_s2
+    tables.check_lateral_acceleration(speed, own.yaw_rate, gravity, where)
+    base = ReferenceMap(
+        speed, front_angle, own.yaw_rate, own.feasible, own.sideslip, own.rear_angle, own.active, config, case, meta
     )
+    friction = tables.read_frictions(arrays, where)
+    if not friction.size:
+        return base
+    if config is not None:
+        tables.check_below_design(friction, config.road.friction, where)
+    stack = tables.read_tables(arrays, (friction.size, *shape), where)
+    tables.check_lateral_acceleration(speed, stack.yaw_rate, gravity, where)
+    return _with_stack(base, friction, stack, where)
+
+
+def _with_stack(base: ReferenceMap, friction: FloatArray, stack: tables.Tables, where: object) -> ReferenceMap:
+    layers = [
+        FrictionLayer(float(value), replace(base, **{name: getattr(layer, name) for name in ATTRIBUTES.values()}))
+        for value, layer in zip(friction, (stack.layer(index) for index in range(friction.size)), strict=True)
+    ]
+    try:
+        return replace(base, layers=tuple(layers))
+    except ConfigError as error:
+        raise MapError(error.what, where=f"{where}: {error.where}", remedy=error.remedy) from error
 
 
 def to_bytes(reference_map: ReferenceMap) -> bytes:
@@ -161,10 +175,10 @@ def to_bytes(reference_map: ReferenceMap) -> bytes:
         MapError: the map breaks the contract, or its `meta` does not hold its configuration and case.
     """
     where = "the map to save"
-    checked = from_arrays(_arrays(reference_map), where)
+    checked = from_arrays(_arrays(reference_map, where), where)
     if (checked.config, checked.case) != (reference_map.config, reference_map.case):
         raise MapError("it is not of this configuration and case", where=f"{where}: meta", remedy="make it with make_meta")
-    arrays = _arrays(checked)
+    arrays = _arrays(checked, where)
     archive.check_size(
         sum(array.nbytes + archive.NPY_HEADER_BYTES for array in arrays.values()), archive.MAX_UNPACKED_BYTES, where
     )
@@ -189,145 +203,40 @@ def save(reference_map: ReferenceMap, path: Path) -> None:
         raise MapError(error.what, where=error.where, remedy=error.remedy) from error
 
 
-def _arrays(reference_map: ReferenceMap) -> dict[str, AnyArray]:
-    arrays: dict[str, AnyArray | None] = {
-        "vx": reference_map.speed,
-        "delta_f": reference_map.front_angle,
-        "yaw_rate": reference_map.yaw_rate,
-        "beta": reference_map.sideslip,
-        "delta_r": reference_map.rear_angle,
-        "feasible": reference_map.feasible,
-        "active": reference_map.active,
-    }
+def _arrays(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
+    arrays: dict[str, AnyArray | None] = {"vx": reference_map.speed, "delta_f": reference_map.front_angle}
+    arrays |= {key: getattr(reference_map, name) for key, name in ATTRIBUTES.items()}
+    if reference_map.layers:
+        arrays |= _stacked(reference_map, where)
     if reference_map.meta:
         text = json.dumps(dict(reference_map.meta), sort_keys=True, separators=(",", ":"), allow_nan=False)
         arrays["meta"] = np.array(text)
     return {key: array for key, array in arrays.items() if array is not None}
 
 
-# --- arrays to a map ---------------------------------------------------------------------------------------------------
-
-
-def _check_keys(keys: Iterable[str], where: object) -> None:
-    present = list(keys)
-    for key in REQUIRED:
-        if key not in present:
+def _stacked(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
+    """The arrays of the stack under their keys. Raises MapError where a layer is no map like the one that it belongs to."""
+    shape = (reference_map.speed.size, reference_map.front_angle.size)
+    attributes = {key: name for key, name in ATTRIBUTES.items() if getattr(reference_map, name) is not None}
+    for index, layer in enumerate(reference_map.layers):
+        of_layer = {key: getattr(layer.map, name) for key, name in ATTRIBUTES.items()}
+        if not (
+            np.array_equal(layer.map.speed, reference_map.speed)
+            and np.array_equal(layer.map.front_angle, reference_map.front_angle)
+            and {key: table.shape for key, table in of_layer.items() if table is not None} == dict.fromkeys(attributes, shape)
+        ):
             raise MapError(
-                "this key is missing",
-                where=f"{where}: {key}",
-                remedy=f"add it, in {UNITS[key]}; the file holds {', '.join(present) or 'nothing'}",
+                "this layer does not have the axes and the tables of the map",
+                where=f"{where}: friction[{index}]",
+                remedy="make it with refmap.stack.solve_stack",
             )
+    arrays = {"friction": np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)}
+    for key, name in attributes.items():
+        arrays[tables.STACK_PREFIX + key] = np.stack([getattr(layer.map, name) for layer in reference_map.layers])
+    return arrays
 
 
-def _at(where: object, key: str, index: Iterable[np.intp]) -> str:
-    return f"{where}: {key}[{', '.join(str(i) for i in index)}]"
-
-
-def _numbers(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | None, where: object) -> FloatArray:
-    """A copy in float64 of real numbers (any integer or floating type) of a shape (None: one axis of any length)."""
-    array = np.asarray(arrays[key])
-    place = f"{where}: {key}"
-    if array.dtype.kind not in "iuf":
-        kind = KINDS.get(array.dtype.kind, str(array.dtype))
-        raise MapError(f"{kind} values, where real numbers are needed", where=place, remedy="save it as plain numbers")
-    if shape is None and array.ndim != 1:
-        raise MapError(f"shape {array.shape}, where one dimension is needed", where=place, remedy="save it with .ravel()")
-    if shape is not None and array.shape != shape:
-        transposed = array.shape == shape[::-1]
-        remedy = "transpose it" if transposed else "give a row for each vx and a column for each delta_f"
-        raise MapError(f"shape {array.shape}, where {shape} is needed (vx by delta_f)", where=place, remedy=remedy)
-    with np.errstate(all="ignore"):  # an overflow is found as inf
-        return np.array(array, dtype=np.float64, order="C")
-
-
-def _check_plausible(values: FloatArray, key: str, where: object) -> None:
-    limits = PLAUSIBLE[key]
-    for index in np.argwhere((values < limits.low) | (values > limits.high))[:1]:
-        value = values[tuple(index)]
-        raise MapError(
-            f"{value:.6g} is outside {limits.low:g} to {limits.high:g} {UNITS[key]}",
-            where=_at(where, key, index),
-            remedy=limits.if_low if value < limits.low else limits.if_high,
-        )
-
-
-def _axis(arrays: Mapping[str, AnyArray], key: str, where: object) -> FloatArray:
-    values = _numbers(arrays, key, None, where)
-    if values.size < 2:
-        raise MapError(f"{values.size} points", where=f"{where}: {key}", remedy="give at least two")
-    for index in np.argwhere(~np.isfinite(values))[:1]:
-        raise MapError(f"{values[index[0]]} on an axis", where=_at(where, key, index), remedy="give a finite breakpoint")
-    for index in np.argwhere(np.diff(values) <= 0.0)[:1] + 1:
-        left, right = values[index[0] - 1], values[index[0]]
-        raise MapError(
-            f"{right:.9g} is not above the breakpoint before it ({left:.9g})",
-            where=_at(where, key, index),
-            remedy="sort the axis, with the rows or columns of the tables, and remove doubles",
-        )
-    _check_plausible(values, key, where)
-    values.setflags(write=False)
-    return values
-
-
-def _feasible(arrays: Mapping[str, AnyArray], shape: tuple[int, int], where: object) -> BoolArray:
-    if "feasible" not in arrays:
-        feasible = np.ones(shape, dtype=np.bool_)
-    else:
-        array = np.asarray(arrays["feasible"])
-        numbers = _numbers({"feasible": array.view(np.uint8) if array.dtype == np.bool_ else array}, "feasible", shape, where)
-        for index in np.argwhere((numbers != 0.0) & (numbers != 1.0))[:1]:
-            raise MapError(
-                f"{numbers[tuple(index)]:g} is neither true nor false",
-                where=_at(where, "feasible", index),
-                remedy="give booleans, or 0 and 1",
-            )
-        feasible = numbers == 1.0
-    if not feasible.any():
-        raise MapError("infeasible everywhere", where=f"{where}: feasible", remedy="loosen the limits or move the grid")
-    feasible.setflags(write=False)
-    return feasible
-
-
-def _cells(arrays: Mapping[str, AnyArray], key: str, feasible: BoolArray, where: object) -> FloatArray:
-    values = _numbers(arrays, key, feasible.shape, where)
-    for index in np.argwhere(feasible & ~np.isfinite(values))[:1]:
-        raise MapError(
-            f"{values[tuple(index)]} in a feasible cell",
-            where=_at(where, key, index),
-            remedy="give a number, or mark the cell false in an array 'feasible'",
-        )
-    values[~feasible] = np.nan
-    _check_plausible(values, key, where)
-    values.setflags(write=False)
-    return values
-
-
-def _check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity: float, where: object) -> None:
-    in_g = speed[:, np.newaxis] * yaw_rate / gravity
-    # A map on the bound itself may lie above it by rounding.
-    for index in np.argwhere(in_g > LATERAL_ACCELERATION_MAX_G * (1.0 + 1e-9))[:1]:
-        i, j = index
-        raise MapError(
-            f"{yaw_rate[i, j]:.4g} rad/s at vx[{i}] = {speed[i]:.4g} m/s is {in_g[i, j]:.3g} g of lateral acceleration, "
-            f"above {LATERAL_ACCELERATION_MAX_G:g} g",
-            where=_at(where, "yaw_rate", index),
-            remedy="check whether vx is in km/h or yaw_rate in deg/s",
-        )
-
-
-def _active(arrays: Mapping[str, AnyArray], shape: tuple[int, int], where: object) -> BindingArray | None:
-    if "active" not in arrays:
-        return None
-    numbers = _numbers(arrays, "active", shape, where)
-    for index in np.argwhere(~np.isin(numbers, np.arange(ALL_BINDING + 1)))[:1]:
-        raise MapError(
-            f"{numbers[tuple(index)]:g} is no set of binding constraints",
-            where=_at(where, "active", index),
-            remedy=f"give whole numbers from 0 to {ALL_BINDING}, or leave the key out",
-        )
-    active = numbers.astype(np.uint8)
-    active.setflags(write=False)
-    return active
+# --- meta ----------------------------------------------------------------------------------------------------------------
 
 
 def _meta(arrays: Mapping[str, AnyArray], where: object) -> dict[str, Any]:
@@ -335,7 +244,7 @@ def _meta(arrays: Mapping[str, AnyArray], where: object) -> dict[str, Any]:
         return {}
     array, place = np.asarray(arrays["meta"]), f"{where}: meta"
     if array.ndim != 0 or array.dtype.kind != "U":
-        kind = KINDS.get(array.dtype.kind, "numeric")
+        kind = tables.kind_of(array) or "numeric"
         raise MapError(
             f"{kind} of shape {array.shape}, where one JSON text is needed",
             where=place,

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from codegen.config import Config
 from codegen.errors import MapError
 from codegen.refmap import exact
 from codegen.refmap.map import ReferenceMap, make_meta
-from codegen.refmap.problem import SteadyTurnProblem, breakpoints
+from codegen.refmap.problem import FloatArray, SteadyTurnProblem, breakpoints
 
 Method = Literal["exact", "ipopt"]
 
@@ -19,13 +23,15 @@ def solve_case(
 ) -> ReferenceMap:
     """The optimal map of a case.
 
+    A `passive_safe` case keeps of its operating points those that the car could drive without its rear steering as well.
+
     Args:
         method: "exact" (closed form over the whole grid) or "ipopt" (point by point; the reference).
         progress: called with (cells done, cells in all); only "ipopt" takes long enough to call it.
 
     Raises:
         ConfigError: no such case, or a grid beyond the critical speed of an oversteering car.
-        MapError: no operating point of the grid is feasible.
+        MapError: no operating point of the grid is feasible, or none is left of a passive_safe case.
     """
     problem = SteadyTurnProblem.from_config(config, config.case(case))
     speed, front_angle = breakpoints(config)
@@ -41,6 +47,14 @@ def solve_case(
             where=f"[cases.{case}]",
             remedy="relax [limits], start the grid at smaller front angles, or check the vehicle data",
         )
+    if config.case(case).passive_safe:
+        solution = _keep(solution, solution.feasible & passively_feasible(problem, speed, front_angle))
+        if not solution.feasible.any():
+            raise MapError(
+                "no operating point of the grid is feasible without rear steering",
+                where=f"[cases.{case}].passive_safe",
+                remedy="set it to false, relax [limits], or start the grid at smaller front angles",
+            )
     return ReferenceMap(
         speed=speed,
         front_angle=front_angle,
@@ -53,3 +67,17 @@ def solve_case(
         case=case,
         meta=make_meta(config, case, method),
     )
+
+
+def passively_feasible(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.bool_]:
+    """(n, m): where the car meets the same bounds with its rear wheels straight, for speeds (n,) m/s, front angles (m,) rad."""
+    return exact.solve(replace(problem, rear_angle_max=0.0), speed, front_angle).feasible
+
+
+def _keep(solution: exact.Solution, kept: npt.NDArray[np.bool_]) -> exact.Solution:
+    """The solution with all cells but `kept` (n, m) infeasible."""
+    yaw_rate, sideslip, rear_angle = (
+        np.where(kept, values, np.nan) for values in (solution.yaw_rate, solution.sideslip, solution.rear_angle)
+    )
+    active = np.where(kept, solution.active, np.uint8(0))
+    return replace(solution, yaw_rate=yaw_rate, sideslip=sideslip, rear_angle=rear_angle, feasible=kept, active=active)

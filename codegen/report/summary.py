@@ -43,8 +43,20 @@ def binding_text(flags: int) -> str:
 
 
 @dataclass(frozen=True)
+class LayerSummary:
+    """The map of one friction of the road in figures."""
+
+    friction: float
+    feasible_cells: int
+    lateral_acceleration_max_m_s2: float
+
+
+@dataclass(frozen=True)
 class MapSummary:
-    """A map in figures. Ranges are (smallest, largest) over feasible cells, in the units of the names."""
+    """A map in figures. Ranges are (smallest, largest) over feasible cells, in the units of the names.
+
+    `friction` is the one of the map itself, None where no configuration tells it; `stack` has the lower ones, rising.
+    """
 
     case: str | None
     speed_points: int
@@ -58,6 +70,8 @@ class MapSummary:
     sideslip_deg: tuple[float, float] | None
     rear_angle_deg: tuple[float, float] | None
     binding_cells: dict[str, int] | None
+    friction: float | None
+    stack: tuple[LayerSummary, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Name to value, for JSON."""
@@ -67,9 +81,11 @@ class MapSummary:
     def headline(self) -> str:
         """One line: where it comes from, size, feasibility."""
         origin = f"case {self.case}" if self.case else "a bare map"
+        lower = ", ".join(f"{layer.friction:g}" for layer in self.stack)
+        stack = f"; a stack with friction {lower}" if lower else ""
         return (
             f"{origin}, {self.speed_points} speeds x {self.front_angle_points} front angles, "
-            f"{self.feasible_cells} of {self.cells} cells feasible ({100.0 * self.feasible_cells / self.cells:.1f} %)"
+            f"{self.feasible_cells} of {self.cells} cells feasible ({100.0 * self.feasible_cells / self.cells:.1f} %){stack}"
         )
 
     @property
@@ -98,6 +114,21 @@ class MapSummary:
         counts = self.binding_cells or {}
         return [(name, str(count), f"{100.0 * count / self.feasible_cells:.1f} %") for name, count in counts.items()]
 
+    @property
+    def stack_rows(self) -> list[tuple[str, ...]]:
+        """Rows for the frictions, rising to that of the map itself: friction, cells, share, m/s^2; [] without a stack."""
+        if not self.stack:
+            return []
+
+        def row(name: str, cells: int, lateral_acceleration: float) -> tuple[str, ...]:
+            return name, str(cells), f"{100.0 * cells / self.cells:.1f} %", f"{lateral_acceleration:.4g}"
+
+        own = "the map itself" if self.friction is None else f"{self.friction:g} (the map itself)"
+        return [
+            *(row(f"{at.friction:g}", at.feasible_cells, at.lateral_acceleration_max_m_s2) for at in self.stack),
+            row(own, self.feasible_cells, self.lateral_acceleration_max_m_s2),
+        ]
+
 
 def _span(values: tuple[float, float]) -> tuple[str, str]:
     return f"{values[0]:.4g}", f"{values[1]:.4g}"
@@ -114,7 +145,6 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
     if reference_map.active is not None:
         counts = Counter(reference_map.active[feasible].tolist())
         binding = {binding_text(flags): count for flags, count in counts.most_common()}
-    lateral_acceleration = reference_map.speed[:, np.newaxis] * reference_map.yaw_rate
     degrees = math.degrees(1.0)
     return MapSummary(
         case=reference_map.case,
@@ -125,11 +155,20 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
         cells=feasible.size,
         feasible_cells=int(feasible.sum()),
         yaw_rate_deg_s=span(reference_map.yaw_rate, degrees),
-        lateral_acceleration_max_m_s2=span(lateral_acceleration, 1.0)[1],
+        lateral_acceleration_max_m_s2=_lateral_acceleration_max(reference_map),
         sideslip_deg=None if reference_map.sideslip is None else span(reference_map.sideslip, degrees),
         rear_angle_deg=None if reference_map.rear_angle is None else span(reference_map.rear_angle, degrees),
         binding_cells=binding,
+        friction=None if reference_map.config is None else reference_map.config.road.friction,
+        stack=tuple(
+            LayerSummary(layer.friction, int(layer.map.feasible.sum()), _lateral_acceleration_max(layer.map))
+            for layer in reference_map.layers
+        ),
     )
+
+
+def _lateral_acceleration_max(reference_map: ReferenceMap) -> float:
+    return float(np.max((reference_map.speed[:, np.newaxis] * reference_map.yaw_rate)[reference_map.feasible]))
 
 
 def metric_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:

@@ -221,10 +221,8 @@ def compile_build(
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
     sources.update(bench_sources(config or built_for, prefix, precision))
-    headers = [f"include/{prefix}_{name}.h" for name in ("map", "controller", "dynamics", "e2e", "can", "task")] + [
-        "bench/plant.h",
-        "bench/loop.h",
-    ]
+    public = [path for path in sources if path.startswith("include/") and path != f"include/{prefix}_sections.h"]
+    headers = [*public, "bench/plant.h", "bench/loop.h"]
     library = compile_library(f"{prefix}_sil", sources, headers, include_folders=("include", "bench"), flags=flags, mode=mode)
     return Software(library, prefix, precision, config or built_for, edited)
 

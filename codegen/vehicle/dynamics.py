@@ -36,6 +36,14 @@ PLANT_STATES = (
     "position_y",  # m
     "heading",  # rad
 )
+RELAXATION_STATES = (
+    "slip_front_left",  # rad, of each tyre: what its force follows from
+    "slip_front_right",
+    "slip_rear_left",
+    "slip_rear_right",
+)
+"""Further states of the plant where its tyres have a relaxation length."""
+
 PLANT_INPUTS = (
     "speed",  # m/s, forward, above zero
     "steering_wheel_command",  # rad
@@ -47,7 +55,7 @@ PLANT_OUTPUTS = (
     "sideslip_angle",  # rad
     "lateral_acceleration",  # m/s^2, of the centre of gravity
     "front_angle",  # rad, road wheel
-    "slip_front",  # rad, at the middle of the axle
+    "slip_front",  # rad, at the middle of the axle, from the motion: ahead of the tyres where they have a relaxation length
     "slip_rear",
 )
 
@@ -76,14 +84,82 @@ class Model:
     output: Any | None
 
 
-def _magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
-    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
-    x = tyre.stiffness_factor * (slip - tyre.horizontal_shift)
-    shape = ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
+@dataclass(frozen=True)
+class ShapedSingleTrack:
+    """The single-track model with its tyres' curve left open, so that a caller may evaluate that curve in its own way.
+
+    With s = (sin(C atan(X - E (X - atan X))) of the front and of the rear tyre) at X = arguments(x, u), derivative(x, u, s)
+    is that of `single_track(config, "magic-formula")`.
+
+    Attributes:
+        states, inputs: names of the elements of x and u: SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS.
+        arguments: (x, u) -> X (2,): B (alpha - S_H) of the front and of the rear tyre.
+        derivative: (x, u, shape (2,)) -> x'.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    arguments: Any
+    derivative: Any
+
+
+def _argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
+    """X: the slip angle as the formula's curve takes it."""
+    return tyre.stiffness_factor * (slip - tyre.horizontal_shift)
+
+
+def _shape(tyre: MagicFormulaTyre, x: Any) -> Any:
+    """The formula's curve, from -1 to 1."""
+    return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
+
+
+def _shaped_force(tyre: MagicFormulaTyre, shape: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel from the value of its curve."""
     relative: Any = tyre.peak_factor
     if tyre.peak_load_sensitivity != 0.0:
         relative = ca.fmax(tyre.peak_factor + tyre.peak_load_sensitivity * (load / tyre.static_load - 1.0), 0.0)
     return friction * relative * load * shape + tyre.vertical_shift
+
+
+def _magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
+    return _shaped_force(tyre, _shape(tyre, _argument(tyre, slip)), load, friction)
+
+
+class _SingleTrackTerms:
+    """Expressions of the single-track model over its symbols x and u."""
+
+    def __init__(self, config: Config) -> None:
+        self.tyres = AxleTyres.from_config(config)
+        self.vehicle = config.vehicle
+        beta, self.yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")
+        self.speed, front, rear, self.friction = (ca.SX.sym(name) for name in ("vx", "delta_f", "delta_r", "mu"))
+        self.x = ca.vertcat(beta, self.yaw_rate)
+        self.u = ca.vertcat(self.speed, front, rear, self.friction)
+        self.slip_front = beta + self.vehicle.cg_to_front_axle_m * self.yaw_rate / self.speed - front
+        self.slip_rear = beta - self.vehicle.cg_to_rear_axle_m * self.yaw_rate / self.speed - rear
+
+    @property
+    def arguments(self) -> tuple[Any, Any]:
+        """X of front and rear."""
+        return _argument(self.tyres.front, self.slip_front), _argument(self.tyres.rear, self.slip_rear)
+
+    def derivative_of_shapes(self, front: Any, rear: Any) -> Any:
+        """x' from the values of both curves, at static wheel loads."""
+        tyres = self.tyres
+        return self.derivative(
+            -2.0 * _shaped_force(tyres.front, front, tyres.front.static_load, self.friction),
+            -2.0 * _shaped_force(tyres.rear, rear, tyres.rear.static_load, self.friction),
+        )
+
+    def derivative(self, force_front: Any, force_rear: Any) -> Any:
+        """x' from the side forces of the axles in N, positive to the left."""
+        vehicle = self.vehicle
+        moment = vehicle.cg_to_front_axle_m * force_front - vehicle.cg_to_rear_axle_m * force_rear
+        return ca.vertcat(
+            (force_front + force_rear) / (vehicle.mass_kg * self.speed) - self.yaw_rate,
+            moment / vehicle.yaw_inertia_kg_m2,
+        )
 
 
 def single_track(config: Config, tyre_model: TyreModel) -> Model:
@@ -92,29 +168,37 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
     States [beta (rad), r (rad/s)], inputs [vx (m/s, above zero), delta_f (rad), delta_r (rad), friction]. With linear tyres
     the friction has no effect.
     """
-    tyres = AxleTyres.from_config(config)
-    vehicle = config.vehicle
-    beta, yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")
-    speed, front, rear, friction = (ca.SX.sym(name) for name in ("vx", "delta_f", "delta_r", "mu"))
-    slip_front = beta + vehicle.cg_to_front_axle_m * yaw_rate / speed - front
-    slip_rear = beta - vehicle.cg_to_rear_axle_m * yaw_rate / speed - rear
+    terms = _SingleTrackTerms(config)
+    tyres = terms.tyres
     if tyre_model == "linear":
-        force_front = -2.0 * tyres.front.cornering_stiffness * slip_front
-        force_rear = -2.0 * tyres.rear.cornering_stiffness * slip_rear
+        derivative = terms.derivative(
+            -2.0 * tyres.front.cornering_stiffness * terms.slip_front,
+            -2.0 * tyres.rear.cornering_stiffness * terms.slip_rear,
+        )
     else:
-        force_front = -2.0 * _magic_formula(tyres.front, slip_front, tyres.front.static_load, friction)
-        force_rear = -2.0 * _magic_formula(tyres.rear, slip_rear, tyres.rear.static_load, friction)
-    derivative = ca.vertcat(
-        (force_front + force_rear) / (vehicle.mass_kg * speed) - yaw_rate,
-        (vehicle.cg_to_front_axle_m * force_front - vehicle.cg_to_rear_axle_m * force_rear) / vehicle.yaw_inertia_kg_m2,
-    )
+        front, rear = terms.arguments
+        derivative = terms.derivative_of_shapes(_shape(tyres.front, front), _shape(tyres.rear, rear))
     return _model(
         f"single_track_{tyre_model.replace('-', '_')}",
         (SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS, ()),
-        ca.vertcat(beta, yaw_rate),
-        ca.vertcat(speed, front, rear, friction),
+        terms.x,
+        terms.u,
         derivative,
         None,
+    )
+
+
+def single_track_from_shapes(config: Config) -> ShapedSingleTrack:
+    """`single_track(config, "magic-formula")` in two parts, around the tyres' curve."""
+    terms = _SingleTrackTerms(config)
+    shape = ca.SX.sym("shape", 2)
+    derivative = terms.derivative_of_shapes(shape[0], shape[1])
+    x, u = terms.x, terms.u
+    return ShapedSingleTrack(
+        states=SINGLE_TRACK_STATES,
+        inputs=SINGLE_TRACK_INPUTS,
+        arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*terms.arguments)], ["x", "u"], ["argument"]),
+        derivative=ca.Function("single_track_from_shapes", [x, u, shape], [derivative], ["x", "u", "shape"], ["dx"]),
     )
 
 
@@ -140,11 +224,16 @@ def two_track(config: Config) -> Model:
     Planar motion at a given forward speed (Rajamani, section 8.3, without longitudinal forces). The load transfer takes the
     quasi-steady lateral acceleration vx r, as the paper does, and saturates where the inner wheel lifts, so the four loads
     always sum to m g. Actuators: first-order lag with a rate limit; the rear command saturates at the actuator's angle.
-    States, inputs and outputs: PLANT_STATES, PLANT_INPUTS, PLANT_OUTPUTS.
+    Where `plant.relaxation_length_m` (sigma) is above zero, the force of each tyre follows its slip angle with a first-order
+    lag over the distance rolled, alpha' = v/sigma (alpha_steady - alpha) with v of that wheel (H. B. Pacejka, Tire and Vehicle
+    Dynamics, the single-point contact model). States, inputs and outputs: PLANT_STATES and, with a relaxation length,
+    RELAXATION_STATES after them; PLANT_INPUTS, PLANT_OUTPUTS.
     """
     tyres = AxleTyres.from_config(config)
     vehicle, steering, actuator = config.vehicle, config.steering, config.rear_actuator
-    x = ca.SX.sym("x", len(PLANT_STATES))
+    relaxation = config.plant.relaxation_length_m
+    states = (*PLANT_STATES, *RELAXATION_STATES) if relaxation > 0.0 else PLANT_STATES
+    x = ca.SX.sym("x", len(states))
     u = ca.SX.sym("u", len(PLANT_INPUTS))
     lateral_speed, yaw_rate, wheel_angle, rear, _, _, heading = (x[i] for i in range(len(PLANT_STATES)))
     speed, wheel_command, rear_command, friction, yaw_moment = (u[i] for i in range(len(PLANT_INPUTS)))
@@ -163,7 +252,9 @@ def two_track(config: Config) -> Model:
     )
     force_y: Any = 0.0
     moment: Any = yaw_moment
-    slips = []
+    slips: list[Any] = []
+    slip_rates: list[Any] = []
+    lagged = [x[i] for i in range(len(PLANT_STATES), len(states))]
     for tyre, arm, angle, load, moved in axles:
         axle_lateral_speed = lateral_speed + arm * yaw_rate
         slips.append(ca.atan(axle_lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)) - angle)
@@ -171,6 +262,10 @@ def two_track(config: Config) -> Model:
         for side in (1.0, -1.0):  # left (inner in a left turn), right
             wheel_speed = ca.fmax(speed - side * half_track * yaw_rate, WHEEL_SPEED_MIN)
             slip = ca.atan(axle_lateral_speed / wheel_speed) - angle
+            if lagged:
+                held = lagged[len(slip_rates)]
+                slip_rates.append(wheel_speed / relaxation * (slip - held))
+                slip = held
             force = -_magic_formula(tyre, slip, load - side * moved, friction)
             force_y += force * along
             moment += arm * force * along + side * half_track * force * across
@@ -185,9 +280,10 @@ def two_track(config: Config) -> Model:
         speed * ca.cos(heading) - lateral_speed * ca.sin(heading),
         speed * ca.sin(heading) + lateral_speed * ca.cos(heading),
         yaw_rate,
+        *slip_rates,
     )
     output = ca.vertcat(ca.atan(lateral_speed / ca.fmax(speed, WHEEL_SPEED_MIN)), acceleration, front, slips[0], slips[1])
-    return _model("two_track", (PLANT_STATES, PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
+    return _model("two_track", (states, PLANT_INPUTS, PLANT_OUTPUTS), x, u, derivative, output)
 
 
 def _model(

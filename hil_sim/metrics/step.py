@@ -19,6 +19,9 @@ STEADY_WINDOW = 1.0
 SETTLED_SHARE = 0.01
 """A run counts as settled where the yaw rate swings by less than this share of its mean over that window."""
 
+SETTLING_SHARE = 0.02
+"""Half of the width of the band around the steady yaw rate, as a share of it, for the settling time."""
+
 
 @dataclass(frozen=True)
 class StepMetrics:
@@ -27,8 +30,9 @@ class StepMetrics:
     The reference is None for a car that is not controlled at the end. Where `settled` is false, "steady" is only a mean.
 
     `overshoot_percent` is of the steady yaw rate; `rise_time_s` and `peak_time_s` run from the start of steering, to 90 % of
-    the steady value and to the peak. `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering wheel;
-    None where it is not turned.
+    the steady value and to the peak; `settling_time_s` to where the yaw rate stays within 2 % of it, None where it does not
+    settle. `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering wheel; None where it is not
+    turned.
     """
 
     settled: bool
@@ -37,6 +41,7 @@ class StepMetrics:
     yaw_rate_reference_deg_s: float | None
     overshoot_percent: float
     rise_time_s: float
+    settling_time_s: float | None
     peak_time_s: float
     yaw_rate_gain_per_s: float | None
     sideslip_steady_deg: float
@@ -60,6 +65,7 @@ DESCRIBED = (
     ("yaw_rate_reference_deg_s", "reference, steady", "deg/s", 2),
     ("overshoot_percent", "overshoot", "%", 1),
     ("rise_time_s", "rise time to 90 %", "s", 2),
+    ("settling_time_s", "settling time to 2 %", "s", 2),
     ("peak_time_s", "peak time", "s", 2),
     ("yaw_rate_gain_per_s", "yaw-rate gain, steady", "1/s", 3),
     ("sideslip_steady_deg", "sideslip, steady", "deg", 2),
@@ -99,20 +105,25 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
     peak = sign * float((sign * yaw_rate[after]).max())
     risen = after & (sign * yaw_rate >= 0.9 * abs(yaw_rate_steady))
     first = int(np.flatnonzero(risen)[0]) if risen.any() else len(time) - 1
-    settled = np.arange(len(time)) >= first
-    swing = float(np.ptp(yaw_rate[steady]))
+    past_rise = np.arange(len(time)) >= first
+    swing, size = float(np.ptp(yaw_rate[steady])), max(abs(yaw_rate_steady), 1e-9)
     wheel = float(degrees("front_angle_rad")[steady].mean()) * steering_ratio
+    settled = swing <= SETTLED_SHARE * size
+    outside = np.flatnonzero(after & (np.abs(yaw_rate - yaw_rate_steady) > SETTLING_SHARE * size))
+    # The sample after the last one outside; a run that has settled is inside to its end.
+    inside_from = float(time[outside[-1] + 1]) if settled and outside.size else steer_time
     return StepMetrics(
-        settled=swing <= SETTLED_SHARE * max(abs(yaw_rate_steady), 1e-9),
+        settled=settled,
         yaw_rate_steady_deg_s=yaw_rate_steady,
         yaw_rate_peak_deg_s=peak,
         yaw_rate_reference_deg_s=reference,
         overshoot_percent=100.0 * (peak / yaw_rate_steady - 1.0) if yaw_rate_steady else 0.0,
         rise_time_s=float(time[first]) - steer_time,
+        settling_time_s=inside_from - steer_time if settled else None,
         peak_time_s=float(time[after][np.argmax(sign * yaw_rate[after])]) - steer_time,
         yaw_rate_gain_per_s=yaw_rate_steady / wheel if abs(wheel) > 1e-6 else None,
         sideslip_steady_deg=float(sideslip[steady].mean()),
-        sideslip_abs_min_deg=float(np.abs(sideslip[settled]).min()),
+        sideslip_abs_min_deg=float(np.abs(sideslip[past_rise]).min()),
         sideslip_abs_max_deg=float(np.abs(sideslip[after]).max()),
         rear_angle_min_deg=float(rear[after].min()),
         rear_angle_max_deg=float(rear[after].max()),

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -42,12 +43,20 @@ def solved(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("4ws2.npz")
 
 
-def test_a_user_goes_from_init_to_a_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("preset", ["recommended", "paper"])
+def test_a_user_goes_from_init_to_a_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preset: Literal["recommended", "paper"]
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run("init", "my-car").code == 0
+    assert run("init", "my-car", *(["--preset", preset] if preset == "paper" else [])).code == 0
     monkeypatch.chdir(tmp_path / "my-car")
-    assert configuration.load(Path("ars.toml")) == configuration.preset()
+    assert configuration.load(Path("ars.toml")) == configuration.preset(preset)
     assert run("solve", "--config", "ars.toml", "--case", "4ws-2", "-o", "4ws2.npz").code == 0
+    if preset == "recommended":
+        refused = run("build", "--map", "4ws2.npz")
+        assert refused.code == 2
+        assert "codegen tune" in refused.err
+        assert run("tune", "--map", "4ws2.npz", "-o", "4ws2.npz").code == 0
     shown = run("show", "4ws2.npz", "--plot", "map.png")
     assert "6582 of 10100 cells feasible" in shown.out
     assert "front slip + rear slip" in shown.out
@@ -114,7 +123,8 @@ def test_a_map_is_enough_and_brings_its_own_configuration(run: Run, tmp_path: Pa
     path.write_text(path.read_text().replace("integral_gain = 1.0", "integral_gain = 0.75"))
     run("solve", "--config", path, "--case", "4ws-2", "-o", "own.npz")
     path.unlink()
-    assert run("build", "--map", "own.npz").err == ""
+    notes = run("build", "--map", "own.npz").err.splitlines()
+    assert [note.partition(" of kind")[0] for note in notes] == ["note: the feedback"]  # its margins, and nothing borrowed
     assert ".integral_gain = 0.75f" in Path("generated/own/src/ars_controller.c").read_text()
 
 

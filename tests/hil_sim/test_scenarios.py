@@ -40,7 +40,8 @@ def column(scenario: Scenario, name: str, config: Config = CONFIG) -> np.ndarray
 
 @pytest.fixture(scope="module")
 def software() -> Software:
-    config = configuration.parse({"grid": {"speed_points": 21, "front_angle_points": 20}}, "configuration of the test")
+    tables = {"grid": {"speed_points": 21, "front_angle_points": 20}, "controller": {"kind": "pi"}}
+    config = configuration.parse(tables, "configuration of the test")
     folder = build(solve_case(config, "4ws-2"), config, BuildOptions("4ws2"), BuildInputs("4ws2.npz", "0" * 64, "map"))
     return compile_build(folder.files, folder.manifest)
 

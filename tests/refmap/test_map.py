@@ -25,7 +25,7 @@ from codegen import config as configuration
 from codegen.errors import MapError
 from codegen.refmap import archive
 from codegen.refmap import map as refmap
-from codegen.refmap.map import Binding, ReferenceMap
+from codegen.refmap.map import Binding, FrictionLayer, ReferenceMap
 
 Arrays = dict[str, Any]
 CONFIG = configuration.preset()
@@ -715,6 +715,7 @@ def test_map_that_could_not_be_read_back_is_not_saved(monkeypatch: pytest.Monkey
 # --- anything at all ----------------------------------------------------------------------------------------------------
 
 SAVED = refmap.to_bytes(solved_map())
+STACKED = refmap.to_bytes(replace(solved_map(), layers=(FrictionLayer(0.3, solved_map()), FrictionLayer(0.6, solved_map()))))
 TEXT = st.text(st.characters(exclude_categories=()))  # lone surrogates too: JSON can escape them
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | TEXT,
@@ -735,7 +736,9 @@ def check_total(data: bytes) -> None:
     assert loaded.feasible.any()
     assert np.all(np.diff(loaded.speed) > 0.0)
     assert np.all(np.diff(loaded.front_angle) > 0.0)
-    np.testing.assert_array_equal(np.isnan(loaded.yaw_rate), ~loaded.feasible)
+    for found in (loaded, *(layer.map for layer in loaded.layers)):
+        assert found.feasible.any()
+        np.testing.assert_array_equal(np.isnan(found.yaw_rate), ~found.feasible)
     assert refmap.to_bytes(refmap.from_bytes(refmap.to_bytes(loaded), "again")) == refmap.to_bytes(loaded)
 
 
@@ -746,10 +749,10 @@ def test_random_bytes(tail: bytes, start: bytes) -> None:
 
 
 @settings(deadline=None)
-@given(st.lists(st.integers(0, 8 * len(SAVED) - 1), min_size=1, max_size=4))
-def test_flipped_bits_of_a_file(bits: list[int]) -> None:
-    data = bytearray(SAVED)
-    for bit in bits:
+@given(st.sampled_from([SAVED, STACKED]), st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4))
+def test_flipped_bits_of_a_file(saved: bytes, places: list[float]) -> None:
+    data = bytearray(saved)
+    for bit in (int(place * 8 * len(data)) for place in places):
         data[bit // 8] ^= 1 << bit % 8
     check_total(bytes(data))
 
@@ -758,7 +761,7 @@ def test_flipped_bits_of_a_file(bits: list[int]) -> None:
 @given(st.data())
 def test_flipped_bits_behind_a_good_checksum(data: st.DataObject) -> None:
     """The archive is whole, so the damage reaches the npy header, the numbers and the JSON."""
-    with zipfile.ZipFile(io.BytesIO(SAVED)) as archive:
+    with zipfile.ZipFile(io.BytesIO(data.draw(st.sampled_from([SAVED, STACKED])))) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name = data.draw(st.sampled_from(sorted(members)))
     member = bytearray(members[name])

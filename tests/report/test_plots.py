@@ -35,7 +35,8 @@ from hil_sim.scenarios import find
 
 # A coarse grid with breakpoints at 4 deg and at whole km/h.
 CONFIG = configuration.parse(
-    {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}}, "configuration of the test"
+    {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}, "controller": {"kind": "pi"}},
+    "configuration of the test",
 )
 RATIO = CONFIG.steering.ratio
 CASES = ("fws", "4ws-1", "4ws-2")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from codegen import config as configuration
-from codegen.config import Config
+from codegen.config import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
@@ -23,6 +23,25 @@ from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Measurement, Software, compile_build
 
 CONFIG = configuration.preset()
+SCHEDULE = {
+    "speed_km_h": [25.0, 42.5, 60.0, 80.0, 100.0, 120.0],
+    "proportional_gain_s": [0.035, 0.05, 0.065, 0.08, 0.095, 0.109],
+    "integral_gain": [1.74, 1.5, 1.2, 0.95, 0.78, 0.64],
+}
+"""Of the size that `codegen tune` gives; fixed, so that no test here depends on the design."""
+
+
+def _of_kind(kind: Kind) -> Config:
+    """The recommended configuration, limiter and rate limit on, with another kind of controller."""
+    data = configuration.preset("recommended").model_dump()
+    data["controller"]["kind"] = kind
+    data["controller"]["tracking"]["schedule"] = SCHEDULE
+    return Config.model_validate(data)
+
+
+CONFIGS: dict[Kind, Config] = {"pi": CONFIG} | {kind: _of_kind(kind) for kind in ("tracking", "feedforward", "proportional")}
+"""By kind; the PI is the paper's, without rate limit and limiter."""
+TRACKING_CONFIG, FEEDFORWARD_CONFIG = CONFIGS["tracking"], CONFIGS["feedforward"]
 PRECISIONS: tuple[Precision, ...] = ("single", "double")
 SPEED, FRONT_ANGLE = 15.0, 0.07
 """m/s and rad: inside the solved part of the map, below the hold speed, far above standby."""
@@ -44,6 +63,11 @@ class Built:
     def lookup(self) -> Lookup:
         """The NumPy reference in the precision of the build."""
         return Lookup.from_map(self.total, self.software.real)
+
+    @property
+    def real(self) -> Any:
+        """NumPy type of the numbers."""
+        return self.software.real
 
     @property
     def eps(self) -> float:
@@ -90,21 +114,33 @@ def paper(precision: Precision = "single") -> Built:
 
 
 @functools.cache
-def altered(path: str, old: str, new: str) -> Built:
-    """The paper's build with one place of its C changed.
+def of_kind(kind: Kind, precision: Precision = "single") -> Built:
+    """The build of a kind of controller around the paper's 4WS-2 map."""
+    return paper(precision) if kind == "pi" else make(paper_map(), CONFIGS[kind], precision)
 
-    Without optimisation, which compiles faster, and without warnings, for what is planted may leave a function unused.
+
+QUICK_FLAGS = tuple("-O0" if flag == "-O2" else flag for flag in (*DEFAULT_FLAGS, "-w"))
+"""Without optimisation, which compiles faster, and without warnings, for what is planted may leave a function unused."""
+
+
+def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
+    """A folder with one place of its C changed.
 
     Raises:
         LookupError: the text to replace does not stand there exactly once, so nothing, or too much, would be planted.
     """
-    original = paper()
-    text = original.folder.files[path].decode("ascii")
+    text = folder.files[path].decode("ascii")
     if text.count(old) != 1:
         raise LookupError(f"{path} holds {text.count(old)} times, instead of once: {old}")
-    files = {**original.folder.files, path: text.replace(old, new).encode("ascii")}
-    flags = ("-O0" if flag == "-O2" else flag for flag in (*DEFAULT_FLAGS, "-w"))
-    return Built(original.folder, original.total, compile_build(files, original.folder.manifest, flags=tuple(flags)))
+    return replace(folder, files={**folder.files, path: text.replace(old, new).encode("ascii")})
+
+
+@functools.cache
+def altered(path: str, old: str, new: str, kind: Kind = "pi") -> Built:
+    """The build of a kind with one place of its C changed. Raises LookupError: see `altered_folder`."""
+    original = of_kind(kind)
+    files = altered_folder(original.folder, path, old, new).files
+    return Built(original.folder, original.total, compile_build(files, original.folder.manifest, flags=QUICK_FLAGS))
 
 
 def _grid(**changes: Any) -> ReferenceMap:

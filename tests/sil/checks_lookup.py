@@ -9,7 +9,7 @@ import functools
 import math
 import zlib
 from fractions import Fraction
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,22 @@ RealArray = npt.NDArray[Any]
 FRICTIONS = (math.nan, -math.inf, -0.5, 0.0, 1e-3, 0.35, 0.8999999, 0.9, 0.9000001, 1.4, math.inf)
 
 
+class Mapped(Protocol):
+    """What holds a map in some precision: a build, or units of one."""
+
+    @property
+    def total(self) -> TotalMap: ...
+
+    @property
+    def real(self) -> Any: ...
+
+
 def bits(values: RealArray) -> RealArray:
     """The bit patterns of an array."""
     return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
 
 
-def _special(real: Any) -> RealArray:
+def special_values(real: Any) -> RealArray:
     """Zeros, subnormals, the extremes, infinities, and NaN: quiet, signalling, both signs, with a payload."""
     info = np.finfo(real)
     plain = [0.0, info.smallest_subnormal, info.tiny, info.eps, 1.0, 1e10, info.max, np.inf]
@@ -47,10 +57,10 @@ def _around(breakpoints: RealArray, real: Any) -> RealArray:
     return np.concatenate([near, -near])
 
 
-def finite_points(built: Built, count: int = 100_000) -> tuple[RealArray, RealArray]:
+def finite_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealArray]:
     """Speeds and front angles: breakpoints with their neighbours against each other, corners included; then random, a tenth
     of it beyond the last breakpoint."""
-    real, total = built.software.real, built.total
+    real, total = built.real, built.total
     rng = np.random.default_rng(20_240_607)
     speed, angle = (_around(values, real) for values in (total.speed, total.front_angle))
     some = 10 * count // 4
@@ -73,27 +83,27 @@ def finite_points(built: Built, count: int = 100_000) -> tuple[RealArray, RealAr
     return np.concatenate([pair[0] for pair in pairs]), np.concatenate([pair[1] for pair in pairs])
 
 
-def raw_points(built: Built, count: int = 100_000) -> tuple[RealArray, RealArray]:
+def raw_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealArray]:
     """Any bit pattern against any other, and every special value against special and plain ones."""
-    real = built.software.real
+    real = built.real
     width = np.dtype(real).itemsize
     rng = np.random.default_rng(7)
     raw = np.frombuffer(rng.bytes(2 * count * width), dtype=real).reshape(2, count)
-    special, speed, angle = _special(real), built.total.speed.astype(real), built.total.front_angle.astype(real)
+    special, speed, angle = special_values(real), built.total.speed.astype(real), built.total.front_angle.astype(real)
     some = np.concatenate([special, speed, angle])
     one, other = np.repeat(special, some.size), np.tile(some, special.size)
     return np.concatenate([raw[0], one, other]), np.concatenate([raw[1], other, one])
 
 
 @functools.cache
-def _all_points(built: Built) -> tuple[RealArray, RealArray]:
+def all_points(built: Mapped) -> tuple[RealArray, RealArray]:
     finite, raw = finite_points(built), raw_points(built)
     return np.concatenate([finite[0], raw[0]]), np.concatenate([finite[1], raw[1]])
 
 
 def check_same_bits(built: Built) -> None:
     """The C gives the bits of the NumPy reference, on any road."""
-    speed, angle = _all_points(built)
+    speed, angle = all_points(built)
     for friction in FRICTIONS:
         points = slice(None) if math.isnan(friction) else slice(None, None, 17)
         got = built.software.map_yaw_rate(speed[points], angle[points], friction)
@@ -108,8 +118,8 @@ def check_same_bits(built: Built) -> None:
 
 def check_finite(built: Built) -> None:
     """Every pair of bit patterns has a finite answer, on every road."""
-    speed, angle = _all_points(built)
-    special = _special(built.software.real)
+    speed, angle = all_points(built)
+    special = special_values(built.software.real)
     friction = np.resize(special, speed.size)
     for road in (np.full(speed.size, np.nan), friction):
         assert np.isfinite(built.software.map_yaw_rate(speed, angle, road)).all()
@@ -117,7 +127,7 @@ def check_finite(built: Built) -> None:
 
 def check_odd_symmetry(built: Built) -> None:
     """A right turn is the mirror image of the left one, to the last bit."""
-    speed, angle = _all_points(built)
+    speed, angle = all_points(built)
     number = ~np.isnan(angle) & (angle != 0.0)  # NaN counts as zero, and zero has one answer
     speed, angle = speed[number], angle[number]
     left, right = built.software.map_yaw_rate(speed, np.abs(angle)), built.software.map_yaw_rate(speed, -np.abs(angle))

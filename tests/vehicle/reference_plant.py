@@ -4,7 +4,8 @@ A rigid body moves in the plane at a given forward speed, on four wheels. At eac
 angle (direction of travel less steering angle) by the Magic Formula at that wheel's load; it acts across the wheel. The
 lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel is in the
 air. Steering and rear actuator are first-order lags with a rate limit; while their command is constant their way is known in
-closed form, so only lateral speed, yaw rate, heading and position are integrated numerically, from kink to kink.
+closed form, so only lateral speed, yaw rate, heading and position are integrated numerically, from kink to kink. Where tyres
+need some way to build up their force, so are the four slip angles that the forces follow from.
 """
 
 from __future__ import annotations
@@ -84,6 +85,7 @@ class Car:
     rear_actuator: Lag = Lag(0.05, math.radians(30.0))
     rear_angle_max: float = math.radians(3.5)
     load_transfer_scale: float = 1.0
+    relaxation_length: float = 0.0
 
     @property
     def wheels(self) -> FloatArray:
@@ -121,26 +123,43 @@ class Car:
         across = lateral + yaw_rate * points[:, 0]
         return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
 
+    def wheel_slips(self, speed: float, lateral: float, yaw_rate: float, front: float, rear: float) -> FloatArray:
+        """Slip angles of the four wheels from the motion; shape (4,)."""
+        return self.slip_angles(self.wheels, speed, lateral, yaw_rate, np.array([front, front, rear, rear]))
+
+    def slip_rates(self, speed: float, yaw_rate: float, held: FloatArray, from_motion: FloatArray) -> FloatArray:
+        """How fast the slip angles that the tyres hold follow those of the motion: 63 % over one relaxation length rolled."""
+        rolling = np.maximum(speed - yaw_rate * self.wheels[:, 1], ROLLING_SPEED_MIN)
+        result: FloatArray = (from_motion - held) * rolling / self.relaxation_length
+        return result
+
     def body_rates(
-        self, speed: float, lateral: float, yaw_rate: float, front: float, rear: float, friction: float, yaw_moment: float = 0.0
+        self,
+        speed: float,
+        yaw_rate: float,
+        slip: FloatArray,
+        steer: tuple[float, float],
+        friction: float,
+        yaw_moment: float = 0.0,
     ) -> tuple[float, float]:
-        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2)."""
+        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from the slip angles (4,)."""
         places = self.wheels
-        steer = np.array([front, front, rear, rear])
-        slip = self.slip_angles(places, speed, lateral, yaw_rate, steer)
+        angles = np.repeat(np.array(steer), 2)
         loads = self.loads(speed * yaw_rate)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
-        forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
+        forces = pull[:, None] * np.column_stack([-np.sin(angles), np.cos(angles)])  # unit vectors across the wheels
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
         return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
 
     def derivative(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
-        """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] under [speed, steering wheel command,
-        rear command, friction, yaw moment]."""
-        lateral, yaw_rate, wheel, rear, _, _, heading = state
+        """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] and, with a relaxation length, of the
+        four slip angles of the tyres, under [speed, steering wheel command, rear command, friction, yaw moment]."""
+        lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
         speed, wheel_command, rear_command, friction, yaw_moment = inputs
         front = wheel / self.steering_ratio
-        acceleration, yaw_acceleration = self.body_rates(speed, lateral, yaw_rate, front, rear, friction, yaw_moment)
+        slip = self.wheel_slips(speed, lateral, yaw_rate, front, rear)
+        held = state[7:] if self.relaxation_length else slip
+        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, (front, rear), friction, yaw_moment)
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
         return np.array(
             [
@@ -151,6 +170,7 @@ class Car:
                 drift.real,
                 drift.imag,
                 yaw_rate,
+                *(self.slip_rates(speed, yaw_rate, held, slip) if self.relaxation_length else ()),
             ]
         )
 
@@ -161,7 +181,8 @@ class Car:
         front = wheel / self.steering_ratio
         middles = np.array([[0.0, 0.0], [self.to_front, 0.0], [-self.to_rear, 0.0]])
         sideslip, slip_front, slip_rear = self.slip_angles(middles, speed, lateral, yaw_rate, np.array([0.0, front, rear]))
-        acceleration, _ = self.body_rates(speed, lateral, yaw_rate, front, rear, friction)
+        held = state[7:] if self.relaxation_length else self.wheel_slips(speed, lateral, yaw_rate, front, rear)
+        acceleration, _ = self.body_rates(speed, yaw_rate, held, (front, rear), friction)
         return np.array([sideslip, acceleration, front, slip_front, slip_rear])
 
 
@@ -185,18 +206,20 @@ def _hold(car: Car, start: FloatArray, duration: float, inputs: FloatArray, peri
         return car.rear_actuator.angle(start[3], rear_command, time)
 
     def motion(time: float, body: FloatArray) -> list[float]:
-        lateral, yaw_rate, _, _, heading = body
-        acceleration, yaw_acceleration = car.body_rates(
-            speed, lateral, yaw_rate, wheel(time) / car.steering_ratio, rear(time), friction, yaw_moment
-        )
+        lateral, yaw_rate, _, _, heading = body[:5]
+        steer = (wheel(time) / car.steering_ratio, rear(time))
+        slip = car.wheel_slips(speed, lateral, yaw_rate, *steer)
+        held = body[5:] if car.relaxation_length else slip
+        acceleration, yaw_acceleration = car.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
-        return [acceleration - speed * yaw_rate, yaw_acceleration, drift.real, drift.imag, yaw_rate]
+        following = car.slip_rates(speed, yaw_rate, held, slip) if car.relaxation_length else ()
+        return [acceleration - speed * yaw_rate, yaw_acceleration, drift.real, drift.imag, yaw_rate, *following]
 
     times: FloatArray = period * np.arange(1.0, round(duration / period) + 1)
     kinks = (car.steering.ramp_time(start[2], wheel_command), car.rear_actuator.ramp_time(start[3], rear_command))
     edges = [0.0, *sorted({kink for kink in kinks if 0.0 < kink < times[-1]}), float(times[-1])]
-    bodies = _piecewise(motion, start[[0, 1, 4, 5, 6]], edges, times)
-    return [np.array([b[0], b[1], wheel(t), rear(t), b[2], b[3], b[4]]) for t, b in zip(times, bodies, strict=True)]
+    bodies = _piecewise(motion, start[[0, 1, *range(4, len(start))]], edges, times)
+    return [np.array([b[0], b[1], wheel(t), rear(t), *b[2:]]) for t, b in zip(times, bodies, strict=True)]
 
 
 def _piecewise(

@@ -14,11 +14,15 @@ from codegen.config import Config, parse
 from codegen.vehicle.dynamics import (
     PLANT_INPUTS,
     PLANT_STATES,
+    RELAXATION_STATES,
+    SINGLE_TRACK_INPUTS,
+    SINGLE_TRACK_STATES,
     WHEEL_SPEED_MIN,
     Model,
     TyreModel,
     load_transfer_per_lateral_acceleration,
     single_track,
+    single_track_from_shapes,
     two_track,
 )
 from codegen.vehicle.tyre import AxleTyres, static_wheel_loads
@@ -79,7 +83,8 @@ def sizes(states: int, inputs: int) -> tuple[FloatArray, FloatArray]:
     """The size over which each variable's effect changes: angles over a degree or so, where the tyre bends."""
     if states == 2:
         return np.array([0.02, 0.3]), np.array([5.0, 0.02, 0.02, 0.5])
-    return np.array([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0]), np.array([5.0, 0.2, 0.02, 0.5, 1_000.0])
+    of_tyres = [0.02] * (states - len(PLANT_STATES))
+    return np.array([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *of_tyres]), np.array([5.0, 0.2, 0.02, 0.5, 1_000.0])
 
 
 def assert_jacobians_match(model: Model, x: FloatArray, u: FloatArray) -> None:
@@ -127,6 +132,18 @@ def test_jacobians_of_the_plant(regime: str) -> None:
         assert_jacobians_match(model, x, u)
 
 
+def test_jacobians_of_the_plant_with_relaxed_tyres() -> None:
+    model = two_track(parse({"tyre": LOADED_TYRES, "plant": {"relaxation_length_m": 0.6}}, "test"))
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        wheel, rear = rng.normal() * 0.5, rng.uniform(-0.03, 0.03)
+        x = np.array(
+            [rng.normal() * 0.4, rng.normal() * 0.15, wheel, rear, 3.0, -2.0, rng.normal(), *rng.normal(size=4) * 0.04]
+        )
+        u = np.array([rng.uniform(8.0, 40.0), wheel + 0.008, rear + rng.uniform(-0.01, 0.01), rng.uniform(0.4, 1.1), 300.0])
+        assert_jacobians_match(model, x, u)
+
+
 def test_rate_limits_and_stops_cut_the_influence() -> None:
     model = two_track(parse({}, "test"))
     rear, wheel = PLANT_STATES.index("rear_angle"), PLANT_STATES.index("steering_wheel_angle")
@@ -134,6 +151,41 @@ def test_rate_limits_and_stops_cut_the_influence() -> None:
     dfdx, dfdu = (np.array(m) for m in model.jacobian(x, plant_input(steering_wheel_command=1.0, rear_angle_command=0.05)))
     assert not dfdx[[wheel, rear]].any()
     assert not dfdu[[wheel, rear]].any()
+
+
+# --- the single-track model around the tyres' curve ----------------------------------------------------------------
+
+
+def test_single_track_in_two_parts_is_the_whole() -> None:
+    """Bit for bit, with the curve evaluated by the same machine between the parts."""
+    config = parse({"tyre": LOADED_TYRES}, "test")
+    whole, parts, tyres = single_track(config, "magic-formula"), single_track_from_shapes(config), AxleTyres.from_config(config)
+    assert (parts.states, parts.inputs) == (SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS)
+    argument = ca.SX.sym("X")
+    curves = [
+        ca.Function("curve", [argument], [ca.sin(t.shape_factor * ca.atan(bent))])
+        for t in (tyres.front, tyres.rear)
+        for bent in [argument - t.curvature_factor * (argument - ca.atan(argument))]
+    ]
+    rng = np.random.default_rng(6)
+    for _ in range(200):
+        x = rng.normal(size=2) * [0.1, 0.6]
+        u = np.array([rng.uniform(1.0, 60.0), *rng.normal(size=2) * 0.1, rng.uniform(0.1, 1.2)])
+        arguments = evaluate(parts.arguments, x, u)
+        shapes = [float(curve(value)) for curve, value in zip(curves, arguments, strict=True)]
+        assert np.array_equal(evaluate(parts.derivative, x, u, shapes), evaluate(whole.derivative, x, u))
+
+
+def test_arguments_of_the_curve_are_normalised_slip_angles() -> None:
+    config = parse({"tyre": LOADED_TYRES}, "test")
+    tyres = AxleTyres.from_config(config)
+    beta, yaw_rate, front, rear = 0.02, 0.3, 0.05, -0.03
+    slips = beta + 1.574 * yaw_rate / SPEED - front, beta - 1.566 * yaw_rate / SPEED - rear
+    found = evaluate(single_track_from_shapes(config).arguments, [beta, yaw_rate], [SPEED, front, rear, 0.9])
+    wanted = [
+        tyre.stiffness_factor * (slip - math.radians(0.1)) for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
+    ]
+    assert found == pytest.approx(wanted, rel=1e-13)
 
 
 # --- limits for small angles ---------------------------------------------------------------------------------------
@@ -380,6 +432,68 @@ def test_models_are_pure_sx(paper: Config) -> None:
         # Every element is stored: the C writes arrays, not patterns.
         for function in functions:
             assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+
+
+# --- tyres with a relaxation length --------------------------------------------------------------------------------
+
+
+def relaxed(length: float) -> Model:
+    return two_track(parse({"plant": {"relaxation_length_m": length}}, "test"))
+
+
+def test_states_of_relaxed_tyres_follow_those_of_the_plant(paper: Config) -> None:
+    assert two_track(paper).states == PLANT_STATES
+    model = relaxed(0.3)
+    assert model.states == (*PLANT_STATES, *RELAXATION_STATES)
+    assert model.derivative.size1_out(0) == len(model.states)
+
+
+def wheel_slips(x: FloatArray, speed: float) -> FloatArray:
+    front, rear = x[2] * 6.75 / 90.0, x[3]
+    sides = np.array([1.0, -1.0, 1.0, -1.0]) * 0.5 * 1.627
+    along = speed - sides * x[1]
+    across = x[0] + np.array([1.574, 1.574, -1.566, -1.566]) * x[1]
+    result: FloatArray = np.arctan2(across, along) - np.array([front, front, rear, rear])
+    return result
+
+
+def test_relaxed_tyres_at_their_steady_slip_are_those_without_relaxation(paper: Config) -> None:
+    model, plain = relaxed(0.3), two_track(paper)
+    assert model.output is not None
+    assert plain.output is not None
+    x = plant_state(lateral_speed=-0.4, yaw_rate=0.35, steering_wheel_angle=0.9, rear_angle=-0.02)
+    full = np.append(x, wheel_slips(x, SPEED))
+    u = plant_input(steering_wheel_command=0.9, rear_angle_command=-0.02)
+    derivative = evaluate(model.derivative, full, u)
+    # The slip angles of this test and of the model differ by some roundings, times a slope of 1e5 N/rad over the mass.
+    assert derivative[:7] == pytest.approx(evaluate(plain.derivative, x, u), abs=1e-12)
+    assert derivative[7:] == pytest.approx([0.0] * 4, abs=1e-13)
+    assert evaluate(model.output, full, u) == pytest.approx(evaluate(plain.output, x, u), abs=1e-12)
+
+
+@pytest.mark.parametrize("length", [0.05, 0.6])
+def test_relaxed_slip_follows_at_the_speed_of_its_wheel(length: float) -> None:
+    model = relaxed(length)
+    x = plant_state(lateral_speed=-0.4, yaw_rate=0.35, steering_wheel_angle=0.9, rear_angle=-0.02)
+    held = np.array([0.01, -0.02, 0.03, 0.0])
+    rates = evaluate(model.derivative, np.append(x, held), plant_input())[7:]
+    rolling = SPEED - 0.35 * 0.5 * 1.627 * np.array([1.0, -1.0, 1.0, -1.0])
+    assert rates == pytest.approx(rolling / length * (wheel_slips(x, SPEED) - held), rel=1e-12)
+
+
+def test_standing_wheels_still_relax() -> None:
+    """At the least rolling speed, so that nothing is divided by zero and nothing stays for ever."""
+    rates = evaluate(relaxed(0.5).derivative, np.append(plant_state(), [0.1] * 4), plant_input(speed=0.0))[7:]
+    assert rates == pytest.approx([-0.1 * WHEEL_SPEED_MIN / 0.5] * 4, rel=1e-14)
+
+
+def test_force_follows_the_slip_that_the_tyre_holds(paper: Config) -> None:
+    """Straight ahead with all tyres at a slip: the motion says zero, the forces do not."""
+    tyres = AxleTyres.from_config(paper)
+    derivative = evaluate(relaxed(0.6).derivative, np.append(plant_state(), [0.02, 0.02, 0.01, 0.01]), plant_input())
+    front, rear = 2.0 * float(tyres.front.force(0.02)), 2.0 * float(tyres.rear.force(0.01))
+    assert derivative[0] == pytest.approx(-(front + rear) / 2335.07, rel=1e-13)
+    assert derivative[1] == pytest.approx(-(1.574 * front - 1.566 * rear) / 5376.432, rel=1e-12)
 
 
 def test_peak_load_sensitivity_reaches_the_plant() -> None:

@@ -17,7 +17,7 @@ from codegen.config import Config, parse
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.compile import Library, compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, bench_sources
-from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, two_track
+from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, PLANT_STATES, RELAXATION_STATES, two_track
 from tests.vehicle.reference_plant import Car, Lag, TyreData, simulate
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,8 +31,8 @@ MILLISECOND = 1e-3
 class CPlant:
     """The C functions of a plant over NumPy arrays, one row a point."""
 
-    def __init__(self, library: Library) -> None:
-        self._ffi, self._lib = library.ffi, library.lib
+    def __init__(self, library: Library, states: tuple[str, ...] = PLANT_STATES) -> None:
+        self._ffi, self._lib, self._states = library.ffi, library.lib, states
 
     def _pointers(self, x: FloatArray, u: FloatArray) -> tuple[Any, Any]:
         return self._ffi.new("plant_state_t *", tuple(x)), self._ffi.new("plant_input_t *", tuple(u))
@@ -42,7 +42,7 @@ class CPlant:
         rows = []
         for x, u in zip(states, inputs, strict=True):
             self._lib.plant_derivative(*self._pointers(x, u), result)
-            rows.append([getattr(result, name) for name in PLANT_STATES])
+            rows.append([getattr(result, name) for name in self._states])
         return np.array(rows)
 
     def output(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
@@ -60,7 +60,7 @@ class CPlant:
         for row in inputs:
             u[0] = tuple(row)
             self._lib.plant_step(x, u, step)
-            rows.append(tuple(getattr(x, name) for name in PLANT_STATES))
+            rows.append(tuple(getattr(x, name) for name in self._states))
         return np.array(rows)
 
 
@@ -74,7 +74,8 @@ def compiled(config: Config) -> CPlant:
     """Any car, its plant alone."""
     sources = bench_sources(config, "ars", "single")
     wanted = {path: sources[path] for path in ("bench/plant.h", "bench/plant.c")}
-    return CPlant(compile_library("plant", wanted, ["bench/plant.h"], include_folders=("bench",)))
+    library = compile_library("plant", wanted, ["bench/plant.h"], include_folders=("bench",))
+    return CPlant(library, two_track(config).states)
 
 
 OTHER_TABLES = {
@@ -138,6 +139,20 @@ def other_plant() -> CPlant:
     return compiled(parse(OTHER_TABLES, "test"))
 
 
+RELAXATION_LENGTH = 0.4
+"""m, of the cars whose tyres build up their force over some way."""
+
+
+@pytest.fixture(scope="module")
+def relaxed_plant() -> CPlant:
+    """The paper's car with such tyres."""
+    return compiled(relaxed(RELAXATION_LENGTH))
+
+
+def relaxed(length: float, **tables: object) -> Config:
+    return parse({"plant": {"relaxation_length_m": length}, **tables}, "test")
+
+
 def random_points(count: int, seed: int) -> tuple[FloatArray, FloatArray]:
     """States and inputs well beyond what a car does: wheels in the air, actuators at their limits, crawling, reversing."""
     rng = np.random.default_rng(seed)
@@ -153,6 +168,12 @@ def random_points(count: int, seed: int) -> tuple[FloatArray, FloatArray]:
         ]
     )
     return states, inputs
+
+
+def random_relaxed_points(count: int, seed: int) -> tuple[FloatArray, FloatArray]:
+    """The same with slip angles of the tyres, unrelated to the motion."""
+    states, inputs = random_points(count, seed)
+    return np.hstack([states, np.random.default_rng(seed + 100).normal(size=(count, 4)) * 0.1]), inputs
 
 
 def bits(values: FloatArray) -> npt.NDArray[np.int64]:
@@ -178,6 +199,16 @@ def test_every_term_has_the_bits_of_the_casadi_machine(other_plant: CPlant) -> N
     states, inputs = random_points(5_000, 2)
     expected = np.array(model.derivative.map(len(states))(states.T, inputs.T)).T
     assert np.array_equal(bits(other_plant.derivative(states, inputs)), bits(expected))
+
+
+def test_relaxed_tyres_have_the_bits_of_the_casadi_machine(relaxed_plant: CPlant) -> None:
+    model = two_track(relaxed(RELAXATION_LENGTH))
+    assert model.output is not None
+    states, inputs = random_relaxed_points(5_000, 5)
+    expected = np.array(model.derivative.map(len(states))(states.T, inputs.T)).T
+    assert np.array_equal(bits(relaxed_plant.derivative(states, inputs)), bits(expected))
+    expected = np.array(model.output.map(len(states))(states.T, inputs.T)).T
+    assert np.array_equal(bits(relaxed_plant.output(states, inputs)), bits(expected))
 
 
 def test_one_step_is_the_classical_runge_kutta_method(plant: CPlant, paper: Config) -> None:
@@ -212,6 +243,16 @@ def test_derivative_is_that_of_the_independent_car(which: str, plant: CPlant, ot
     np.testing.assert_allclose(c.derivative(states, inputs), expected, rtol=1e-13, atol=1e-13)
     expected = np.array([car.outputs(x, u) for x, u in zip(states, inputs, strict=True)])
     np.testing.assert_allclose(c.output(states, inputs), expected, rtol=1e-13, atol=1e-13)
+
+
+def test_derivative_with_relaxed_tyres_is_that_of_the_independent_car(relaxed_plant: CPlant) -> None:
+    car = Car(relaxation_length=RELAXATION_LENGTH)
+    states, inputs = random_relaxed_points(2_000, 6)
+    expected = np.array([car.derivative(x, u) for x, u in zip(states, inputs, strict=True)])
+    # As above; the rates of the slip angles are of 1e2 rad/s.
+    np.testing.assert_allclose(relaxed_plant.derivative(states, inputs), expected, rtol=1e-13, atol=1e-13)
+    expected = np.array([car.outputs(x, u) for x, u in zip(states, inputs, strict=True)])
+    np.testing.assert_allclose(relaxed_plant.output(states, inputs), expected, rtol=1e-13, atol=1e-13)
 
 
 def hold(seconds: float, wheel_deg: float, rear_deg: float = 0.0, **changes: float) -> tuple[float, FloatArray]:
@@ -266,6 +307,20 @@ def test_motion_is_that_of_the_independent_car(run: str, plant: CPlant) -> None:
     # All other states of the body in their own units; the steering wheel, ahead of its ratio, by 2e-5 rad at a kink.
     assert np.delete(difference, 2, axis=1).max() < REQUIRED
     assert difference[:, 2].max() < 3e-5
+
+
+@pytest.mark.parametrize("run", ["step steer", "slalom"])
+def test_motion_with_relaxed_tyres_is_that_of_the_independent_car(run: str, relaxed_plant: CPlant) -> None:
+    holds, _ = RUNS[run]
+    start = np.zeros(7 + len(RELAXATION_STATES))
+    expected = simulate(Car(relaxation_length=RELAXATION_LENGTH), start, holds, MILLISECOND)
+    inputs = [u for seconds, u in holds for _ in range(round(seconds / MILLISECOND))]
+    states = relaxed_plant.run(start, inputs, MILLISECOND)
+    rigid = simulate(Car(), np.zeros(7), holds, MILLISECOND)
+    assert np.abs(expected[:, 1] - rigid[:, 1]).max() > 1e-3  # the relaxation shows
+    # Measured 3.0e-10 and 3.6e-9: the tyres smooth what the kinks of the actuators do to the yaw rate.
+    assert np.abs(states - expected)[:, 1].max() < 5e-9
+    assert np.abs(states - expected)[:, 7:].max() < REQUIRED
 
 
 def test_motion_of_another_car(other_plant: CPlant) -> None:
@@ -358,6 +413,57 @@ def test_small_steer_follows_linear_theory(plant: CPlant, speed_km_h: float, ste
     half_end, half_way = against_linear_theory(plant, speed_km_h, 0.05)
     assert way / half_way == pytest.approx(4.0, rel=5e-3)
     assert end / half_end == pytest.approx(4.0, rel=1e-2)
+
+
+# --- relaxation length ---------------------------------------------------------------------------------------------
+
+
+SHORTEST, LONGEST = 0.05, 2.0
+"""m: the ends of what the configuration takes."""
+
+
+@pytest.mark.parametrize("speed_km_h", [20.0, 120.0])
+def test_shortest_relaxation_is_stable_and_tends_to_none(speed_km_h: float, plant: CPlant) -> None:
+    """At 120 km/h the step times v/sigma is 0.7, where the method is stable up to 2.8."""
+    short = compiled(relaxed(SHORTEST))
+    holds = hold(1.0, 20.0, speed=speed_km_h / 3.6)[1], hold(1.0, 20.0, -1.0, speed=speed_km_h / 3.6)[1]
+    ways = [
+        p.run(np.zeros(size), [u for u in holds for _ in range(round(1.0 / step))], step)[:: round(MILLISECOND / step), 1]
+        for p, size, step in ((plant, 7, MILLISECOND), (short, 11, MILLISECOND), (short, 11, 0.1 * MILLISECOND))
+    ]
+    # Against a tenth of the step: measured 6e-9 and 6e-8 rad/s (the end of a rate limit falls amid a step).
+    assert np.abs(ways[1] - ways[2]).max() < 1e-7
+    # The lag sigma/v (9 ms at 20 km/h, 1.5 ms at 120) delays the yaw rate, it does not change where that ends.
+    largest_slope = np.abs(np.diff(ways[0])).max() / MILLISECOND
+    assert 1e-3 < np.abs(ways[1] - ways[0]).max() < largest_slope * SHORTEST / (speed_km_h / 3.6)
+    # At 120 km/h the car has not quite settled after a second (measured: 2.7e-5).
+    assert ways[1][-1] == pytest.approx(ways[0][-1], abs=5e-5)
+
+
+@pytest.mark.parametrize("length", [SHORTEST, 0.6, LONGEST])
+def test_steady_turn_does_not_depend_on_the_relaxation_length(length: float, plant: CPlant) -> None:
+    _, u = hold(0.0, 60.0, speed=15.0)
+    with_length = compiled(relaxed(length)).run(np.zeros(11), [u] * 8_000, MILLISECOND)[-1]
+    without = plant.run(np.zeros(7), [u] * 8_000, MILLISECOND)[-1]
+    # Settled: more than thirty time constants even of the longest (2 m at 15 m/s, 0.13 s, in a loop with the car's own).
+    assert with_length[:4] == pytest.approx(without[:4], abs=1e-10)
+
+
+def test_force_builds_up_over_the_distance_rolled() -> None:
+    """A tiny step of the steering wheel, so early that the car does not turn yet: the force on the front axle is that of the
+    tyre's slope times 1 - exp(-distance/sigma), behind the steering's lag of 2 ms."""
+    car = compiled(relaxed(LONGEST, steering={"lag_s": 0.002}))
+    speed = 30.0
+    _, u = hold(0.0, 1e-3, speed=speed)
+    step = 0.1 * MILLISECOND
+    states = car.run(np.zeros(11), [u] * 100, step)
+    front = math.radians(1e-3) * 6.75 / 90.0
+    time = step * np.arange(len(states))
+    fast, slow = 0.002, LONGEST / speed
+    expected = -front * (1.0 - (slow * np.exp(-time / slow) - fast * np.exp(-time / fast)) / (slow - fast))
+    # In 10 ms the car's own motion hardly changes the slip (measured: 1.4e-4 of the front angle, of 0.11 that is built up).
+    assert np.abs(states[:, 7:9] - expected[:, None]).max() < 3e-4 * front
+    assert np.abs(states[-1, 7]) > 0.1 * front
 
 
 # --- convergence ---------------------------------------------------------------------------------------------------

@@ -17,16 +17,18 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_limiter.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x6EC916E2u
+#define ARS_CONTROLLER_BUILD 0x544D1096u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
-    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, or distance to the measured angle */
+    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
     ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
     ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the last command is held */
     ARS_STATUS_FAIL_SAFE = 4 /* they stay so: held at high speed, ramped to zero below */
@@ -45,7 +47,7 @@ typedef struct {
 /* What the controller asks for, and why. */
 typedef struct {
     float rear_angle;           /* rad, within +-rear_angle_max */
-    float yaw_rate_reference;   /* rad/s, from the map; held while degraded, 0 in standby and fail-safe */
+    float yaw_rate_reference;   /* rad/s, what is followed; held while degraded, 0 in standby and fail-safe */
     ars_status_t status;        /* what the step did */
 } ars_command_t;
 
@@ -73,6 +75,7 @@ typedef struct {
     uint16_t implausible_samples_max;   /* samples that an implausible yaw rate is held, then fail-safe */
     uint16_t degraded_samples_max;      /* lost samples before the fail-safe */
     uint16_t recovery_samples;          /* good samples that end the fail-safe */
+    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
 } ars_parameters_t;
 
 /* Memory between two steps. Private: read it in a debugger, write it only through the functions below. */
@@ -85,6 +88,7 @@ typedef struct {
     uint16_t good_samples;              /* in a row, counted in fail-safe */
     uint16_t implausible_samples;       /* in a row */
     bool enabled;                       /* above the enabling speed, with hysteresis */
+    ars_limiter_t limiter;              /* last in the chain */
     ars_status_t status;                /* of the last step */
 } ars_controller_t;
 
@@ -104,7 +108,7 @@ bool ars_parameters_valid(const ars_parameters_t *parameters);
 void ars_controller_init(ars_controller_t *self, float rear_angle);
 
 /*
- * One sample: check the measurement, look the reference up, control, limit.
+ * One sample: check the measurement, look the reference up, control, limit (ars_limiter.h has the last word).
  *
  * None of the pointers may be null; parameters must be valid; measurement may hold any number,
  * and inhibit must be true or false.

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x6EC916E2u
+#define ARS_E2E_BUILD 0x544D1096u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

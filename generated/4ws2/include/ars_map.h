@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x6EC916E2u
+#define ARS_MAP_BUILD 0x544D1096u
 
 /* Breakpoints of the table. */
 enum {

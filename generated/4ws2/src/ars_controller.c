@@ -1,7 +1,7 @@
 /*
  * Yaw-rate controller for active rear steering. See ars_controller.h.
  *
- * Order of a step: judge the inputs, choose the status, then hold, ramp or control.
+ * Order of a step: judge the inputs, choose the status, then hold, ramp or control; the limiter comes last.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x6EC916E2u
+#if ARS_CONTROLLER_BUILD != 0x544D1096u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x6EC916E2u
+#if ARS_MAP_BUILD != 0x544D1096u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -51,7 +51,16 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .ramp_rate_hold_speed = 0.008726646f,
     .implausible_samples_max = 30u,
     .degraded_samples_max = 3u,
-    .recovery_samples = 10u
+    .recovery_samples = 10u,
+    .limiter = {
+        .rear_angle_max = 0.061086524f,
+        .rear_rate_max = 1000.0f,
+        .opposite_phase_speed = { 16.666666f, 33.333332f },
+        .opposite_phase_max = { 0.061086524f, 0.061086524f },
+        .in_phase_from_front_angle = 0.017453292f,
+        .speed_max = 111.111115f,
+        .front_angle_max = 0.7853982f
+    }
 };
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
@@ -195,17 +204,31 @@ ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_paramet
     self->yaw_rate_reference = 0.0f;
 }
 
+/* The estimate, not below the smallest that is believed; NaN stays NaN: the map takes its own friction. */
+ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return (measurement->friction < parameters->friction_min) ? parameters->friction_min : measurement->friction;
+}
+
 /* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
 ARS_SECTION_CODE static void law_init(ars_controller_t *self)
 {
     self->integral = self->rear_angle;
 }
 
+ARS_SECTION_CODE static float reference_error(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    self->yaw_rate_reference = ars_map_yaw_rate_on_road(
+        measurement->speed, measurement->front_angle, known_friction(parameters, measurement));
+    return self->yaw_rate_reference - measurement->yaw_rate;
+}
+
 /* Bumpless: with this integral the first demand is the angle that is commanded now. */
 ARS_SECTION_CODE static void law_start(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const float error = self->yaw_rate_reference - measurement->yaw_rate;
+    const float error = reference_error(self, parameters, measurement);
 
     self->integral = self->rear_angle + (parameters->proportional_gain * error);
 }
@@ -214,7 +237,7 @@ ARS_SECTION_CODE static void law_start(
 ARS_SECTION_CODE static bool law_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const float error = self->yaw_rate_reference - measurement->yaw_rate;
+    const float error = reference_error(self, parameters, measurement);
     const float proportional = parameters->proportional_gain * error;
     const float step = parameters->rear_rate_max * sampling_time;
     float integral = self->integral;
@@ -259,16 +282,23 @@ ARS_SECTION_CODE static bool law_step(
 ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    float friction = measurement->friction;
-
-    if (friction < parameters->friction_min) { /* false for NaN: the map takes its own friction */
-        friction = parameters->friction_min;
-    }
-    self->yaw_rate_reference = ars_map_yaw_rate_on_road(measurement->speed, measurement->front_angle, friction);
     if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {
         law_start(self, parameters, measurement);
     }
     self->status = law_step(self, parameters, measurement) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+}
+
+/* The last word on the command. */
+ARS_SECTION_CODE static void limit(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const ars_limiter_input_t input = { measurement->speed, measurement->front_angle, self->rear_angle };
+    const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
+
+    if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
+        self->status = ARS_STATUS_LIMITED;
+    }
+    self->rear_angle = limited;
 }
 
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
@@ -296,7 +326,8 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->disable_speed < parameters->enable_speed)
         && (parameters->implausible_samples_max < UINT16_MAX)
         && (parameters->degraded_samples_max < UINT16_MAX)
-        && (parameters->recovery_samples > 0u);
+        && (parameters->recovery_samples > 0u)
+        && ars_limiter_parameters_valid(&parameters->limiter);
 }
 
 ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
@@ -314,6 +345,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->implausible_samples = 0u;
     self->enabled = false;
     self->status = ARS_STATUS_STANDBY;
+    ars_limiter_init(&self->limiter, start);
     law_init(self);
 }
 
@@ -337,6 +369,7 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         fail_safe(self, parameters);
     }
     self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
+    limit(self, parameters, measurement);
     command.rear_angle = self->rear_angle;
     command.yaw_rate_reference = self->yaw_rate_reference;
     command.status = self->status;

@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x6EC916E2u
+#if ARS_MAP_BUILD != 0x544D1096u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -1684,6 +1684,14 @@ static const float yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POIN
     }
 };
 
+/* Where to look, and what the road allows there. */
+typedef struct {
+    position_t row;
+    position_t column;
+    float speed;                /* m/s, not negative */
+    float lateral_acceleration; /* m/s^2, at most */
+} place_t;
+
 /* The value, or 0 where it is NaN or below zero. Adding zero turns a signalling NaN into a quiet one, so that every core
  * takes the same branch. */
 ARS_SECTION_CODE static float at_least_zero(float value)
@@ -1736,46 +1744,65 @@ ARS_SECTION_CODE static position_t locate_front_angle(float magnitude)
     return position;
 }
 
-/* front_angle and lateral_acceleration are not negative; any speed. */
-ARS_SECTION_CODE static float interpolate(float speed, float front_angle, float lateral_acceleration)
+ARS_SECTION_CODE static void set_road(place_t *place, float friction)
 {
-    const float forward_speed = at_least_zero(speed);
-    const position_t row = locate_speed(forward_speed);
-    const position_t column = locate_front_angle(front_angle);
-    const float *const slower = &yaw_rate_table[row.cell][column.cell];
-    const float *const faster = &yaw_rate_table[row.cell + 1u][column.cell];
-    const float left = slower[0] + (row.fraction * (faster[0] - slower[0]));
-    const float right = slower[1] + (row.fraction * (faster[1] - slower[1]));
-    float yaw_rate = left + (column.fraction * (right - left));
-
-    if ((yaw_rate * forward_speed) > lateral_acceleration) {
-        yaw_rate = lateral_acceleration / forward_speed;
+    place->lateral_acceleration = lateral_acceleration_cap;
+    if (friction < map_friction) { /* false for NaN: the map's own */
+        place->lateral_acceleration = lateral_acceleration_cap_per_friction * at_least_zero(friction);
     }
-    return yaw_rate;
 }
 
-/* An odd function of the front angle, made from its half for positive angles. */
-ARS_SECTION_CODE static float with_sign_of(float front_angle, float speed, float lateral_acceleration)
+/* Every table is for positive front angles: one search serves all of them. */
+ARS_SECTION_CODE static place_t place_of(float speed, float front_angle, float friction)
 {
-    const float magnitude = at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle);
-    const float yaw_rate = interpolate(speed, magnitude, lateral_acceleration);
-    return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;
+    place_t place;
+
+    place.speed = at_least_zero(speed);
+    place.row = locate_speed(place.speed);
+    place.column = locate_front_angle(at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle));
+    set_road(&place, friction);
+    return place;
 }
 
-ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
+ARS_SECTION_CODE static float interpolate(
+    const float table[][ARS_MAP_FRONT_ANGLE_POINTS], const place_t *place)
 {
-    return with_sign_of(front_angle, speed, lateral_acceleration_cap);
+    const float *const slower = &table[place->row.cell][place->column.cell];
+    const float *const faster = &table[place->row.cell + 1u][place->column.cell];
+    const float left = slower[0] + (place->row.fraction * (faster[0] - slower[0]));
+    const float right = slower[1] + (place->row.fraction * (faster[1] - slower[1]));
+
+    return left + (place->column.fraction * (right - left));
+}
+
+/* rad/s, before the road's cap. */
+ARS_SECTION_CODE static float uncapped_yaw_rate(const place_t *place)
+{
+    return interpolate(yaw_rate_table, place);
+}
+
+ARS_SECTION_CODE static float capped(float yaw_rate, const place_t *place)
+{
+    float result = yaw_rate;
+
+    if ((yaw_rate * place->speed) > place->lateral_acceleration) {
+        result = place->lateral_acceleration / place->speed;
+    }
+    return result;
 }
 
 ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     float speed, float front_angle, float friction)
 {
-    float lateral_acceleration = lateral_acceleration_cap;
+    const place_t place = place_of(speed, front_angle, friction);
+    const float yaw_rate = capped(uncapped_yaw_rate(&place), &place);
 
-    if (friction < map_friction) {
-        lateral_acceleration = lateral_acceleration_cap_per_friction * at_least_zero(friction);
-    }
-    return with_sign_of(front_angle, speed, lateral_acceleration);
+    return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;
+}
+
+ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
+{
+    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
 }
 
 /* Reflected polynomial 0x04C11DB7, four bits at a time. */
@@ -1803,7 +1830,6 @@ ARS_SECTION_CODE uint32_t ars_map_checksum(void)
 {
     uint32_t crc = 0xFFFFFFFFu;
     uint32_t row;
-
     for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
         crc = crc_of(crc, yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
     }

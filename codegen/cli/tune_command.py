@@ -1,0 +1,151 @@
+"""The command that designs the feedback's gains."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from codegen import console
+from codegen.cli.base import example, file_type, json_option
+from codegen.errors import ConfigError, MapError, within
+
+if TYPE_CHECKING:
+    from codegen.config import Config, Schedule
+    from codegen.design.margins import Weakest
+    from codegen.design.tune import Design
+    from codegen.refmap.map import ReferenceMap
+
+MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
+"""Tables of the configuration that a solved map was made from: to store others in it would be untrue."""
+
+HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sensitivity", "cars", "nearest to a demand")
+
+
+@click.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
+@click.option("--map", "map_path", required=True, type=file_type, metavar="MAP.npz")
+@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the map's own configuration.")
+@click.option(
+    "-o", "--output", required=True, type=file_type, metavar="MAP.npz", help="The map to write; it may be the one that is read."
+)
+@json_option
+def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
+    """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map."""
+    from codegen.design.margins import gains_of, weakest
+    from codegen.design.tune import design
+    from codegen.emit.outputs import check_output
+    from codegen.refmap import map as npz
+    from codegen.refmap.choose import choose_config
+
+    check_output(output, ".npz", (config_path,))
+    reference_map = npz.load(map_path)
+    if reference_map.config is None and config_path is None:
+        raise MapError(
+            "it brings no configuration, and so no car to design for", where=map_path, remedy="name one with --config ars.toml"
+        )
+    chosen = choose_config(reference_map, config_path)
+    if config_path is not None:
+        _check_same_origin(reference_map, chosen.config, config_path)
+    with within(config_path or map_path), console.progress("tuning") as progress:
+        made = design(chosen.config, progress)
+    config = _with_schedule(chosen.config, made.schedule, config_path or map_path)
+    npz.save(_with_config(reference_map, config), output)
+    least = weakest(config, gains_of(made.schedule))
+    if as_json:
+        console.print_json({"map": str(output), "configuration": chosen.source, **_to_dict(config, made, least)})
+        return
+    for text in chosen.notes:
+        console.note(text)
+    _print(output, config, made, least)
+
+
+def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path: Path) -> None:
+    own, case = reference_map.config, reference_map.case
+    if own is None:
+        return
+    differing = [f"[{table}]" for table in MADE_FROM if getattr(own, table) != getattr(config, table)]
+    if case is not None and own.case(case) != config.case(case, f"{config_path}: [cases]"):
+        differing.append(f"[cases.{case}]")
+    if differing:
+        raise ConfigError(
+            f"{', '.join(differing)} differ from what the map was solved with",
+            where=config_path,
+            remedy="solve the map again with this file, then tune it",
+        )
+
+
+def _with_schedule(config: Config, schedule: Schedule, where: Path) -> Config:
+    """The configuration with the controller that the schedule is for."""
+    from codegen.config import parse
+
+    data = config.model_dump(mode="json")
+    data["controller"]["kind"] = "tracking"
+    data["controller"]["tracking"]["schedule"] = schedule.model_dump(mode="json")
+    return parse(data, where)
+
+
+def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
+    """The map with another configuration; the rest of its `meta` stays."""
+    from codegen.refmap.map import SCHEMA_VERSION
+
+    meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **reference_map.meta}
+    meta["configuration"] = config.model_dump(mode="json")
+    return dataclasses.replace(reference_map, config=config, meta=meta)
+
+
+def _rows(made: Design) -> list[dict[str, Any]]:
+    columns = {key: value for key, value in made.schedule.model_dump().items() if value is not None}
+    rows = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+    for row, counted, limiting in zip(rows, made.counted, made.limiting, strict=True):
+        row["cars"] = counted
+        row["limiting"] = dataclasses.asdict(limiting)
+    return rows
+
+
+def _to_dict(config: Config, made: Design, least: Weakest) -> dict[str, Any]:
+    tuning = config.tuning
+    return {
+        "demands": {key: getattr(tuning, key) for key in ("gain_margin_db", "phase_margin_deg", "sensitivity_max")},
+        "delay_samples": tuning.delay_samples,
+        "family": made.family_size,
+        "breakpoints": _rows(made),
+        "configured_car": {**dataclasses.asdict(least), "enough": least.enough},
+    }
+
+
+def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
+    from codegen.config import KM_H
+    from codegen.report.summary import table
+
+    tuning = config.tuning
+    console.say(
+        f"{output}: {made.family_size} cars, {tuning.delay_samples} samples of delay; each car keeps at least "
+        f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
+        f"{tuning.sensitivity_max:g}"
+    )
+    rows = [
+        (
+            f"{row['speed_km_h']:g}",
+            f"{row['proportional_gain_s']:.4g}",
+            f"{row['integral_gain']:.4g}",
+            f"{row['gain_margin_db']:.2f}",
+            f"{row['phase_margin_deg']:.2f}",
+            f"{row['sensitivity']:.2f}",
+            str(row["cars"]),
+            str(limiting),
+        )
+        for row, limiting in zip(_rows(made), made.limiting, strict=True)
+    ]
+    console.say(table(HEADER, rows))
+    console.say(
+        f"the configured car: at least {least.gain_margin_db:.1f} dB (at {least.gain_margin_speed / KM_H:.0f} km/h) "
+        f"and {least.phase_margin_deg:.1f} deg (at {least.phase_margin_speed / KM_H:.0f} km/h)"
+    )
+    if 0 in made.counted:
+        first = made.schedule.speed_km_h[made.counted.index(0)]
+        console.note(f"from {first:g} km/h no gains meet the demands, not even for the configured car; the last ones are held")
+
+
+COMMANDS = (tune,)

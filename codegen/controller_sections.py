@@ -1,0 +1,153 @@
+"""The tables of `ars.toml` about the controller: its kinds, its gains, its inputs, and the limiter behind it.
+
+Layer 1: imports only `sections`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from codegen.sections import Breakpoints, Range, Section
+
+SCHEDULE_POINTS_MAX = 32
+
+Kind = Literal["tracking", "pi", "feedforward", "proportional"]
+"""What the controllers are called; their parameters and templates are chosen in `emit.laws`."""
+
+
+class Inputs(Section):
+    """Ranges that the controller accepts, and when a yaw rate stops being believable."""
+
+    speed_max_km_h: Annotated[float, Range(20.0, 500.0, "km/h")] = 400.0
+    front_angle_max_deg: Annotated[float, Range(1.0, 60.0, "deg")] = 45.0
+    yaw_rate_max_deg_s: Annotated[float, Range(5.0, 600.0, "deg/s")] = 150.0
+    rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
+    friction_max: Annotated[float, Range(0.1, 2.0)] = 1.5
+    yaw_rate_tolerance_deg_s: Annotated[float, Range(1.0, 180.0, "deg/s")] = 30.0
+    implausible_time_s: Annotated[float, Range(0.01, 10.0, "s")] = 0.3
+
+
+class FailSafe(Section):
+    """Reaction to inputs that stay lost or implausible."""
+
+    degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
+    recovery_samples: int = Field(default=10, ge=1, le=10_000)
+    hold_above_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 60.0
+    rate_at_standstill_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
+    rate_at_hold_speed_deg_s: Annotated[float, Range(0.02, 100.0, "deg/s")] = 0.5
+
+
+class Schedule(Section):
+    """Gains of the kind "tracking" over speed, and the margins that they were designed to have over the family of cars.
+
+    `codegen tune` writes it. Between breakpoints the gains are interpolated, beyond them they hold. The margins are for
+    people: the worst of the family at each breakpoint.
+    """
+
+    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
+    proportional_gain_s: list[Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")]]
+    integral_gain: list[Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")]]
+    gain_margin_db: list[float] | None = None
+    phase_margin_deg: list[float] | None = None
+    sensitivity: list[float] | None = None
+
+    @model_validator(mode="after")
+    def _one_length(self) -> Self:
+        points = len(self.speed_km_h)
+        if points > SCHEDULE_POINTS_MAX:
+            raise ValueError(f"{points} breakpoints; at most {SCHEDULE_POINTS_MAX} are taken")
+        for name in ("proportional_gain_s", "integral_gain", "gain_margin_db", "phase_margin_deg", "sensitivity"):
+            values = getattr(self, name)
+            if values is not None and len(values) != points:
+                raise ValueError(f"{name} has {len(values)} values for {points} speeds; give one for each speed")
+        return self
+
+
+class Tracking(Section):
+    """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
+
+    `lead_s` looks ahead on the front angle that enters the map. `yaw_increasing_max_deg` bounds what feedback may add in the
+    direction that turns the car more; against it, feedback is free up to the actuator's limit. The trim moves the model's yaw
+    rate towards the map's. The grip_* keys are the limit that follows the lateral acceleration which the car really reaches.
+    """
+
+    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.04
+    lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
+    yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
+    trim_max_percent: Annotated[float, Range(0.0, 20.0, "%")] = 1.0
+    trim_time_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
+    grip_shortfall_m_s2: Annotated[float, Range(0.1, 20.0, "m/s^2")] = 0.5
+    grip_loss_time_s: Annotated[float, Range(0.02, 10.0, "s")] = 0.1
+    grip_recovery_m_s3: Annotated[float, Range(0.01, 100.0, "m/s^3")] = 0.5
+    schedule: Schedule | None = None
+
+
+class Tuning(Section):
+    """The family of cars for which `codegen tune` designs the gains, and what each of them must keep.
+
+    All combinations of the listed deviations are members; the stiffness of front and rear axle vary independently. Yaw
+    inertia goes with the mass.
+    """
+
+    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0]
+    actuator_lag_s: list[Annotated[float, Range(0.002, 1.0, "s")]] = [0.02, 0.05, 0.1]
+    mass_percent: list[Annotated[float, Range(-50.0, 100.0, "%")]] = [-20.0, 0.0, 20.0]
+    stiffness_percent: list[Annotated[float, Range(-60.0, 100.0, "%")]] = [-20.0, 0.0, 15.0]
+    relaxation_length_m: list[Annotated[float, Range(0.0, 2.0, "m")]] = [0.0, 0.3, 0.6]
+    delay_samples: int = Field(default=1, ge=0, le=20)
+    gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB")] = 8.0
+    phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg")] = 45.0
+    sensitivity_max: Annotated[float, Range(1.05, 10.0)] = 1.8
+
+
+class Controller(Section):
+    """The yaw-rate controller. The paper's PI is kind "pi"; proportional_gain_s and integral_gain are its gains."""
+
+    kind: Kind = "tracking"
+    proportional_gain_s: Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")] = 0.01
+    integral_gain: Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")] = 1.0
+    sampling_time_s: Annotated[float, Range(0.001, 0.1, "s")] = 0.01
+    rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 25.0
+    rear_angle_error_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 2.0
+    friction_min: Annotated[float, Range(0.02, 1.0)] = 0.1
+    enable_speed_km_h: Annotated[float, Range(0.5, 200.0, "km/h")] = 15.0
+    disable_speed_km_h: Annotated[float, Range(0.1, 200.0, "km/h")] = 12.0
+    standby_rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
+    tracking: Tracking = Tracking()
+    inputs: Inputs = Inputs()
+    fail_safe: FailSafe = FailSafe()
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> Self:
+        if self.disable_speed_km_h >= self.enable_speed_km_h:
+            raise ValueError("disable_speed_km_h must be below enable_speed_km_h")
+        return self
+
+
+class Limiter(Section):
+    """The safety limiter, last in the chain whatever the controller computed: angle, rate, and angle against the front wheels.
+
+    Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In phase
+    the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with the front wheels straight
+    ahead the bound of the opposite phase holds to both sides.
+    """
+
+    rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 40.0
+    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = [60.0, 120.0]
+    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["off"] = [3.5, 1.5]
+    in_phase_from_front_angle_deg: Annotated[float, Range(0.05, 20.0, "deg")] = 1.0
+
+    @model_validator(mode="after")
+    def _one_length(self) -> Self:
+        speeds, angles = self.opposite_phase_speed_km_h, self.opposite_phase_max_deg
+        if angles != "off" and len(angles) != len(speeds):
+            raise ValueError(f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed")
+        return self
+
+    @property
+    def in_phase_from_front_angle(self) -> float:
+        """rad."""
+        return math.radians(self.in_phase_from_front_angle_deg)

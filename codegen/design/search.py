@@ -1,0 +1,204 @@
+"""The gains for some cars at once: the largest Ki with which each of them keeps its margins.
+
+A constant disturbance of the rear angle leaves a yaw-rate error whose integral is that disturbance over Ki, so the largest Ki
+rejects best; margins and peak sensitivity keep the loop damped (K. J. Åström, T. Hägglund, Advanced PID Control, chapter 6).
+A search in two dimensions: Kp on a grid that is refined around the best, for each Kp the largest Ki by bisection. Few of the
+cars bind, so the search is made for those that did before, all cars judge what it finds, and the worst of them join it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import Tuning
+from codegen.design.family import Member
+from codegen.design.margins import Margins, loop_margins, worst_of
+from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar
+
+ROUNDING = (0.025, 0.015, 0.011)
+"""dB, deg and sensitivity: 0.005 for margins written with two decimals, the rest what the grid of frequencies may take."""
+
+RESERVE = (0.05, 0.25, 0.005)
+"""dB, deg and sensitivity that one reserve puts on top of the demands."""
+
+KP_GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 25)])
+KI_MIN, KI_MAX = 1e-4, 100.0
+REFINEMENTS = 3
+REFINED_POINTS = 9
+BISECTIONS = 14
+"""Halvings of the six decades of Ki: to 0.1 %."""
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """That gains do not meet the demands, and what the car reaches that comes off worst: dB, deg, peak sensitivity."""
+
+    member: Member
+    speed_km_h: float
+    gain_margin_db: float
+    phase_margin_deg: float
+    sensitivity: float
+
+    @property
+    def reached(self) -> str:
+        """In words, for messages."""
+        if math.isinf(self.sensitivity):
+            return "is unstable"
+        return (
+            f"reaches {self.gain_margin_db:.1f} dB, {self.phase_margin_deg:.1f} deg and a peak sensitivity of "
+            f"{self.sensitivity:.2f}"
+        )
+
+
+@dataclass(frozen=True)
+class Demands:
+    """What each counted car keeps: margins in dB and deg, and the peak sensitivity."""
+
+    gain_margin_db: float
+    phase_margin_deg: float
+    sensitivity_max: float
+
+    @classmethod
+    def of(cls, tuning: Tuning, reserves: int = 0) -> Demands:
+        """Those of a configuration, with ROUNDING and so many RESERVEs on top."""
+        gain, phase, peak = (least + reserves * step for least, step in zip(ROUNDING, RESERVE, strict=True))
+        # A peak below 1 does not exist: near it, the reserve is a share of what is left.
+        peak = min(peak, 0.5 * (tuning.sensitivity_max - 1.0))
+        return cls(tuning.gain_margin_db + gain, tuning.phase_margin_deg + phase, tuning.sensitivity_max - peak)
+
+    def score(self, margins: Margins) -> FloatArray:
+        """The figure that comes off worst, as share of what is demanded: met from 1, and 0 for an unstable loop."""
+        shares = (
+            margins.gain_margin_db / self.gain_margin_db,
+            margins.phase_margin_deg / self.phase_margin_deg,
+            self.sensitivity_max / margins.sensitivity,
+        )
+        result: FloatArray = np.minimum.reduce(shares)
+        return result
+
+    def reserves_missing(self, short: Shortfall) -> int:
+        """How many reserves a car is short of, at least one."""
+        missing = (
+            self.gain_margin_db - short.gain_margin_db,
+            self.phase_margin_deg - short.phase_margin_deg,
+            short.sensitivity - self.sensitivity_max,
+        )
+        steps = max(one / reserve for one, reserve in zip(missing, RESERVE, strict=True))
+        return max(1, math.ceil(min(steps, 1e3)))
+
+    def met(self, margins: Margins) -> BoolArray:
+        """Where they are, in the shape of the margins."""
+        result: BoolArray = self.score(margins) >= 1.0
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Cars:
+    """Cars (k) that count together: car i of `sampled` is `members[i]` at `speeds[i]` (km/h)."""
+
+    members: tuple[Member, ...]
+    speeds: tuple[float, ...]
+    sampled: SampledCar
+    frequency: FloatArray
+    response: ComplexArray
+
+    @classmethod
+    def of(
+        cls, members: Sequence[Member], speeds: Sequence[float], sampled: SampledCar, keep: BoolArray, frequency: FloatArray
+    ) -> Cars:
+        """Of a SampledCar (m, n), those where `keep` (m, n) is true."""
+        places = np.flatnonzero(keep)
+        chosen = sampled.pick(places.tolist())
+        rows, columns = np.divmod(places, len(speeds))
+        return cls(
+            tuple(members[row] for row in rows),
+            tuple(speeds[column] for column in columns),
+            chosen,
+            frequency,
+            chosen.response(frequency),
+        )
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def pick(self, places: Sequence[int]) -> Cars:
+        """Those at the indices `places`."""
+        chosen = list(places)
+        return Cars(
+            tuple(self.members[place] for place in chosen),
+            tuple(self.speeds[place] for place in chosen),
+            self.sampled.pick(chosen),
+            self.frequency,
+            self.response[chosen],
+        )
+
+    def margins(self, kp: FloatArray | float, ki: FloatArray | float) -> Margins:
+        """Margins (..., k) with gains that broadcast against (k,)."""
+        return loop_margins(self.sampled, kp, ki, self.frequency, self.response)
+
+    def worst_for(self, demands: Demands, kp: FloatArray | float, ki: FloatArray | float) -> Shortfall | None:
+        """The car that comes off worst with gains that broadcast to (k,); None where all meet the demands."""
+        margins = self.margins(kp, ki)
+        place = int(demands.score(margins).argmin())
+        if demands.met(margins).all():
+            return None
+        return Shortfall(self.members[place], self.speeds[place], *(float(x[place]) for x in margins.figures()))
+
+
+def best_gains(cars: Cars, demands: Demands, binding: list[Member]) -> tuple[float, float] | Shortfall:
+    """(Kp, Ki) with the largest Ki with which all cars keep the demands, or what they reach where there are none.
+
+    Args:
+        cars: at least one.
+        demands: of each car.
+        binding: members to begin with; those that bind are added.
+    """
+    active = [place for place, member in enumerate(cars.members) if member in binding] or [0]
+    while True:
+        kp, ki = _search(cars.pick(active), demands)
+        short = cars.worst_for(demands, kp, ki)
+        if short is None:
+            return kp, ki
+        margins = cars.margins(kp, ki)
+        worst = (*worst_of(margins)[1], int(demands.score(margins).argmin()))
+        joining = [place for place in dict.fromkeys(worst) if place not in active]
+        if not joining:
+            return short
+        active += joining
+        binding += [cars.members[place] for place in joining if cars.members[place] not in binding]
+
+
+def _search(cars: Cars, demands: Demands) -> tuple[float, float]:
+    """(Kp, Ki) with the largest Ki for a few cars; where there are none, KI_MIN and the Kp that comes nearest."""
+    kps = KP_GRID
+    kis = _largest(cars, demands, kps)
+    if not kis.any():
+        score = demands.score(cars.margins(kps[:, np.newaxis], KI_MIN)).min(axis=-1)
+        return float(kps[score.argmax()]), KI_MIN
+    for _ in range(REFINEMENTS):
+        best = int(kis.argmax())
+        around = np.linspace(kps[max(best - 1, 0)], kps[min(best + 1, kps.size - 1)], REFINED_POINTS)
+        kps = np.union1d(around, kps[best])
+        kis = _largest(cars, demands, kps)
+    best = int(kis.argmax())
+    return float(kps[best]), float(kis[best])
+
+
+def _largest(cars: Cars, demands: Demands, kps: FloatArray) -> FloatArray:
+    """The largest Ki for each Kp (n,), by bisection of its logarithm; 0 where even KI_MIN is too much."""
+
+    def met(ki: FloatArray) -> BoolArray:
+        return np.asarray(demands.met(cars.margins(kps[:, np.newaxis], ki[:, np.newaxis])).all(axis=-1))
+
+    low: FloatArray = np.full(kps.shape, KI_MIN)
+    high: FloatArray = np.full(kps.shape, KI_MAX)
+    possible = met(low)
+    for _ in range(BISECTIONS):
+        middle = np.sqrt(low * high)
+        inside = met(middle)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return np.where(possible, low, 0.0)

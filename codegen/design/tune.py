@@ -1,0 +1,276 @@
+"""The schedule of gains over speed, designed so that the whole family of cars keeps its margins.
+
+Who counts where:
+
+- up to the last speed of the map's grid: every member of the family, or the design fails;
+- beyond, up to the largest speed that the controller accepts: the configured car, and every member that is stable there with
+  its rear wheels held. Where no gains suit all of those, the configured car alone; where none suit that, nobody: the gains
+  before are held, and a build warns;
+- below the first breakpoint, where its gains hold, down to the speed at which the controller switches off: every member.
+
+Between breakpoints the interpolated gains are checked; where they fail, both ends are designed again with more in reserve.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from codegen.config import KM_H, Config, Schedule
+from codegen.controller_sections import SCHEDULE_POINTS_MAX
+from codegen.design.family import Member, members, nominal
+from codegen.design.margins import concatenate, worst_of
+from codegen.design.sampled import BoolArray, FloatArray, SampledCar, frequency_grid, sample
+from codegen.design.search import Cars, Demands, Shortfall, best_gains
+from codegen.errors import ConfigError
+
+Progress = Callable[[int, int], None]
+
+STEP_BEYOND = 1.25
+"""Largest ratio of neighbouring breakpoints beyond the grid."""
+
+BETWEEN = 4
+"""Speeds checked inside each interval of the schedule, and below its first breakpoint."""
+
+RESERVES_MAX = 100
+
+UNBOUNDED = 999.99
+"""Stands for an infinite margin or sensitivity, which a file cannot hold."""
+
+
+class Counted(IntEnum):
+    """Who keeps the demands at a breakpoint."""
+
+    NOBODY = 0
+    CONFIGURED = 1
+    FAMILY = 2
+
+
+@dataclass
+class Breakpoint:
+    """A breakpoint in the making. The first reserve is for rounding the gains, and for cars between the checked speeds."""
+
+    speed_km_h: float
+    beyond: bool
+    counted: Counted = Counted.FAMILY
+    reserves: int = 1
+    kp: float = 0.0
+    ki: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A schedule, and for whom it was made: one entry for each breakpoint.
+
+    Attributes:
+        schedule: gains and the worst margins of those who count, or the configured car's where nobody does.
+        limiting: the car among them that is nearest to one of the demands, or misses it most.
+        counted: how many members keep the demands; beyond the grid 0 where no gains were found.
+        family_size: how many there are.
+    """
+
+    schedule: Schedule
+    limiting: tuple[Member, ...]
+    counted: tuple[int, ...]
+    family_size: int
+
+
+def tune(config: Config, progress: Progress | None = None) -> Schedule:
+    """The schedule of gains of a configuration (see `design`)."""
+    return design(config, progress).schedule
+
+
+def design(config: Config, progress: Progress | None = None) -> Design:
+    """Find the schedule of gains: the same configuration gives the same gains.
+
+    Args:
+        config: its `tuning` states the family and the demands.
+        progress: called with (done, in all).
+
+    Raises:
+        ConfigError: no gains meet the demands at some speed of the grid, or there are too many breakpoints or members.
+    """
+    designer = _Designer(config, breakpoints(config), members(config))
+    steps = len(designer.points) + 1
+    for place in range(len(designer.points)):
+        designer.design(place)
+        if progress is not None:
+            progress(place + 1, steps)
+    designer.mend_between()
+    result = designer.result()
+    if progress is not None:
+        progress(steps, steps)
+    return result
+
+
+def breakpoints(config: Config) -> list[Breakpoint]:
+    """Those of `config.tuning` up to the last speed of the grid, that speed, and some up to the largest that is accepted."""
+    grid, controller = config.grid, config.controller
+    top = controller.inputs.speed_max_km_h
+    last = min(grid.speed_breakpoints_km_h[-1] if grid.speed_breakpoints_km_h else grid.speed_max_km_h, top)
+    inside = [speed for speed in config.tuning.speed_km_h if speed < 0.999 * last]  # no two points within rounding
+    beyond: list[float] = []
+    if last < 0.999 * top:
+        steps = math.ceil(math.log(top / last) / math.log(STEP_BEYOND))
+        beyond = [round(last * (top / last) ** (k / steps), 1) for k in range(1, steps)] + [top]
+    if not inside and not beyond:
+        inside = [controller.disable_speed_km_h]
+    points = [Breakpoint(speed, False) for speed in (*inside, last)] + [Breakpoint(speed, True) for speed in beyond]
+    if len(points) > SCHEDULE_POINTS_MAX:
+        raise ConfigError(
+            f"with those beyond the grid, {len(points)} breakpoints; a schedule has at most {SCHEDULE_POINTS_MAX}",
+            where="tuning.speed_km_h",
+            remedy=f"list {len(points) - SCHEDULE_POINTS_MAX} less",
+        )
+    return points
+
+
+def round_down(value: float, digits: int = 4) -> float:
+    """A value from zero up, to significant digits, towards zero; what has no more digits stays as it is."""
+    if value == 0.0:
+        return 0.0
+    places = digits - 1 - math.floor(math.log10(value))
+    nearest = round(value, places)
+    return nearest if nearest <= value else round(nearest - 10.0**-places, places)
+
+
+@dataclass
+class _Designer:
+    """The breakpoints in the making, and the cars that the search has met."""
+
+    config: Config
+    points: list[Breakpoint]
+    family: tuple[Member, ...]
+    binding: list[Member] = field(default_factory=list)
+    sampled: dict[tuple[float, ...], SampledCar] = field(default_factory=dict)
+    frequency: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.frequency = frequency_grid(self.config.controller.sampling_time_s)
+
+    def cars(self, speeds: tuple[float, ...], counted: Counted, beyond: bool) -> Cars:
+        """Who counts at speeds (km/h) together."""
+        own = self.family.index(nominal(self.config))
+        if speeds not in self.sampled:
+            self.sampled[speeds] = sample(self.config, self.family, np.array(speeds) * KM_H)
+        sampled = self.sampled[speeds]
+        keep: BoolArray = np.full((len(self.family), len(speeds)), counted == Counted.FAMILY)
+        if beyond:
+            keep &= sampled.open_loop_stable()
+        keep[own] = counted != Counted.NOBODY
+        return Cars.of(self.family, speeds, sampled, keep, self.frequency)
+
+    def at(self, place: int) -> Cars:
+        """Who counts at a breakpoint: at the first, below it too."""
+        point, lowest = self.points[place], self.config.controller.disable_speed_km_h
+        speeds: tuple[float, ...] = (point.speed_km_h,)
+        if place == 0 and lowest < point.speed_km_h:
+            below = np.geomspace(lowest, point.speed_km_h, BETWEEN + 1)[:-1]
+            speeds += tuple(float(speed) for speed in below)
+        return self.cars(speeds, point.counted, point.beyond)
+
+    def design(self, place: int) -> None:
+        """Find the gains of a breakpoint; beyond the grid, for fewer cars where there are none for all."""
+        point = self.points[place]
+        while point.counted != Counted.NOBODY:
+            short = self._try(place, point.reserves)
+            if short is None:
+                return
+            if not point.beyond:
+                raise _unmet(short)
+            point.counted = Counted(point.counted - 1)
+
+    def _try(self, place: int, reserves: int) -> Shortfall | None:
+        """Give a breakpoint the best gains with so many reserves; where there are none, leave it as it is and say why."""
+        point = self.points[place]
+        found = best_gains(self.at(place), Demands.of(self.config.tuning, reserves), self.binding)
+        if isinstance(found, Shortfall):
+            return found
+        point.kp, point.ki = (round_down(gain) for gain in found)
+        point.reserves = reserves
+        return None
+
+    def mend_between(self) -> None:
+        """Check the gains between breakpoints, and design the ends again until they hold there too."""
+        intervals = set(range(len(self.points) - 1))
+        waiting = set(intervals)
+        while waiting:
+            first = min(waiting)
+            short = self.between(first)
+            if short is None:
+                waiting.remove(first)
+                continue
+            waiting |= intervals & {place for end in self._mend(first, short) for place in (end - 1, end)}
+
+    def _mend(self, first: int, short: Shortfall) -> list[int]:
+        """Change what does not hold between breakpoints `first` and the next; returns the breakpoints that have changed."""
+        mended = []
+        more = Demands.of(self.config.tuning).reserves_missing(short)
+        for place in (first, first + 1):
+            # As much as is missing, for between two points the margins rise about as much as at them; then step by step.
+            wanted = min(self.points[place].reserves + more, RESERVES_MAX)
+            if wanted > self.points[place].reserves and self._try(place, wanted) is None:
+                mended.append(place)
+        if mended:
+            return mended
+        last = self.points[first + 1]
+        if not last.beyond:
+            raise _unmet(short, (self.points[first].speed_km_h, last.speed_km_h))
+        last.counted, last.reserves = Counted(last.counted - 1), 1
+        self.design(first + 1)
+        return [first + 1]
+
+    def between(self, first: int) -> Shortfall | None:
+        """Who misses the demands most between breakpoint `first` and the next; None where all that count at both meet them."""
+        low, high = self.points[first], self.points[first + 1]
+        counted = min(low.counted, high.counted)
+        if counted == Counted.NOBODY:
+            return None
+        speeds = np.linspace(low.speed_km_h, high.speed_km_h, BETWEEN + 2)[1:-1]
+        cars = self.cars(tuple(float(speed) for speed in speeds), counted, high.beyond)
+        share = (np.array(cars.speeds) - low.speed_km_h) / (high.speed_km_h - low.speed_km_h)
+        kp, ki = low.kp + share * (high.kp - low.kp), low.ki + share * (high.ki - low.ki)
+        return cars.worst_for(Demands.of(self.config.tuning), kp, ki)
+
+    def result(self) -> Design:
+        """The schedule as it stands, with the margins at its breakpoints."""
+        demands = Demands.of(self.config.tuning)
+        found, limiting, counted = [], [], []
+        for place, point in enumerate(self.points):
+            if point.counted == Counted.NOBODY:
+                point.kp, point.ki = self.points[place - 1].kp, self.points[place - 1].ki
+            cars = self.cars((point.speed_km_h,), max(point.counted, Counted.CONFIGURED), point.beyond)
+            margins = cars.margins(point.kp, point.ki)
+            found.append(worst_of(margins)[0])
+            limiting.append(cars.members[int(demands.score(margins).argmin())])
+            counted.append(len(cars) if point.counted else 0)
+        gain, phase, peak = (np.round(np.minimum(x, UNBOUNDED), 2).tolist() for x in concatenate(found).figures())
+        schedule = Schedule(
+            speed_km_h=[point.speed_km_h for point in self.points],
+            proportional_gain_s=[point.kp for point in self.points],
+            integral_gain=[point.ki for point in self.points],
+            gain_margin_db=gain,
+            phase_margin_deg=phase,
+            sensitivity=peak,
+        )
+        return Design(schedule, tuple(limiting), tuple(counted), len(self.family))
+
+
+def _unmet(short: Shortfall, ends: tuple[float, float] | None = None) -> ConfigError:
+    """With the breakpoints at both ends where the gains between them are what fails."""
+    if ends is not None:
+        return ConfigError(
+            f"straight lines between the gains at {ends[0]:g} and {ends[1]:g} km/h do not meet the demands: at "
+            f"{short.speed_km_h:.4g} km/h the car with {short.member} {short.reached}",
+            where="tuning.speed_km_h",
+            remedy="list a breakpoint between them",
+        )
+    return ConfigError(
+        f"no gains meet the demands at {short.speed_km_h:.4g} km/h: the car with {short.member} {short.reached}",
+        where="[tuning]",
+        remedy="lower gain_margin_db or phase_margin_deg, raise sensitivity_max, narrow the family, or end the grid sooner",
+    )

@@ -1,0 +1,190 @@
+"""The kinds of controller: this is the one place that chooses.
+
+A law names its parameters, its state and what it needs of the rest of the build; the template folder `law/<kind>/` holds its C,
+three functions called by the frame that all kinds share: law_init, law_start, law_step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import KM_H, Config, Schedule
+from codegen.design.margins import Gains, gains_of
+from codegen.emit.parameters import Field, Parameter
+from codegen.errors import BuildError
+from codegen.vehicle.single_track import SingleTrack
+
+
+@dataclass(frozen=True)
+class Law:
+    """A kind of controller.
+
+    Attributes:
+        title: what it is, in a few words.
+        parameters: its own, of a configuration.
+        state: its own.
+        gains: of its feedback over speed, for the margins; None where it has none.
+        uses_rear_angle: it looks the optimum's own rear angle up.
+        uses_reference_model: it needs the unit `<prefix>_reference_model`.
+        points: name and size of the arrays among its parameters.
+    """
+
+    kind: str
+    title: str
+    parameters: Callable[[Config], tuple[Parameter, ...]]
+    state: tuple[Field, ...] = ()
+    gains: Callable[[Config], Gains | None] = lambda config: None
+    uses_rear_angle: bool = False
+    uses_reference_model: bool = False
+    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = lambda config, prefix: ()
+
+
+def law_of(config: Config) -> Law:
+    """The law that the configuration names. Raises BuildError: it lacks what the law needs."""
+    law = LAWS[config.controller.kind]
+    law.parameters(config)
+    return law
+
+
+def _lead_over_actuator(config: Config) -> Parameter:
+    return Parameter(
+        "rear_angle_error_max",
+        math.radians(config.controller.rear_angle_error_max_deg),
+        "rad, how far the demand may run ahead of the measured rear angle",
+        1e-4,
+        1.0,
+    )
+
+
+def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
+    controller = config.controller
+    return (
+        Parameter(
+            "proportional_gain", controller.proportional_gain_s, "s: rad of rear angle for each rad/s of error", 0.0, 10.0
+        ),
+        Parameter("integral_gain", controller.integral_gain, "rad of rear angle for each rad of integrated error", 0.0, 100.0),
+        _lead_over_actuator(config),
+    )
+
+
+def _pi_gains(config: Config) -> Gains:
+    proportional, integral = config.controller.proportional_gain_s, config.controller.integral_gain
+    return lambda speed: (np.full_like(speed, proportional), np.full_like(speed, integral))
+
+
+def schedule_of(config: Config) -> Schedule:
+    """The gain schedule of kind "tracking". Raises BuildError where there is none."""
+    schedule = config.controller.tracking.schedule
+    if schedule is None:
+        raise BuildError(
+            'the kind "tracking" has no gain schedule yet',
+            where="controller.tracking.schedule",
+            remedy="compute one into the map with `codegen tune --map MAP.npz -o MAP.npz`",
+        )
+    return schedule
+
+
+def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
+    tracking, schedule = config.controller.tracking, schedule_of(config)
+    points = "{PREFIX}_SCHEDULE_POINTS"
+    return (
+        Parameter(
+            "schedule_speed",
+            tuple(speed * KM_H for speed in schedule.speed_km_h),
+            "m/s, breakpoints of the gains, increasing",
+            0.0,
+            200.0,
+            points,
+            increasing=True,
+        ),
+        Parameter(
+            "proportional_gain",
+            tuple(schedule.proportional_gain_s),
+            "s: rad of rear angle for each rad/s of error",
+            0.0,
+            10.0,
+            points,
+        ),
+        Parameter(
+            "integral_gain",
+            tuple(schedule.integral_gain),
+            "rad of rear angle for each rad of integrated error",
+            0.0,
+            100.0,
+            points,
+        ),
+        Parameter("lead_time", tracking.lead_s, "s, how far the front angle that enters the map is looked ahead", 0.0, 0.2),
+        Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of that", 0.0, 0.5),
+        Parameter(
+            "yaw_increasing_max",
+            math.radians(tracking.yaw_increasing_max_deg),
+            "rad that feedback may add where it makes the car turn more",
+            0.0,
+            1.0,
+        ),
+        Parameter("trim_share", tracking.trim_max_percent / 100.0, "of the map's yaw rate: bound of the trim", 0.0, 0.2),
+        Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, how fast the trim follows", 0.01, 20.0),
+        Parameter(
+            "grip_shortfall", tracking.grip_shortfall_m_s2, "m/s^2 of missing lateral acceleration that is no loss of grip", 0.1, 20.0
+        ),
+        Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, how fast the grip follows a larger one", 0.1, 50.0),
+        Parameter("grip_recovery", tracking.grip_recovery_m_s3, "m/s^2 that the grip recovers in a second", 0.01, 100.0),
+        _lead_over_actuator(config),
+    )
+
+
+def _proportional_parameters(config: Config) -> tuple[Parameter, ...]:
+    car = SingleTrack.from_config(config)
+    return (
+        Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m, K of the linear car", -1.0, 1.0),
+        Parameter("rear_arm", car.rear_arm, "m, centre of gravity to rear axle", 0.1, 20.0),
+        Parameter(
+            "rear_slip_per_acceleration", car.rear_slip_per_lateral_acceleration, "rad s^2/m, at the rear axle", 0.0, 1.0
+        ),
+    )
+
+
+LAWS = {
+    law.kind: law
+    for law in (
+        Law(
+            kind="tracking",
+            title="feedforward of the optimum, reference model, scheduled feedback",
+            parameters=_tracking_parameters,
+            state=(
+                Field("real", "trim", "rad/s, towards the map's yaw rate"),
+                Field("real", "integral", "rad, of rear angle"),
+                Field("real", "front_angle", "rad, of the last sample"),
+                Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),
+            ),
+            gains=lambda config: gains_of(schedule_of(config)),
+            uses_rear_angle=True,
+            uses_reference_model=True,
+            points=lambda config, prefix: (
+                (f"{prefix.upper()}_SCHEDULE_POINTS", len(schedule_of(config).speed_km_h)),
+            ),
+        ),
+        Law(
+            kind="pi",
+            title="the paper's PI on the yaw-rate error",
+            parameters=_pi_parameters,
+            state=(Field("real", "integral", "rad, of rear angle"),),
+            gains=_pi_gains,
+        ),
+        Law(
+            kind="feedforward",
+            title="the optimum's own rear angle, without feedback",
+            parameters=lambda config: (),
+            uses_rear_angle=True,
+        ),
+        Law(
+            kind="proportional",
+            title="rear angle in proportion to the front angle, for no sideslip in steady turns",
+            parameters=_proportional_parameters,
+        ),
+    )
+}

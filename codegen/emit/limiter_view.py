@@ -1,0 +1,75 @@
+"""View model of the safety limiter: its parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from codegen.config import KM_H, Config
+from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_view
+from codegen.emit.text import Precision, literal
+
+POINTS = "LIMITER_POINTS"
+
+
+@dataclass(frozen=True)
+class LimiterView:
+    """Everything that the limiter's templates print."""
+
+    parameters: tuple[ParameterView, ...]
+    points: int
+    sampling_time: str
+    period_text: str
+
+
+def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
+    """The view of a configuration's limiter."""
+    limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
+    rate, bounds = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg
+    points = len(limiter.opposite_phase_speed_km_h)
+    off = bounds == "off"
+    angles = [angle_max] * points if bounds == "off" else [min(math.radians(angle), angle_max) for angle in bounds]
+    name = f"{prefix.upper()}_{POINTS}"
+    parameters = (
+        Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),
+        Parameter(
+            "rear_rate_max",
+            RATE_OFF if rate == "off" else math.radians(rate),
+            "rad/s" + (" (off)" if rate == "off" else ""),
+            1e-4,
+            RATE_OFF,
+        ),
+        Parameter(
+            "opposite_phase_speed",
+            tuple(speed * KM_H for speed in limiter.opposite_phase_speed_km_h),
+            "m/s, breakpoints, increasing",
+            0.0,
+            200.0,
+            name,
+            increasing=True,
+        ),
+        Parameter(
+            "opposite_phase_max",
+            tuple(angles),
+            "rad against the front wheels, at those speeds" + (" (off)" if off else ""),
+            0.0,
+            1.0,
+            name,
+        ),
+        Parameter(
+            "in_phase_from_front_angle",
+            limiter.in_phase_from_front_angle,
+            "rad of front angle from which on all of rear_angle_max is free in phase",
+            1e-4,
+            1.0,
+        ),
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, beyond it a speed is none", 1.0, 200.0),
+        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5),
+    )
+    period = config.controller.sampling_time_s
+    return LimiterView(
+        parameters=tuple(parameter_view(parameter, precision, real) for parameter in parameters),
+        points=points,
+        sampling_time=literal(period, precision),
+        period_text=f"{period * 1e3:g} ms",
+    )

@@ -1,0 +1,85 @@
+"""Parameters and state of the generated controller: values, ranges and meaning, and their C text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from codegen.emit.text import Precision, literal
+
+RATE_OFF = 1000.0
+"""rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One field of a parameter struct, SI units, with its allowed range (None: any unsigned count).
+
+    A tuple is an array, whose size the C knows by the name `points`; `increasing` where its values must rise.
+    """
+
+    name: str
+    value: float | tuple[float, ...]
+    comment: str
+    low: float | None = None
+    high: float | None = None
+    points: str = ""
+    increasing: bool = False
+
+
+@dataclass(frozen=True)
+class ParameterView:
+    """A parameter as C text."""
+
+    type: str
+    name: str
+    value: str
+    comment: str
+    low: str
+    high: str
+    points: str
+    increasing: bool
+
+    @property
+    def declaration(self) -> str:
+        """As a field of a struct."""
+        return f"{self.type} {self.name}{f'[{self.points}]' if self.points else ''};"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a state struct; `kind` "real" is the build's number type."""
+
+    kind: str
+    name: str
+    comment: str
+
+
+@dataclass(frozen=True)
+class FieldView:
+    """A field of a state struct as C text."""
+
+    type: str
+    name: str
+    comment: str
+
+
+def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
+    """The C text of a parameter."""
+    if parameter.low is None or parameter.high is None:
+        assert isinstance(parameter.value, float | int)  # counts are single
+        return ParameterView(
+            "uint16_t", parameter.name, f"{int(parameter.value)}u", parameter.comment, "", "", parameter.points, False
+        )
+    low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
+    if isinstance(parameter.value, tuple):
+        value = f"{{ {', '.join(literal(number, precision) for number in parameter.value)} }}"
+    else:
+        value = literal(parameter.value, precision)
+    return ParameterView(
+        real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing
+    )
+
+
+def field_view(field: Field, real: str) -> FieldView:
+    """The C text of a state field."""
+    return FieldView(real if field.kind == "real" else field.kind, field.name, field.comment)

@@ -1,0 +1,187 @@
+"""View model of the reference model: CasADi functions as C bodies around tyre curves that are tables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.emit.dynamics_view import FunctionView, function_view
+from codegen.emit.map_view import lines_of
+from codegen.emit.text import Precision, literal
+from codegen.errors import BuildError
+from codegen.vehicle.dynamics import single_track_from_shapes
+from codegen.vehicle.single_track import SingleTrack
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+
+FloatArray = npt.NDArray[np.float64]
+
+CURVE_ERROR_MAX = 1e-3
+"""Of the curve's peak: far below what is known of a tyre, and it keeps the table small."""
+CELLS = (32, 64, 128, 256, 512)
+COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+ERROR_SAMPLES = 64
+"""Points of each cell at which the error of the interpolation is looked at."""
+ERROR_ALLOWANCE = 1.02
+"""What may lie between those points: near its maximum, the error of a chord is a parabola, flat to (1/64)^2 there; the rest is
+for the rounding of the target's precision."""
+
+SIDESLIP_MAX = math.radians(20.0)
+STEP_STABLE = 1.0
+"""Largest product of step and fastest pole: Heun's method is stable up to 2."""
+ARGUMENT_MAX = 1e6
+"""The curve's argument where it has long reached its end."""
+
+
+@dataclass(frozen=True)
+class CurveView:
+    """The table of one tyre's curve."""
+
+    name: str
+    NAME: str
+    title: str
+    cells: int
+    compression: str
+    lines: tuple[str, ...]
+    error: float
+    error_text: str
+
+
+@dataclass(frozen=True)
+class ReferenceModelView:
+    """Everything that the templates of the reference model print."""
+
+    front: CurveView
+    rear: CurveView
+    arguments: FunctionView
+    derivative: FunctionView
+    period_text: str
+    step: str
+    speed_min: str
+    speed_min_text: str
+    speed_max: str
+    speed_max_text: str
+    front_angle_max: str
+    rear_angle_max: str
+    sideslip_max: str
+    sideslip_text: str
+    yaw_rate_max: str
+    yaw_rate_text: str
+    friction_max: str
+    friction_text: str
+    actuator_share: str
+    actuator_step_max: str
+    rear_arm: str
+    rear_slip: str
+    argument_max: str
+
+
+@dataclass(frozen=True)
+class Curve:
+    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), the end of x at infinity included.
+
+    Attributes:
+        compression: of the argument.
+        values: (cells + 1,).
+        error: bound on |interpolation - curve|.
+    """
+
+    compression: float
+    values: FloatArray
+    error: float
+
+
+def tabulate(tyre: MagicFormulaTyre) -> Curve:
+    """The smallest table whose interpolation keeps CURVE_ERROR_MAX, else the largest one there is."""
+    found = None
+    for cells in CELLS:
+        found = min((_curve(tyre, cells, compression) for compression in COMPRESSIONS), key=lambda curve: curve.error)
+        if found.error <= CURVE_ERROR_MAX:
+            break
+    assert found is not None
+    return found
+
+
+def _curve(tyre: MagicFormulaTyre, cells: int, compression: float) -> Curve:
+    values = _shape(tyre, np.linspace(0.0, 1.0, cells + 1), compression)
+    places = np.linspace(0.0, 1.0, cells * ERROR_SAMPLES + 1)
+    error = np.abs(np.interp(places, np.linspace(0.0, 1.0, cells + 1), values) - _shape(tyre, places, compression)).max()
+    return Curve(compression, values, float(error) * ERROR_ALLOWANCE)
+
+
+def _shape(tyre: MagicFormulaTyre, places: FloatArray, compression: float) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        x = np.minimum(compression * places / (1.0 - places), 1e12)
+    result: FloatArray = np.sin(
+        tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x)))
+    )
+    return result
+
+
+def speed_min(config: Config) -> float:
+    """m/s: from here on a step of the sampling time is short enough for the car's fastest pole, which goes with 1/speed."""
+    car = SingleTrack.from_config(config)
+    lateral = (car.front_stiffness + car.rear_stiffness) / car.mass
+    yaw = (car.front_arm**2 * car.front_stiffness + car.rear_arm**2 * car.rear_stiffness) / car.yaw_inertia
+    return max(lateral, yaw) * config.controller.sampling_time_s / STEP_STABLE
+
+
+def reference_model_view(config: Config, precision: Precision) -> ReferenceModelView:
+    """The view of a car's reference model. Raises BuildError where the sampling time is too long for it."""
+    slowest = speed_min(config)
+    if slowest > config.controller.enable_speed_km_h * KM_H:
+        raise BuildError(
+            f"the reference model needs shorter steps below {slowest / KM_H:.1f} km/h, and control starts at "
+            f"{config.controller.enable_speed_km_h:g} km/h",
+            where="controller.sampling_time_s",
+            remedy="shorten it, or raise controller.enable_speed_km_h",
+        )
+    model, tyres = single_track_from_shapes(config), AxleTyres.from_config(config)
+    car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
+    period = config.controller.sampling_time_s
+
+    def text(value: float) -> str:
+        return literal(value, precision)
+
+    return ReferenceModelView(
+        front=_curve_view(tyres.front, "front", precision),
+        rear=_curve_view(tyres.rear, "rear", precision),
+        arguments=function_view(model.arguments, "arguments_of", precision),
+        derivative=function_view(model.derivative, "derivative_of", precision),
+        period_text=f"{period * 1e3:g} ms",
+        step=text(period),
+        speed_min=text(slowest),
+        speed_min_text=f"{slowest:.3g} m/s",
+        speed_max=text(inputs.speed_max_km_h * KM_H),
+        speed_max_text=f"{inputs.speed_max_km_h * KM_H:.3g} m/s",
+        front_angle_max=text(math.radians(inputs.front_angle_max_deg)),
+        rear_angle_max=text(actuator.angle_max),
+        sideslip_max=text(SIDESLIP_MAX),
+        sideslip_text=f"{SIDESLIP_MAX:.3g} rad",
+        yaw_rate_max=text(math.radians(inputs.yaw_rate_max_deg_s)),
+        yaw_rate_text=f"{math.radians(inputs.yaw_rate_max_deg_s):.3g} rad/s",
+        friction_max=text(config.road.friction),
+        friction_text=f"{config.road.friction:g}",
+        actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
+        actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
+        rear_arm=text(car.rear_arm),
+        rear_slip=text(car.rear_slip_per_lateral_acceleration),
+        argument_max=text(ARGUMENT_MAX),
+    )
+
+
+def _curve_view(tyre: MagicFormulaTyre, name: str, precision: Precision) -> CurveView:
+    curve = tabulate(tyre)
+    return CurveView(
+        name=name,
+        NAME=name.upper(),
+        title=f"{name.capitalize()} tyre",
+        cells=curve.values.size - 1,
+        compression=literal(curve.compression, precision),
+        lines=lines_of([literal(float(value), precision) for value in curve.values]),
+        error=curve.error,
+        error_text=f"{curve.error:.1e}",
+    )

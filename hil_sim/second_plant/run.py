@@ -1,0 +1,137 @@
+"""The loop of the third party's car and a generated controller, and the cells that it is judged by."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.errors import CodegenError
+from codegen.refmap.map import ReferenceMap
+from codegen.sil.plant import PlantInput
+from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status
+from hil_sim import manoeuvres
+from hil_sim.manoeuvres import Settings
+from hil_sim.scenarios import Scenario
+from hil_sim.second_plant.plant import LeftModelError, MultiBodyPlant
+
+FloatArray = npt.NDArray[np.float64]
+
+SPEEDS_KM_H = (40.0, 70.0, 100.0)
+SHARES = (0.3, 0.6, 0.9)
+"""Of the largest feasible front angle of the car's map at that speed."""
+
+STEER_TIME, DURATION = 0.5, 4.0
+"""s, of a cell."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A step steer: speed in km/h, share of the largest feasible front angle, and that front angle in rad."""
+
+    speed_km_h: float
+    share: float
+    front_angle: float
+
+    @property
+    def scenario(self) -> Scenario:
+        """The step, as every scenario is given."""
+        angle = math.degrees(self.front_angle)
+        return Scenario(
+            name=f"cell-{self.speed_km_h:g}-{100.0 * self.share:g}",
+            subject="Step steer",
+            what=f"a step to {100.0 * self.share:g} % of the largest feasible front angle",
+            source="ISO 7401:2011, clause 10 (step input)",
+            duration=DURATION,
+            steer_time=STEER_TIME,
+            kind="step",
+            drive=manoeuvres.step(STEER_TIME, front_angle_deg=angle),
+            settings=Settings(speed_km_h=self.speed_km_h),
+            angle_text=f"{angle:.3g} deg at the front wheels",
+        )
+
+
+def largest_front_angle(reference_map: ReferenceMap, speed: float) -> float:
+    """The largest feasible front angle (rad) of a map at a speed (m/s), linear between its speeds.
+
+    Raises:
+        CodegenError: the map does not reach that speed.
+    """
+    if not reference_map.speed[0] <= speed <= reference_map.speed[-1]:
+        raise CodegenError(
+            f"the map has no speed of {speed / KM_H:.4g} km/h",
+            where="second plant",
+            remedy=f"solve it from {SPEEDS_KM_H[0]:g} to {SPEEDS_KM_H[-1]:g} km/h or beyond",
+        )
+    angles = np.where(reference_map.feasible, reference_map.front_angle, 0.0).max(axis=1)
+    return float(np.interp(speed, reference_map.speed, angles))
+
+
+def cells(reference_map: ReferenceMap) -> tuple[Cell, ...]:
+    """The nine cells of a map: SPEEDS_KM_H by SHARES. Raises CodegenError for a map that does not reach those speeds."""
+    return tuple(
+        Cell(speed, share, share * largest_front_angle(reference_map, speed * KM_H))
+        for speed in SPEEDS_KM_H
+        for share in SHARES
+    )
+
+
+def run(
+    software: Software | None,
+    config: Config,
+    scenario: Scenario,
+    *,
+    delay_samples: int = 1,
+    parameters: Any | None = None,
+    controller_parameters: Any | None = None,
+) -> FloatArray:
+    """A recording (samples, 12) of a scenario on the multi-body car, columns RECORD_COLUMNS.
+
+    The speed is the car's own, not the one asked for. From where the model has no value any more the row has the time, NaN and
+    the last status; `hil_sim.metrics.spin_time` takes that for a spin.
+
+    Args:
+        software: a compiled build; None is the passive car, its rear wheels straight.
+        config: of the car (see `car_of`), its actuators and time steps; may differ from the build's.
+        scenario: what is driven; its faults play no part, there is no bus.
+        delay_samples: control samples between computing a command and its acting.
+        parameters: of the car; None takes the default of `package.published`.
+        controller_parameters: a C parameter struct; None takes the build's.
+
+    Raises:
+        CodegenError: the package is missing, or the scenario cannot be driven.
+    """
+    inputs = scenario.inputs(config)
+    plant = MultiBodyPlant(config, float(inputs[0, 0]), parameters)
+    controller = None if software is None else software.controller(parameters=controller_parameters)
+    period = config.controller.sampling_time_s
+    per_sample = round(period / config.plant.sampling_time_s)
+    record = np.full((len(inputs) // per_sample, len(RECORD_COLUMNS)), math.nan)
+    record[:, 0] = np.arange(len(record)) * period
+    waiting = deque([0.0] * delay_samples)
+    command, reference, status = 0.0, 0.0, Status.STANDBY
+    for index, row in enumerate(record):
+        steps = inputs[index * per_sample : (index + 1) * per_sample].tolist()
+        speed, wheel, friction, estimate, moment, inhibit = steps[0]
+        try:
+            car = plant.sample(PlantInput(speed, wheel, 0.0, friction, moment))
+            if controller is not None:
+                measured = Measurement(plant.speed, car.front_angle, car.yaw_rate, car.rear_angle, estimate, bool(inhibit))
+                answer = controller.step(measured)
+                command, reference, status = answer.rear_angle, answer.yaw_rate_reference, answer.status
+            row[1:] = (
+                *(plant.speed, car.front_angle, car.yaw_rate, reference, car.sideslip_angle, car.lateral_acceleration),
+                *(command, car.rear_angle, car.slip_front, car.slip_rear, status),
+            )
+            waiting.append(command)
+            acting = waiting.popleft()
+            plant.advance(PlantInput(v, angle, acting, mu, torque) for v, angle, mu, _, torque, _ in steps)
+        except LeftModelError:
+            record[index:, -1] = status
+            break
+    return record

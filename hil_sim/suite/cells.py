@@ -1,0 +1,102 @@
+"""The operating points: step steers over speed and amplitude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.config import KM_H, Case, Config
+from codegen.errors import CodegenError
+from codegen.refmap import exact
+from codegen.refmap.problem import SteadyTurnProblem, breakpoints
+from hil_sim import manoeuvres
+from hil_sim.manoeuvres import Settings
+from hil_sim.scenarios import Scenario
+
+SPEEDS_KM_H = (25.0, 42.5, 60.0, 80.0, 100.0, 120.0)
+SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Of the largest front angle that the optimisation finds feasible at a speed."""
+
+STEER_TIME = 1.0
+DURATION = 9.0
+"""s. After the step 8 s are left: four time constants of a slow trim, and the second over which steady values are read."""
+
+C1_SPEED_KM_H = 42.5
+C1_STEERING_WHEEL_DEG = 90.0
+"""The paper's step, section Validation Setup."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A step steer at a constant speed, the steering wheel turned as fast as the configuration allows.
+
+    Attributes:
+        speed_km_h: of the car.
+        front_angle_deg: at the road wheels, to the left.
+        share: of the largest feasible front angle at that speed; None where the angle was chosen otherwise.
+    """
+
+    speed_km_h: float
+    front_angle_deg: float
+    share: float | None = None
+
+    @property
+    def title(self) -> str:
+        """For tables."""
+        share = "" if self.share is None else f" ({100.0 * self.share:g} %)"
+        return f"{self.speed_km_h:g} km/h, {self.front_angle_deg:.3g} deg{share}"
+
+    def scenario(self, config: Config, friction: float | None = None, estimate: float | None = None) -> Scenario:
+        """The run, on a road of a friction (None: the configured one) that the controller believes in (None: no estimate)."""
+        return Scenario(
+            name="step-steer-cell",
+            subject="Step steer",
+            what="one cell of the test set",
+            source="ISO 7401:2011, clause 10 (step input)",
+            duration=DURATION,
+            steer_time=STEER_TIME,
+            kind="step",
+            drive=manoeuvres.step(STEER_TIME),
+            settings=Settings(self.speed_km_h, self.front_angle_deg * config.steering.ratio, friction, estimate),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def cells(config: Config, case: Case) -> tuple[Cell, ...]:
+    """The 24 cells of a car: SPEEDS_KM_H times SHARES; fewer for a grid that ends at a lower speed.
+
+    The largest feasible front angle is that of the continuous problem, capped at the grid's last front angle.
+
+    Raises:
+        CodegenError: the grid ends below the first of the speeds.
+        ConfigError: see `SteadyTurnProblem.from_config` and `breakpoints`.
+    """
+    speed, front_angle = breakpoints(config)
+    speeds = tuple(value for value in SPEEDS_KM_H if value * KM_H <= speed[-1] * (1.0 + 1e-9))
+    if not speeds:
+        raise CodegenError(
+            f"the grid ends at {speed[-1] / KM_H:.4g} km/h, and the slowest cell of the test set has {SPEEDS_KM_H[0]:g}",
+            where="grid",
+            remedy="solve a map that reaches higher speeds",
+        )
+    edge = exact.edge(SteadyTurnProblem.from_config(config, case), np.array(speeds) * KM_H).front_angle
+    largest = np.rad2deg(np.minimum(edge, front_angle[-1]))
+    return tuple(
+        Cell(value, share * float(angle), share) for value, angle in zip(speeds, largest, strict=True) for share in SHARES
+    )
+
+
+def c1(config: Config) -> Cell:
+    """The paper's step."""
+    return Cell(C1_SPEED_KM_H, C1_STEERING_WHEEL_DEG / config.steering.ratio)
+
+
+def front_angle(cell: Cell) -> float:
+    """rad at the road wheels."""
+    return math.radians(cell.front_angle_deg)

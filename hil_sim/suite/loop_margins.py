@@ -1,0 +1,83 @@
+"""Margins of a subject's feedback over the whole family of cars and over speed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.design.margins import family_margins
+from codegen.emit.laws import law_of
+
+SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
+"""Also between the breakpoints of a schedule."""
+
+
+@dataclass(frozen=True)
+class MarginPoint:
+    """The worst figures of the family at one speed; each may be of another member. Sensitivity is None for unstable loops."""
+
+    speed_km_h: float
+    gain_margin_db: float
+    phase_margin_deg: float
+    sensitivity: float | None
+    stable: bool
+
+
+@dataclass(frozen=True)
+class FamilyMargins:
+    """Over speed, and the worst of all."""
+
+    points: tuple[MarginPoint, ...]
+
+    @property
+    def gain_margin_db(self) -> float:
+        """The smallest."""
+        return min(point.gain_margin_db for point in self.points)
+
+    @property
+    def phase_margin_deg(self) -> float:
+        """The smallest."""
+        return min(point.phase_margin_deg for point in self.points)
+
+    @property
+    def sensitivity(self) -> float | None:
+        """The largest; None where a loop is unstable."""
+        peaks = [point.sensitivity for point in self.points]
+        return None if None in peaks else max(peak for peak in peaks if peak is not None)
+
+    def speed_of(self, name: str) -> float:
+        """km/h at which a figure (a field of MarginPoint) is worst."""
+        choose = max if name == "sensitivity" else min
+        return choose(self.points, key=lambda point: float("inf") if (v := getattr(point, name)) is None else v).speed_km_h
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
+    """Worst margins over the family of `config.tuning`; None where the configured kind has no feedback.
+
+    Raises:
+        BuildError: the kind lacks what it needs. ConfigError: an empty family.
+    """
+    gains = law_of(config).gains(config)
+    if gains is None:
+        return None
+    speed = np.array(speeds_km_h) * KM_H
+    worst, _ = family_margins(config, speed, *gains(speed))
+    return FamilyMargins(
+        tuple(
+            MarginPoint(
+                speeds_km_h[k],
+                float(worst.gain_margin_db[k]),
+                float(worst.phase_margin_deg[k]),
+                float(worst.sensitivity[k]) if np.isfinite(worst.sensitivity[k]) else None,
+                bool(worst.stable[k]),
+            )
+            for k in range(len(speeds_km_h))
+        )
+    )

@@ -1,0 +1,105 @@
+"""How the simulated car may differ from the configured one: functions from a configuration to another.
+
+Only the plant is made from the result; controller and map stay those of the original. What a change does not name stays as it
+is: the slope of the tyres at zero slip (their cornering stiffness) is kept under changes of mass and peak, for otherwise the
+factor B would keep its value, the slope would go with load or peak, and with the mass the car's linear motion would not
+change at all. On a road of another friction it is B that stays, as it should: that comes with the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+
+Change = Callable[[Config], Config]
+AXLES = ("front", "rear")
+
+
+def unchanged(config: Config) -> Config:
+    """The car as configured."""
+    return config
+
+
+def changed(config: Config, tables: Mapping[str, Any]) -> Config:
+    """A configuration with some keys replaced, tables merged, and checked as a whole. Raises ConfigError."""
+    return configuration.parse(_merged(config.model_dump(), tables), "varied plant")
+
+
+def _merged(base: dict[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        **base,
+        **{
+            key: _merged(base[key], value) if isinstance(value, Mapping) and isinstance(base.get(key), dict) else value
+            for key, value in tables.items()
+        },
+    }
+
+
+def _tyres(config: Config, factors: tuple[float, float] = (1.0, 1.0), **keys: float) -> dict[str, Any]:
+    """Tables of both tyres with their slopes given, times a factor each; further keys for both."""
+    tables = {}
+    loads = static_wheel_loads(config)
+    for axle, load, factor in zip(AXLES, loads, factors, strict=True):
+        slope = MagicFormulaTyre.from_config(getattr(config.tyre, axle), load, config.road.friction).cornering_stiffness
+        tables[axle] = {"cornering_stiffness_n_per_rad": factor * slope, "stiffness_factor_b_per_rad": None, **keys}
+    return tables
+
+
+def mass(percent: float) -> Change:
+    """More or less mass (in %), the yaw inertia with it, the centre of gravity where it was."""
+    factor = 1.0 + percent / 100.0
+
+    def change(config: Config) -> Config:
+        vehicle = config.vehicle
+        heavier = {"mass_kg": factor * vehicle.mass_kg, "yaw_inertia_kg_m2": factor * vehicle.yaw_inertia_kg_m2}
+        return changed(config, {"vehicle": heavier, "tyre": _tyres(config)})
+
+    return change
+
+
+def actuator_lag(seconds: float) -> Change:
+    """Another lag of the rear actuator."""
+    return lambda config: changed(config, {"rear_actuator": {"lag_s": seconds}})
+
+
+def stiffness(front_percent: float, rear_percent: float) -> Change:
+    """Stiffer or softer tyres (in % of their slope), their peak as it was."""
+    factors = (1.0 + front_percent / 100.0, 1.0 + rear_percent / 100.0)
+    return lambda config: changed(config, {"tyre": _tyres(config, factors)})
+
+
+def peak(percent: float) -> Change:
+    """More or less peak force (p1, in %) at the same slope."""
+
+    def change(config: Config) -> Config:
+        tables = _tyres(config)
+        for axle in AXLES:
+            tables[axle]["peak_factor_p1"] = (1.0 + percent / 100.0) * getattr(config.tyre, axle).peak_factor_p1
+        return changed(config, {"tyre": tables})
+
+    return change
+
+
+def load_sensitivity(p2: float) -> Change:
+    """Peak friction that falls (p2 below zero) as a wheel is loaded beyond its static load."""
+    return lambda config: changed(config, {"tyre": _tyres(config, peak_load_sensitivity_p2=p2)})
+
+
+def relaxation(length: float) -> Change:
+    """Tyres that build up their force over a way (m)."""
+    return lambda config: changed(config, {"plant": {"relaxation_length_m": length}})
+
+
+def together(*changes: Change) -> Change:
+    """One change after the other."""
+
+    def change(config: Config) -> Config:
+        for each in changes:
+            config = each(config)
+        return config
+
+    return change

@@ -1,0 +1,120 @@
+"""What a controller costs: rise time over speed, and how it follows a sine at the steering wheel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from codegen.sil.software import RECORD_COLUMNS, Software
+from hil_sim.metrics.frequency import FrequencyResponse, frequency_response
+from hil_sim.metrics.run import FloatArray, Run, column, spin_time
+from hil_sim.scenarios import Scenario, find
+from hil_sim.suite.cells import Cell
+from hil_sim.suite.conditions import NOMINAL, Condition
+from hil_sim.suite.runs import CellResult, software_of
+from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+
+SINE_SPEEDS_KM_H = (100.0, 120.0)
+SINE_FREQUENCIES_HZ = (0.5, 1.0, 1.5)
+SINE_SHARE = 0.1
+"""Amplitude of the sine, of the largest feasible front angle: 1 to 3 m/s^2, where tyres hardly bend."""
+
+
+@dataclass(frozen=True)
+class RiseTime:
+    """t90 of a subject at one speed, over its cells that stay on the road; None where there is none."""
+
+    subject: str
+    speed_km_h: float
+    mean_s: float | None
+    largest_s: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class SineTracking:
+    """Yaw rate of a subject at one speed and frequency; None for a car that spins.
+
+    Attributes:
+        gain_of_steady: gain from steering wheel to yaw rate over that at the lowest frequency of the sweep (0.2 Hz).
+        gain_of_map: yaw rate over what the map asks for at each instant.
+        phase_deg: of the yaw rate against the steering wheel, below zero where it lags. The map itself has none.
+    """
+
+    subject: str
+    speed_km_h: float
+    frequency_hz: float
+    gain_of_steady: float | None
+    gain_of_map: float | None
+    phase_deg: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def rise_times(subject: str, results: Sequence[CellResult]) -> tuple[RiseTime, ...]:
+    """One row for each speed among the results."""
+    rows = []
+    for speed in dict.fromkeys(result.cell.speed_km_h for result in results):
+        times = [r.rise_time_s for r in results if r.cell.speed_km_h == speed and r.rise_time_s is not None]
+        mean, largest = (sum(times) / len(times), max(times)) if times else (None, None)
+        rows.append(RiseTime(subject, speed, mean, largest))
+    return tuple(rows)
+
+
+def sine_scenario(cell: Cell, ratio: float) -> Scenario:
+    """The sine sweep at the speed and with the front angle of a cell; `ratio` is that of the steering."""
+    sweep = find("sine-sweep")
+    angle = cell.front_angle_deg * ratio
+    return replace(sweep, settings=replace(sweep.settings, speed_km_h=cell.speed_km_h, steering_wheel_angle_deg=angle))
+
+
+def sine_tracking(
+    subject: Subject, cells: Iterable[Cell], condition: Condition = NOMINAL, delay_samples: int = DELAY_SAMPLES
+) -> tuple[SineTracking, ...]:
+    """Rows at those of SINE_SPEEDS_KM_H at which there is a cell of the largest feasible front angle. Raises BuildError."""
+    rows: list[SineTracking] = []
+    for cell in cells:
+        if cell.share == 1.0 and cell.speed_km_h in SINE_SPEEDS_KM_H:
+            smaller = Cell(cell.speed_km_h, SINE_SHARE * cell.front_angle_deg, SINE_SHARE)
+            rows += _at_one_speed(subject, smaller, condition, delay_samples)
+    return tuple(rows)
+
+
+def _at_one_speed(subject: Subject, cell: Cell, condition: Condition, delay_samples: int) -> list[SineTracking]:
+    software = software_of(subject, condition)
+    plant = software.config
+    scenario = sine_scenario(cell, plant.steering.ratio)
+    record = subject.loop(software, delay_samples).run(scenario.inputs(plant))
+    asked = _asked_of(software, record)
+    found, of_map = (frequency_response(Run(made, scenario, plant)) for made in (record, asked))
+    if spin_time(record) is not None or found is None or of_map is None:
+        return [SineTracking(subject.name, cell.speed_km_h, f, None, None, None) for f in SINE_FREQUENCIES_HZ]
+    rows = []
+    for frequency in SINE_FREQUENCIES_HZ:
+        gain, phase = _at(found, frequency)
+        steady, map_gain = float(found.gain[0]), _at(of_map, frequency)[0]
+        rows.append(SineTracking(subject.name, cell.speed_km_h, frequency, gain / steady, gain / map_gain, math.degrees(phase)))
+    return rows
+
+
+def _asked_of(software: Software, record: FloatArray) -> FloatArray:
+    """The same recording with the map's yaw rate in place of the car's."""
+    asked = record.copy()
+    values = software.map_yaw_rate(column(record, "speed_m_s"), column(record, "front_angle_rad"))
+    asked[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] = values
+    return asked
+
+
+def _at(found: FrequencyResponse, frequency: float) -> tuple[float, float]:
+    """Gain and phase (rad), between the points of the response on the logarithmic axis."""
+    place, places = math.log(frequency), np.log(found.frequency)
+    return float(np.interp(place, places, found.gain)), float(np.interp(place, places, found.phase))

@@ -1,0 +1,236 @@
+"""What the controller under test must show: figures asked beside figures measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from hil_sim.suite.conditions import ESTIMATE_ERROR, FRICTIONS, LAGS, MASSES, NOMINAL
+from hil_sim.suite.loop_margins import FamilyMargins
+from hil_sim.suite.runs import CellResult
+from hil_sim.suite.summary import Extreme, Summary
+
+Sense = Literal["at most", "at least"]
+
+C1_OVERSHOOT_PERCENT, C1_SETTLING_S, C1_RISE_S = 2.0, 0.6, 0.38
+OVERSHOOT_PERCENT, SETTLING_S, SIDESLIP_DEG = 3.0, 1.1, 3.2
+SLOW_ACTUATOR_OVERSHOOT_PERCENT, SLOW_ACTUATOR_STRETCH_PERCENT = 16.0, 5.0
+GAIN_MARGIN_DB, PHASE_MARGIN_DEG, SENSITIVITY = 8.0, 45.0, 1.8
+THIRD_PARTY_OVERSHOOT_PERCENT = 3.0
+WET_SIDESLIP_DEG, SNOW_SIDESLIP_DEG, SNOW_SPINS_WITHOUT_ESTIMATE = 3.5, 5.5, 1
+INSTRUCTIONS = 1500
+
+NOT_MEASURED = "not measured in this run"
+ROUNDING = 1e-9
+"""Times are differences of sample times: 1.6 s - 1 s is a little more than 0.6 s."""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One figure.
+
+    Attributes:
+        subject_matter: the row of the list that it belongs to.
+        figure, unit: what is measured.
+        sense, limit: what is asked.
+        measured: None where the figure does not exist (`note` tells why).
+        passed: None where it was not measured.
+        stretch: a goal that does not have to be reached.
+        note: the cell or speed of a worst figure, or why there is none.
+    """
+
+    subject_matter: str
+    figure: str
+    unit: str
+    sense: Sense
+    limit: float
+    measured: float | None
+    passed: bool | None
+    stretch: bool = False
+    note: str = ""
+
+    @property
+    def asked(self) -> str:
+        """In words."""
+        return f"{self.sense} {self.limit:g} {self.unit}".rstrip()
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "asked": self.asked}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the requirements are held against, all of the subject under test.
+
+    Attributes:
+        summaries: name of the condition to the figures over its cells.
+        c1: name of the condition to the paper's step.
+        margins: None where there is no feedback.
+        third_party: cells on the third party's plant; None where it was not driven.
+        instructions: of a step in the worst case on a Cortex-M4F; None where they were not counted.
+    """
+
+    summaries: Mapping[str, Summary]
+    c1: Mapping[str, CellResult]
+    margins: FamilyMargins | None
+    third_party: Summary | None = None
+    instructions: int | None = None
+
+
+def _row(
+    matter: str,
+    figure: str,
+    unit: str,
+    asked: tuple[Sense, float],
+    measured: float | None,
+    note: str = "",
+    stretch: bool = False,
+) -> Requirement:
+    sense, limit = asked
+    if measured is None:
+        return Requirement(matter, figure, unit, sense, limit, None, False, stretch, note)
+    passed = measured <= limit + ROUNDING if sense == "at most" else measured >= limit - ROUNDING
+    return Requirement(matter, figure, unit, sense, limit, measured, passed, stretch, note)
+
+
+def _absent(matter: str, figure: str, unit: str, asked: tuple[Sense, float], stretch: bool = False) -> Requirement:
+    return Requirement(matter, figure, unit, *asked, measured=None, passed=None, stretch=stretch, note=NOT_MEASURED)
+
+
+def _c1(measured: Measured) -> list[Requirement]:
+    rows = []
+    for condition in LAGS:
+        matter = f"C1, {condition.title}"
+        figures = (
+            ("overshoot", "%", C1_OVERSHOOT_PERCENT, "overshoot_percent"),
+            ("settling time to 2 %", "s", C1_SETTLING_S, "settling_time_s"),
+            ("rise time to 90 %", "s", C1_RISE_S, "rise_time_s"),
+        )
+        result = measured.c1.get(condition.name)
+        for figure, unit, limit, name in figures:
+            asked: tuple[Sense, float] = ("at most", limit)
+            if result is None:
+                rows.append(_absent(matter, figure, unit, asked))
+                continue
+            note = "the car spins" if result.spun else "" if result.settled else "it does not settle"
+            rows.append(_row(matter, figure, unit, asked, getattr(result, name), note))
+    return rows
+
+
+def _worst(summary: Summary | None, matter: str, figure: str, unit: str, limit: float, name: str, **more: bool) -> Requirement:
+    """The worst of all cells; a cell without the figure fails it."""
+    asked: tuple[Sense, float] = ("at most", limit)
+    if summary is None:
+        return _absent(matter, figure, unit, asked, **more)
+    found: Extreme | None = getattr(summary, name)
+    settling = name == "settling_time_s"
+    without = len(summary.spins) + (len(summary.unsettled) if settling else 0)
+    row = _row(
+        matter, figure, unit, asked, None if found is None else found.value, "" if found is None else found.cell.title, **more
+    )
+    if not without:
+        return row
+    why = f"none in {without} of {summary.cells} cells, which spin{' or do not settle' if settling else ''}"
+    return Requirement(matter, figure, unit, *asked, measured=row.measured, passed=False, stretch=row.stretch, note=why)
+
+
+def _spins(summary: Summary | None, matter: str, limit: int) -> Requirement:
+    asked: tuple[Sense, float] = ("at most", float(limit))
+    if summary is None:
+        return _absent(matter, "spins", "", asked)
+    return _row(matter, f"spins in {summary.cells} cells", "", asked, float(len(summary.spins)), _titles(summary))
+
+
+def _titles(summary: Summary) -> str:
+    shown = [cell.title for cell in summary.spins[:3]]
+    return "; ".join(shown) + (", ..." if len(summary.spins) > 3 else "")
+
+
+def _over_cells(measured: Measured) -> list[Requirement]:
+    rows = []
+    for condition in (NOMINAL, *MASSES):
+        matter, summary = f"all cells, {condition.title}", measured.summaries.get(condition.name)
+        rows += [
+            _spins(summary, matter, 0),
+            _worst(summary, matter, "overshoot", "%", OVERSHOOT_PERCENT, "overshoot_percent"),
+            _worst(summary, matter, "settling time to 2 %", "s", SETTLING_S, "settling_time_s"),
+            _worst(summary, matter, "|sideslip|", "deg", SIDESLIP_DEG, "sideslip_max_deg"),
+        ]
+    slow = LAGS[-1]
+    matter, summary = f"all cells, {slow.title}", measured.summaries.get(slow.name)
+    goals = ((SLOW_ACTUATOR_OVERSHOOT_PERCENT, False), (SLOW_ACTUATOR_STRETCH_PERCENT, True))
+    return rows + [
+        _worst(summary, matter, "overshoot", "%", limit, "overshoot_percent", stretch=stretch) for limit, stretch in goals
+    ]
+
+
+def _margins(margins: FamilyMargins | None) -> list[Requirement]:
+    figures: tuple[tuple[str, str, Sense, float, str], ...] = (
+        ("gain margin", "dB", "at least", GAIN_MARGIN_DB, "gain_margin_db"),
+        ("phase margin", "deg", "at least", PHASE_MARGIN_DEG, "phase_margin_deg"),
+        ("peak sensitivity", "", "at most", SENSITIVITY, "sensitivity"),
+    )
+    rows = []
+    for figure, unit, sense, limit, name in figures:
+        if margins is None:
+            rows.append(_absent("margins over the family", figure, unit, (sense, limit)))
+            continue
+        note = f"at {margins.speed_of(name):g} km/h" if all(p.stable for p in margins.points) else "an unstable loop"
+        rows.append(_row("margins over the family", figure, unit, (sense, limit), getattr(margins, name), note))
+    return rows
+
+
+def _on_slippery_roads(summaries: Mapping[str, Summary]) -> list[Requirement]:
+    wet, snow = FRICTIONS
+    rows = []
+    wanted = (
+        # friction, ending of the condition's name, what the controller knows, spins, sideslip
+        (wet, "", "no estimate", 0, WET_SIDESLIP_DEG),
+        (wet, "-exact", "exact estimate", 0, WET_SIDESLIP_DEG),
+        (wet, "-wrong", f"estimate {ESTIMATE_ERROR:g} too high", 0, WET_SIDESLIP_DEG),
+        (snow, "-exact", "exact estimate", 0, SNOW_SIDESLIP_DEG),
+        (snow, "-wrong", f"estimate {ESTIMATE_ERROR:g} too high", 0, SNOW_SIDESLIP_DEG),
+        (snow, "", "no estimate", SNOW_SPINS_WITHOUT_ESTIMATE, None),
+    )
+    for friction, ending, knows, spins, sideslip in wanted:
+        summary = summaries.get(f"friction-{100.0 * friction:.0f}{ending}")
+        matter = f"friction {friction:g}, {knows}"
+        rows.append(_spins(summary, matter, spins))
+        if sideslip is not None:
+            rows.append(_worst(summary, matter, "|sideslip|", "deg", sideslip, "sideslip_max_deg"))
+    return rows
+
+
+def _third_party(summary: Summary | None) -> list[Requirement]:
+    matter = "third party's plant"
+    return [
+        _spins(summary, matter, 0),
+        _worst(summary, matter, "overshoot", "%", THIRD_PARTY_OVERSHOOT_PERCENT, "overshoot_percent"),
+    ]
+
+
+def _instructions(count: int | None) -> Requirement:
+    matter, figure, asked = "Cortex-M4F", "instructions of a step, worst case", ("at most", float(INSTRUCTIONS))
+    sense: Sense = "at most"
+    if count is None:
+        return _absent(matter, figure, "", (sense, asked[1]))
+    return _row(matter, figure, "", (sense, asked[1]), float(count))
+
+
+def requirements(measured: Measured) -> tuple[Requirement, ...]:
+    """All rows, in the order of the list."""
+    return (
+        *_c1(measured),
+        *_over_cells(measured),
+        *_margins(measured.margins),
+        *_third_party(measured.third_party),
+        *_on_slippery_roads(measured.summaries),
+        _instructions(measured.instructions),
+    )
+
+
+def all_passed(rows: Sequence[Requirement]) -> bool:
+    """Whether nothing that was measured fails, stretch goals aside."""
+    return all(row.passed is not False or row.stretch for row in rows)

@@ -1,0 +1,106 @@
+"""One step steer, and what is told of it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from codegen.config import KM_H
+from codegen.sil.software import Software
+from hil_sim.metrics.run import FloatArray, spin_time
+from hil_sim.metrics.step import step_metrics
+from hil_sim.suite.cells import STEER_TIME, Cell, front_angle
+from hil_sim.suite.conditions import Condition
+from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """Figures of one run. A car that spins has none of them but the time of the spin.
+
+    Attributes:
+        cell, condition: what was driven, and the name of the condition.
+        spun_at_s: s after the driver begins; None for a car that stays on the road.
+        settled: whether the yaw rate stands still at the end, within 1 %.
+        overshoot_percent: of the steady yaw rate, zero or more.
+        rise_time_s: t90, s from the beginning of the steering to 90 % of the steady yaw rate.
+        settling_time_s: s to where the yaw rate stays within 2 % of it; None where it does not settle.
+        sideslip_max_deg: the largest |beta|.
+        yaw_rate_steady_deg_s: mean over the last second.
+        share_of_reference: that over the map's value at this speed, front angle and estimate of the friction.
+    """
+
+    cell: Cell
+    condition: str
+    spun_at_s: float | None
+    settled: bool
+    overshoot_percent: float | None
+    rise_time_s: float | None
+    settling_time_s: float | None
+    sideslip_max_deg: float | None
+    yaw_rate_steady_deg_s: float | None
+    share_of_reference: float | None
+
+    @property
+    def spun(self) -> bool:
+        """Whether the car left the road."""
+        return self.spun_at_s is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+@functools.lru_cache(maxsize=256)
+def software_of(subject: Subject, condition: Condition) -> Software:
+    """The subject's controller around the plant of a condition; its `config` is the plant's. Raises BuildError, ConfigError."""
+    return subject.around(condition.plant(subject.config))
+
+
+def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> FloatArray:
+    """The recording (samples, 12), columns RECORD_COLUMNS, of a subject in a cell. Raises BuildError, ConfigError."""
+    software = software_of(subject, condition)
+    scenario = cell.scenario(software.config, condition.friction, condition.estimate)
+    return subject.loop(software, delay_samples).run(scenario.inputs(software.config))
+
+
+def judge(
+    record: FloatArray, cell: Cell, condition: str, reference: float | None = None, steer_time: float = STEER_TIME
+) -> CellResult:
+    """Figures of a recording (samples, 12), of whatever plant.
+
+    Args:
+        reference: rad/s, the map's yaw rate; None where there is none.
+        steer_time: s, when the driver begins.
+    """
+    spun_at = spin_time(record)
+    if spun_at is not None:
+        return CellResult(cell, condition, spun_at - steer_time, False, None, None, None, None, None, None)
+    found = step_metrics(record, steer_time)
+    steady = found.yaw_rate_steady_deg_s
+    return CellResult(
+        cell=cell,
+        condition=condition,
+        spun_at_s=None,
+        settled=found.settled,
+        overshoot_percent=max(found.overshoot_percent, 0.0),
+        rise_time_s=found.rise_time_s,
+        settling_time_s=found.settling_time_s,
+        sideslip_max_deg=found.sideslip_abs_max_deg,
+        yaw_rate_steady_deg_s=steady,
+        share_of_reference=math.radians(steady) / reference if reference else None,
+    )
+
+
+def run_cell(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> CellResult:
+    """Drive and judge."""
+    record = drive(subject, condition, cell, delay_samples)
+    return judge(record, cell, condition.name, map_yaw_rate(subject, condition, cell))
+
+
+def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:
+    """rad/s that the subject's map asks for in a cell, with the estimate of the friction that the controller is given."""
+    software = software_of(subject, condition)
+    return float(software.map_yaw_rate(cell.speed_km_h * KM_H, front_angle(cell), condition.estimate_or_nan))

@@ -1,0 +1,75 @@
+"""Figures over all cells of one subject under one condition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hil_sim.suite.cells import Cell
+from hil_sim.suite.runs import CellResult
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A figure and the cell that has it."""
+
+    value: float
+    cell: Cell
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of the cells in which the car stays on the road; None where there is none.
+
+    Attributes:
+        subject, condition: names.
+        cells: how many were driven.
+        spins: in which the car spins.
+        unsettled: in which the yaw rate does not stand still at the end; they have no settling time.
+        overshoot_mean_percent: mean over the cells; the others are the largest, or (reference) the smallest.
+    """
+
+    subject: str
+    condition: str
+    cells: int
+    spins: tuple[Cell, ...]
+    unsettled: tuple[Cell, ...]
+    overshoot_mean_percent: float | None
+    overshoot_percent: Extreme | None
+    rise_time_s: Extreme | None
+    settling_time_s: Extreme | None
+    sideslip_max_deg: Extreme | None
+    share_of_reference: Extreme | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Summary:
+    """The figures of one table."""
+    on_road = [result for result in results if not result.spun]
+    overshoots = [result.overshoot_percent for result in on_road if result.overshoot_percent is not None]
+    return Summary(
+        subject=subject,
+        condition=condition,
+        cells=len(results),
+        spins=tuple(result.cell for result in results if result.spun),
+        unsettled=tuple(result.cell for result in on_road if not result.settled),
+        overshoot_mean_percent=sum(overshoots) / len(overshoots) if overshoots else None,
+        overshoot_percent=extreme(on_road, "overshoot_percent"),
+        rise_time_s=extreme(on_road, "rise_time_s"),
+        settling_time_s=extreme(on_road, "settling_time_s"),
+        sideslip_max_deg=extreme(on_road, "sideslip_max_deg"),
+        share_of_reference=extreme(on_road, "share_of_reference", min),
+    )
+
+
+def extreme(results: Sequence[CellResult], name: str, choose: Callable[..., float] = max) -> Extreme | None:
+    """The largest (or smallest) value of a figure with its cell, the first of equals; None where no run has it."""
+    values = [value for result in results if (value := getattr(result, name)) is not None]
+    if not values:
+        return None
+    wanted = choose(values)
+    return next(Extreme(wanted, result.cell) for result in results if getattr(result, name) == wanted)

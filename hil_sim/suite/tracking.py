@@ -1,0 +1,193 @@
+"""The whole test set for one controller beside its baselines, in one call."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+from codegen.config import Case, Config
+from codegen.design.family import members
+from hil_sim.metrics.run import FloatArray
+from hil_sim.suite.cells import Cell, c1, cells
+from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
+from hil_sim.suite.loop_margins import FamilyMargins, margins_of
+from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
+from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
+from hil_sim.suite.runs import CellResult, drive, run_cell, software_of
+from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
+from hil_sim.suite.summary import Summary, summarise
+
+Results = Mapping[str, Mapping[str, tuple[CellResult, ...]]]
+"""Name of the subject to name of the condition to a result for each cell."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is driven next, tables done, tables in all."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What is measured elsewhere: a row stays unmeasured where a figure is missing.
+
+    Attributes:
+        third_party: name of the subject to its cells on the third party's plant.
+        instructions: of a step in the worst case, of the subject under test.
+    """
+
+    third_party: Mapping[str, Sequence[CellResult]] = field(default_factory=dict)
+    instructions: int | None = None
+
+
+@dataclass(frozen=True)
+class SuiteResult:
+    """Everything that was measured.
+
+    Attributes:
+        tested: name of the subject that the requirements are for; `subjects` are all of them, it first, the passive car last.
+        cells, conditions: the test set.
+        design_set: what the gains were designed on, in words.
+        results, c1: each subject in each cell under each condition; the paper's step for each lag.
+        c1_records: name of the subject to the recording (samples, 12) of the paper's step, for plots.
+        margins: of those that have feedback.
+        rise_times, sine: where speed costs.
+        third_party: each subject on the third party's plant.
+        requirements: figures asked beside figures measured.
+    """
+
+    tested: str
+    subjects: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    conditions: tuple[Condition, ...]
+    design_set: str
+    results: Results
+    c1: Mapping[str, Mapping[str, CellResult]]
+    c1_records: Mapping[str, FloatArray]
+    margins: Mapping[str, FamilyMargins]
+    rise_times: Mapping[str, tuple[RiseTime, ...]]
+    sine: Mapping[str, tuple[SineTracking, ...]]
+    third_party: Mapping[str, tuple[CellResult, ...]]
+    requirements: tuple[Requirement, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the subject under test meets all that was measured, stretch goals aside."""
+        return all_passed(self.requirements)
+
+    def summary(self, subject: str, condition: str) -> Summary:
+        """Figures over all cells. Raises KeyError for what was not driven."""
+        return summarise(subject, condition, self.results[subject][condition])
+
+    def summaries(self) -> tuple[Summary, ...]:
+        """Of all conditions and subjects: conditions in order, and the subjects beside each other in each."""
+        return tuple(self.summary(subject, condition.name) for condition in self.conditions for subject in self.subjects)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: all but the recordings."""
+        return {
+            "tested": self.tested,
+            "passed": self.passed,
+            "subjects": list(self.subjects),
+            "delay_samples": DELAY_SAMPLES,
+            "cells": [cell.to_dict() for cell in self.cells],
+            "conditions": [condition.to_dict() for condition in self.conditions],
+            "design_set": self.design_set,
+            "requirements": [row.to_dict() for row in self.requirements],
+            "summaries": [summary.to_dict() for summary in self.summaries()],
+            "c1": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.c1.items()},
+            "margins": {name: found.to_dict() for name, found in self.margins.items()},
+            "rise_times": {name: [row.to_dict() for row in rows] for name, rows in self.rise_times.items()},
+            "sine": {name: [row.to_dict() for row in rows] for name, rows in self.sine.items()},
+            "third_party": {name: [found.to_dict() for found in rows] for name, rows in self.third_party.items()},
+            "results": {
+                subject: {name: [found.to_dict() for found in rows] for name, rows in tables.items()}
+                for subject, tables in self.results.items()
+            },
+        }
+
+
+def design_set(config: Config) -> str:
+    """What `codegen tune` designs the gains on, in words; no cell of the test set is among it."""
+    speeds = config.tuning.speed_km_h
+    return (
+        f"{len(members(config))} linear single-track cars at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h: "
+        "margins of the loop, no step steer and no nonlinear plant"
+    )
+
+
+def run_suite(
+    tested: Subject,
+    baselines: Sequence[Subject],
+    case: Case,
+    *,
+    chosen: Sequence[Condition] | None = None,
+    outside: Outside | None = None,
+    progress: Progress | None = None,
+) -> SuiteResult:
+    """Drive every subject, and the passive car, in every cell under every condition.
+
+    Args:
+        tested: what the requirements are for.
+        baselines: beside it; names unique. The passive car is added where it is not among them.
+        case: of the map, from which the largest feasible front angles follow.
+        chosen: conditions; all that make sense for the configuration by default.
+        progress: for a bar.
+
+    Raises:
+        CodegenError: C that does not compile, a configuration that has no such cells.
+    """
+    config = tested.config
+    outside = Outside() if outside is None else outside
+    subjects = [tested, *baselines]
+    if all(subject.controlled for subject in subjects):
+        subjects.append(passive_of(tested))
+    names = tuple(subject.name for subject in subjects)
+    if len(set(names)) != len(names):
+        raise ValueError(f"two subjects have one name: {', '.join(names)}")
+    points, under = cells(config, case), conditions(config) if chosen is None else tuple(chosen)
+    results = _all_tables(subjects, under, points, progress)
+    step = c1(config)
+    c1_results = {subject.name: {lag.name: run_cell(subject, lag, step) for lag in LAGS} for subject in subjects}
+    margins = {subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))}
+    third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
+    measured = Measured(
+        summaries={name: summarise(tested.name, name, rows) for name, rows in results[tested.name].items()},
+        c1=c1_results[tested.name],
+        margins=margins.get(tested.name),
+        third_party=summarise(tested.name, "third-party", third_party[tested.name]) if tested.name in third_party else None,
+        instructions=outside.instructions,
+    )
+    nominal = NOMINAL.name
+    return SuiteResult(
+        tested=tested.name,
+        subjects=names,
+        cells=points,
+        conditions=under,
+        design_set=design_set(config),
+        results=results,
+        c1=c1_results,
+        c1_records={subject.name: drive(subject, NOMINAL, step) for subject in subjects},
+        margins=margins,
+        rise_times={name: rise_times(name, tables[nominal]) for name, tables in results.items() if nominal in tables},
+        sine={subject.name: sine_tracking(subject, points) for subject in subjects},
+        third_party=third_party,
+        requirements=requirements(measured),
+    )
+
+
+def _all_tables(
+    subjects: Sequence[Subject], under: Sequence[Condition], points: Sequence[Cell], progress: Progress | None
+) -> dict[str, dict[str, tuple[CellResult, ...]]]:
+    results: dict[str, dict[str, tuple[CellResult, ...]]] = {subject.name: {} for subject in subjects}
+    tables = [(subject, condition) for condition in under for subject in subjects]
+    with ThreadPoolExecutor() as pool:  # the C runs without the interpreter's lock
+        for done, (subject, condition) in enumerate(tables):
+            if progress is not None:
+                progress(f"{subject.name}, {condition.title}", done, len(tables))
+            software_of(subject, condition)  # compiled before the threads want it
+            results[subject.name][condition.name] = tuple(pool.map(functools.partial(run_cell, subject, condition), points))
+    return results
+
+
+__all__ = ["PASSIVE", "Outside", "Progress", "Results", "SuiteResult", "design_set", "run_suite"]

@@ -1,0 +1,53 @@
+"""The sampled car and its loop by python-control, from blocks: shares no matrix with the code under test."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+
+from codegen.config import Config
+from codegen.design.family import Member
+from codegen.vehicle.single_track import SingleTrack
+
+
+def sampled_car(config: Config, member: Member, speed: float, delay: int) -> control.StateSpace:
+    """From the rear angle commanded to the yaw rate, discrete: body and tyres in a feedback loop, actuator and delay in series.
+
+    The tyres see the slip angles of the body, each through a first-order lag of length sigma; the body sees the tyres' forces.
+    """
+    car = SingleTrack.from_config(config)
+    mass, inertia = car.mass * member.mass_factor, car.yaw_inertia * member.mass_factor
+    lf, lr = car.front_arm, car.rear_arm
+    # Side forces in; steady slip angles (wheels straight ahead) and yaw rate out.
+    body = control.ss(
+        [[0.0, -1.0], [0.0, 0.0]],
+        [[1.0 / (mass * speed), 1.0 / (mass * speed)], [lf / inertia, -lr / inertia]],
+        [[1.0, lf / speed], [1.0, -lr / speed], [0.0, 1.0]],
+        np.zeros((3, 2)),
+    )
+    stiffness = np.diag(
+        [car.front_stiffness * member.front_stiffness_factor, car.rear_stiffness * member.rear_stiffness_factor]
+    )
+    sigma = member.relaxation_length
+    if sigma > 0.0:
+        pace = speed / sigma
+        tyres = control.ss(-pace * np.eye(2), pace * np.eye(2), -stiffness, np.zeros((2, 2)))
+    else:
+        tyres = control.ss([], [], [], -stiffness)
+    # The body with its own tyres around it; the rear angle acts through tyres of its own, which the linear sum allows.
+    slips_of_body = control.ss([], [], [], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    rolling = control.feedback(body, tyres * slips_of_body, sign=1)
+    yaw_rate = control.ss([], [], [], [[0.0, 0.0, 1.0]]) * rolling
+    forces = tyres * control.ss([], [], [], [[0.0], [-1.0]])  # the rear angle lowers the rear slip angle
+    actuator = control.ss(-1.0 / member.actuator_lag, 1.0 / member.actuator_lag, 1.0, 0.0)
+    time = config.controller.sampling_time_s
+    sampled = control.c2d(yaw_rate * forces * actuator, time, method="zoh")
+    late = control.tf([1.0], [1.0] + delay * [0.0], time)
+    return sampled * control.ss(late) if delay else sampled
+
+
+def loop(config: Config, member: Member, speed: float, kp: float, ki: float) -> control.StateSpace:
+    """L = -(Kp + Ki T z/(z - 1)) P."""
+    time = config.controller.sampling_time_s
+    controller = kp + ki * control.tf([time, 0.0], [1.0, -1.0], time) if ki else control.tf([kp], [1.0], time)
+    return -sampled_car(config, member, speed, config.tuning.delay_samples) * control.ss(controller)

@@ -1,0 +1,650 @@
+"""The test set: its cells and plants against the physics, its figures against runs made by hand, and the paper's PI in it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen import config as configuration
+from codegen.config import KM_H, Config
+from codegen.errors import CodegenError, ConfigError
+from codegen.refmap import exact
+from codegen.refmap.problem import SteadyTurnProblem
+from codegen.sil.software import RECORD_COLUMNS
+from codegen.vehicle.dynamics import single_track
+from codegen.vehicle.tyre import AxleTyres
+from hil_sim import second_plant
+from hil_sim.metrics import step_metrics
+from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
+from hil_sim.suite import conditions as known
+from hil_sim.suite import plants, price, subjects
+from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
+from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL, conditions
+from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
+from hil_sim.suite.price import rise_times, sine_tracking
+from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
+from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
+from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
+from hil_sim.suite.summary import Summary, summarise
+from hil_sim.suite.third_party import third_party_cells
+from hil_sim.suite.tracking import Outside, run_suite
+from tests.sil import builds
+
+CONFIG = configuration.preset()
+CASE = CONFIG.case("4ws-2")
+BY_B = configuration.parse(
+    {**CONFIG.model_dump(), "tyre": {axle: {"stiffness_factor_b_per_rad": 18.0} for axle in ("front", "rear")}}, "test"
+)
+"""A car whose tyres are given by B."""
+
+
+@pytest.fixture(scope="module")
+def pi() -> Subject:
+    """The paper's controller on its map."""
+    return Subject("pi", CONFIG, around(builds.paper_map(), CONFIG))
+
+
+@pytest.fixture(scope="module")
+def passive(pi: Subject) -> Subject:
+    return passive_of(pi)
+
+
+# --- cells -------------------------------------------------------------------------------------------------------------
+
+
+def test_cells_are_six_speeds_by_four_amplitudes() -> None:
+    found = cells(CONFIG, CASE)
+    assert [(cell.speed_km_h, cell.share) for cell in found] == [(speed, share) for speed in SPEEDS_KM_H for share in SHARES]
+    # At 25 km/h the grid ends (10 deg) before the optimisation does; from there on the edge falls with the speed.
+    largest = [cell.front_angle_deg for cell in found if cell.share == 1.0]
+    assert largest[0] == pytest.approx(10.0, rel=1e-12)
+    assert largest == sorted(largest, reverse=True)
+    assert [cell.front_angle_deg for cell in found[-4:]] == pytest.approx([share * largest[-1] for share in SHARES], rel=1e-12)
+
+
+def test_largest_front_angle_is_the_last_feasible_one() -> None:
+    problem = SteadyTurnProblem.from_config(CONFIG, CASE)
+    for cell in cells(CONFIG, CASE):
+        if cell.share == 1.0 and cell.front_angle_deg < 10.0 - 1e-9:
+            around_edge = np.deg2rad(cell.front_angle_deg * np.array([1.0 - 1e-9, 1.0 + 1e-9]))
+            solution = exact.solve(problem, np.array([cell.speed_km_h * KM_H]), around_edge)
+            assert solution.feasible[0].tolist() == [True, False]
+
+
+def test_cells_end_with_the_grid() -> None:
+    slow = plants.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
+    assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
+    slower = plants.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
+    with pytest.raises(CodegenError, match="ends at 24 km/h"):
+        cells(slower, CASE)
+
+
+def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
+    inputs = Cell(80.0, 3.0).scenario(CONFIG, 0.6, 0.8).inputs(CONFIG)
+    assert len(inputs) == round(DURATION / 1e-3)
+    before, after = inputs[round(STEER_TIME / 1e-3) - 1], inputs[round(STEER_TIME / 1e-3)]
+    assert after == pytest.approx([80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0])  # 3 deg at the wheels: 40 at the hands
+    assert before[1] == 0.0
+    assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
+
+
+def test_c1_is_the_papers_step() -> None:
+    assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
+
+
+# --- plants ------------------------------------------------------------------------------------------------------------
+
+
+def slopes(config: Config) -> list[float]:
+    tyres = AxleTyres.from_config(config)
+    return [tyres.front.cornering_stiffness, tyres.rear.cornering_stiffness]
+
+
+def peaks(config: Config, share: float = 1.0) -> list[float]:
+    """Peak force at a share of the static load of the nominal car, N."""
+    original, tyres = AxleTyres.from_config(CONFIG), AxleTyres.from_config(config)
+    return [
+        tyre.peak(share * nominal.static_load, 0.9)
+        for tyre, nominal in ((tyres.front, original.front), (tyres.rear, original.rear))
+    ]
+
+
+def others_unchanged(config: Config, base: Config, *tables: str) -> bool:
+    keep = {name: value for name, value in base.model_dump().items() if name not in tables}
+    return keep == {name: value for name, value in config.model_dump().items() if name not in tables}
+
+
+@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
+def test_mass_comes_with_inertia_and_leaves_the_slope(base: Config) -> None:
+    heavy = plants.mass(20.0)(base)
+    assert heavy.vehicle.mass_kg == pytest.approx(1.2 * base.vehicle.mass_kg)
+    assert heavy.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2 * base.vehicle.yaw_inertia_kg_m2)
+    assert slopes(heavy) == pytest.approx(slopes(base), rel=1e-12)
+    assert peaks(heavy) == pytest.approx(peaks(base), rel=1e-12)  # the same tyre at the same load
+    assert others_unchanged(heavy, base, "vehicle", "tyre")
+    # A car whose slopes went with its mass would move as before: this one does not.
+    moves = [np.array(single_track(car, "linear").jacobian([0, 0], [20, 0, 0, 0.9])[0])[0, 0] for car in (base, heavy)]
+    assert moves[1] / moves[0] == pytest.approx(1.0 / 1.2, rel=1e-12)
+
+
+@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
+def test_stiffness_is_the_slope_and_leaves_the_peak(base: Config) -> None:
+    changed = plants.stiffness(-20.0, 15.0)(base)
+    assert slopes(changed) == pytest.approx([0.8 * slopes(base)[0], 1.15 * slopes(base)[1]], rel=1e-12)
+    assert peaks(changed) == pytest.approx(peaks(base), rel=1e-12)
+    assert others_unchanged(changed, base, "tyre")
+
+
+@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
+def test_peak_leaves_the_slope(base: Config) -> None:
+    changed = plants.peak(-10.0)(base)
+    assert slopes(changed) == pytest.approx(slopes(base), rel=1e-12)
+    assert peaks(changed) == pytest.approx([0.9 * value for value in peaks(base)], rel=1e-12)
+    assert others_unchanged(changed, base, "tyre")
+
+
+def test_load_sensitivity_acts_away_from_the_static_load_only() -> None:
+    changed = plants.load_sensitivity(-0.1)(BY_B)
+    assert slopes(changed) == pytest.approx(slopes(BY_B), rel=1e-12)
+    assert peaks(changed) == pytest.approx(peaks(BY_B), rel=1e-12)
+    assert peaks(changed, 1.5) == pytest.approx([0.95 * value for value in peaks(BY_B, 1.5)], rel=1e-12)
+
+
+def test_lag_and_relaxation() -> None:
+    slow, soft = plants.actuator_lag(0.1)(CONFIG), plants.relaxation(0.6)(CONFIG)
+    assert slow.rear_actuator.lag_s == 0.1
+    assert others_unchanged(slow, CONFIG, "rear_actuator")
+    assert slow.rear_actuator.rate_max_deg_s == CONFIG.rear_actuator.rate_max_deg_s
+    assert soft.plant.relaxation_length_m == 0.6
+    assert others_unchanged(soft, CONFIG, "plant")
+
+
+def test_combined_is_all_of_it() -> None:
+    worst = known.COMBINED.plant(CONFIG)
+    assert worst.rear_actuator.lag_s == 0.1
+    assert worst.plant.relaxation_length_m == 0.6
+    assert worst.vehicle.mass_kg == pytest.approx(1.2 * CONFIG.vehicle.mass_kg)
+    assert slopes(worst) == pytest.approx([0.8 * value for value in slopes(CONFIG)], rel=1e-12)
+    # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1.
+    wanted = 0.9 - 0.1 * (1.0 / 1.2 - 1.0)
+    assert peaks(worst) == pytest.approx([wanted * value for value in peaks(CONFIG)], rel=1e-12)
+
+
+def test_a_plant_that_no_car_can_have_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"varied plant.*mass_kg"):
+        plants.mass(-95.0)(CONFIG)
+
+
+def test_conditions_have_names_of_their_own_and_roads_below_the_maps() -> None:
+    names = [condition.name for condition in CONDITIONS]
+    assert len(set(names)) == len(names)
+    assert conditions(CONFIG) == CONDITIONS
+    wet = plants.changed(CONFIG, {"road": {"friction": 0.5}})
+    assert {condition.friction for condition in conditions(wet)} == {None, 0.4}
+    estimates = {(condition.friction, condition.estimate) for condition in CONDITIONS if condition.friction is not None}
+    assert estimates == {(0.6, None), (0.6, 0.6), (0.6, 0.8), (0.4, None), (0.4, 0.4), (0.4, 0.6)}
+
+
+# --- figures of one run ------------------------------------------------------------------------------------------------
+
+
+def record(duration: float = DURATION, **columns: Any) -> np.ndarray:
+    """A recording of 10 ms rows; each column a value, or a function of time."""
+    time = np.arange(round(duration / 0.01)) * 0.01
+    made = np.zeros((len(time), len(RECORD_COLUMNS)))
+    for name, values in {"time_s": time, "speed_m_s": 20.0, **columns}.items():
+        made[:, RECORD_COLUMNS.index(name)] = values(time) if callable(values) else values
+    return made
+
+
+def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
+    """Up to 0.6 rad/s in half a second, back to 0.5 in another."""
+    return record(
+        yaw_rate_rad_s=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.6, 0.5]),
+        sideslip_rad=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, -0.03, 0.01]),
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_figures_of_a_run_made_by_hand(sign: float) -> None:
+    found = judge(ramp_with_peak(sign), Cell(42.5, 5.0), "x", sign * 0.4)
+    assert found.settled
+    assert not found.spun
+    assert found.overshoot_percent == pytest.approx(20.0)
+    assert found.rise_time_s == pytest.approx(0.38)  # 90 % of 0.5 rad/s lies 0.375 s up the ramp
+    assert found.settling_time_s == pytest.approx(0.95)  # 0.51 rad/s is passed 0.45 s down the other one
+    assert found.sideslip_max_deg == pytest.approx(math.degrees(0.03))
+    assert found.yaw_rate_steady_deg_s == pytest.approx(sign * math.degrees(0.5))
+    assert found.share_of_reference == pytest.approx(1.25)
+
+
+def test_settling_is_to_the_last_time_outside() -> None:
+    """A late dip of 3 % counts, one of 1 % does not; and a car that never steers has settled at once."""
+
+    def dip(share: float) -> np.ndarray:
+        return record(yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, 0.5) * (1.0 - share * ((t > 3.995) & (t < 4.995))))
+
+    assert step_metrics(dip(0.03), STEER_TIME).settling_time_s == pytest.approx(4.0)
+    assert step_metrics(dip(0.01), STEER_TIME).settling_time_s == pytest.approx(0.2)
+    assert step_metrics(record(), STEER_TIME).settling_time_s == 0.0
+
+
+def test_a_run_that_swings_to_the_end_has_no_settling_time() -> None:
+    made = record(yaw_rate_rad_s=lambda t: np.where(t < 1.0, 0.0, 0.5 + 0.01 * np.sin(4.0 * np.pi * t)))
+    found = judge(made, Cell(42.5, 5.0), "x")
+    assert not found.settled
+    assert found.settling_time_s is None
+    assert found.overshoot_percent == pytest.approx(2.0, abs=0.1)
+    assert found.share_of_reference is None
+
+
+def test_creeping_up_is_no_negative_overshoot() -> None:
+    made = record(yaw_rate_rad_s=lambda t: np.clip(t - 1.0, 0.0, None) ** 0.02 * 0.3 * (t > 1.0))
+    assert judge(made, Cell(42.5, 5.0), "x").overshoot_percent == pytest.approx(0.0, abs=0.2)
+    falling = record(yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
+    assert judge(falling, Cell(42.5, 5.0), "x").overshoot_percent == pytest.approx(0.0, abs=1e-6)
+    assert judge(falling, Cell(42.5, 5.0), "x").overshoot_percent >= 0.0
+
+
+def test_a_spin_has_its_time_and_nothing_else() -> None:
+    made = ramp_with_peak()
+    late = made[:, 0] >= 5.0 - 1e-9
+    for name in ("sideslip_rad", "slip_rear_rad"):
+        made[late, RECORD_COLUMNS.index(name)] = 0.3
+    found = judge(made, Cell(42.5, 5.0), "x", 0.4)
+    assert found.spun_at_s == pytest.approx(4.0)
+    assert found.spun
+    figures = {
+        name: value for name, value in found.to_dict().items() if name not in ("cell", "condition", "spun_at_s", "settled")
+    }
+    assert set(figures.values()) == {None}
+
+
+# --- over all cells ----------------------------------------------------------------------------------------------------
+
+
+def result(share: float, **figures: Any) -> CellResult:
+    values = {
+        "spun_at_s": None,
+        "settled": True,
+        "overshoot_percent": 1.0,
+        "rise_time_s": 0.3,
+        "settling_time_s": 0.5,
+        "sideslip_max_deg": 1.0,
+        "yaw_rate_steady_deg_s": 20.0,
+        "share_of_reference": 1.0,
+    }
+    return CellResult(cell=Cell(60.0, 10.0 * share, share), condition="nominal", **{**values, **figures})
+
+
+SPUN = dict.fromkeys(("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "share_of_reference"))
+
+
+def test_summary_names_the_worst_cell_of_each_figure() -> None:
+    rows = [
+        result(0.25, overshoot_percent=3.0),
+        result(0.5, rise_time_s=0.7, share_of_reference=0.9),
+        result(0.75, settled=False, settling_time_s=None, sideslip_max_deg=4.0),
+        result(1.0, spun_at_s=2.0, settled=False, **SPUN),
+    ]
+    found = summarise("pi", "nominal", rows)
+    assert (found.cells, len(found.spins), len(found.unsettled)) == (4, 1, 1)
+    assert found.spins[0].share == 1.0
+    assert found.unsettled[0].share == 0.75
+    assert found.overshoot_mean_percent == pytest.approx(5.0 / 3.0)  # of the three that stay on the road
+    worst = {"overshoot_percent": (3.0, 0.25), "rise_time_s": (0.7, 0.5), "sideslip_max_deg": (4.0, 0.75)}
+    for name, (value, share) in {**worst, "share_of_reference": (0.9, 0.5), "settling_time_s": (0.5, 0.25)}.items():
+        extreme = getattr(found, name)
+        assert (extreme.value, extreme.cell.share) == (value, share)
+
+
+def test_summary_of_spins_alone_has_no_figures() -> None:
+    found = summarise("pi", "nominal", [result(1.0, spun_at_s=2.0, settled=False, **SPUN)])
+    assert (found.overshoot_mean_percent, found.overshoot_percent, found.settling_time_s) == (None, None, None)
+
+
+# --- requirements ------------------------------------------------------------------------------------------------------
+
+
+def good() -> Measured:
+    """A controller that meets everything."""
+    rows = [result(share) for share in SHARES]
+    points = tuple(MarginPoint(speed, 8.5, 46.0, 1.7, True) for speed in (20.0, 120.0))
+    return Measured(
+        summaries={condition.name: summarise("good", condition.name, rows) for condition in CONDITIONS},
+        c1={lag.name: result(1.0) for lag in LAGS},
+        margins=FamilyMargins(points),
+        third_party=summarise("good", "third-party", rows),
+        instructions=1040,
+    )
+
+
+def with_summary(measured: Measured, condition: str, rows: list[CellResult]) -> Measured:
+    return replace(measured, summaries={**measured.summaries, condition: summarise("good", condition, rows)})
+
+
+def failing(measured: Measured) -> set[tuple[str, str]]:
+    return {(row.subject_matter, row.figure) for row in requirements(measured) if row.passed is False}
+
+
+def test_a_good_controller_passes_every_row() -> None:
+    rows = requirements(good())
+    assert all(row.passed for row in rows)
+    assert all_passed(rows)
+    assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
+    # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads, 1 count.
+    assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 1
+
+
+@pytest.mark.parametrize(
+    ("condition", "figures", "wanted"),
+    [
+        ("nominal", {"overshoot_percent": 3.1}, {("all cells, as configured", "overshoot")}),
+        ("mass-plus-20", {"settling_time_s": 1.12}, {("all cells, mass +20 %", "settling time to 2 %")}),
+        ("mass-minus-20", {"sideslip_max_deg": 3.3}, {("all cells, mass -20 %", "|sideslip|")}),
+        ("lag-100", {"overshoot_percent": 6.0}, {("all cells, actuator lag 100 ms", "overshoot")}),  # the stretch goal
+        ("friction-60", {"sideslip_max_deg": 3.6}, {("friction 0.6, no estimate", "|sideslip|")}),
+        ("friction-40-wrong", {"sideslip_max_deg": 5.6}, {("friction 0.4, estimate 0.2 too high", "|sideslip|")}),
+        ("friction-40", {"sideslip_max_deg": 9.0, "overshoot_percent": 99.0}, set()),  # nothing is asked of it but spins
+        ("relaxation-600", {"overshoot_percent": 99.0}, set()),  # told, not asked
+    ],
+)
+def test_each_figure_out_of_bounds_is_found(condition: str, figures: dict[str, float], wanted: set[tuple[str, str]]) -> None:
+    assert failing(with_summary(good(), condition, [result(0.5), result(1.0, **figures)])) == wanted
+
+
+def test_a_stretch_goal_may_be_missed() -> None:
+    rows = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=6.0)]))
+    assert [(row.passed, row.stretch) for row in rows if row.passed is False] == [(False, True)]
+    assert all_passed(rows)
+    worse = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=16.1)]))
+    assert not all_passed(worse)
+
+
+def test_spins_fail_what_is_asked_of_all_cells() -> None:
+    spin = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
+    matter = "all cells, as configured"
+    found = failing(with_summary(good(), "nominal", [result(0.5), spin]))
+    assert found == {(matter, name) for name in ("spins in 2 cells", "overshoot", "settling time to 2 %", "|sideslip|")}
+    # One spin of 24 is allowed at friction 0.4 without an estimate, two are not.
+    assert failing(with_summary(good(), "friction-40", [result(0.5), spin])) == set()
+    assert failing(with_summary(good(), "friction-40", [spin, spin])) == {("friction 0.4, no estimate", "spins in 2 cells")}
+
+
+def test_a_cell_that_does_not_settle_fails_settling_alone() -> None:
+    swinging = result(1.0, settled=False, settling_time_s=None)
+    rows = with_summary(good(), "nominal", [result(0.5), swinging])
+    assert failing(rows) == {("all cells, as configured", "settling time to 2 %")}
+    measured = replace(good(), c1={**good().c1, "lag-50": swinging})
+    (row,) = [row for row in requirements(measured) if row.passed is False]
+    assert (row.subject_matter, row.measured, row.note) == ("C1, actuator lag 50 ms", None, "it does not settle")
+
+
+def test_margins_name_the_speed_and_an_unstable_loop() -> None:
+    weak = FamilyMargins((MarginPoint(20.0, 9.0, 44.0, 1.7, True), MarginPoint(120.0, 7.9, 50.0, 1.9, True)))
+    rows = {row.figure: row for row in requirements(replace(good(), margins=weak)) if row.passed is False}
+    assert {figure: (row.measured, row.note) for figure, row in rows.items()} == {
+        "gain margin": (7.9, "at 120 km/h"),
+        "phase margin": (44.0, "at 20 km/h"),
+        "peak sensitivity": (1.9, "at 120 km/h"),
+    }
+    lost = FamilyMargins((MarginPoint(20.0, 9.0, 46.0, 1.7, True), MarginPoint(120.0, 0.0, 0.0, None, False)))
+    assert lost.sensitivity is None
+    assert lost.speed_of("sensitivity") == 120.0
+    assert {row.note for row in requirements(replace(good(), margins=lost)) if row.passed is False} == {"an unstable loop"}
+
+
+def test_what_was_not_measured_neither_passes_nor_fails() -> None:
+    rows = requirements(Measured({}, {}, None))
+    assert {row.passed for row in rows} == {None}
+    assert {row.note for row in rows} == {"not measured in this run"}
+    assert len(rows) == len(requirements(good()))
+    assert all_passed(rows)
+
+
+def test_a_limit_itself_is_met_in_spite_of_rounding() -> None:
+    assert 1.6 - 1.0 > 0.6  # as a settling time is computed
+    measured = replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})
+    assert failing(measured) == set()
+
+
+# --- subjects ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_controller_is_that_of_the_original_car(pi: Subject) -> None:
+    """Only the plant changes: the C beside it is the same in every library, and so is its map."""
+    nominal, heavy = software_of(pi, NOMINAL), software_of(pi, known.COMBINED)
+    assert heavy.config.vehicle.mass_kg > nominal.config.vehicle.mass_kg
+    same = [software.parameters() for software in (nominal, heavy)]
+    assert same[0].rear_angle_error_max == same[1].rear_angle_error_max
+    assert nominal.map_yaw_rate(20.0, 0.05) == heavy.map_yaw_rate(20.0, 0.05)
+    assert software_of(pi, NOMINAL) is nominal
+
+
+def test_a_build_folder_is_a_subject_too(pi: Subject, build_folder: Any) -> None:
+    """The same bits, whether rendered in memory or read from what `codegen build` left."""
+    loaded = Subject("folder", CONFIG, around_folder(build_folder))
+    cell = c1(CONFIG)
+    assert np.array_equal(drive(loaded, LAGS[0], cell), drive(pi, LAGS[0], cell))
+
+
+def test_parameters_reach_the_controller(pi: Subject) -> None:
+    gentle = replace(pi, name="gentle", parameters={"integral_gain": 0.3})
+    overshoots = [run_cell(subject, NOMINAL, c1(CONFIG)).overshoot_percent for subject in (pi, gentle)]
+    assert overshoots[1] < 0.5 * overshoots[0]
+    with pytest.raises(ValueError, match="no parameter 'gain'"):
+        run_cell(replace(pi, parameters={"gain": 1.0}), NOMINAL, c1(CONFIG))
+
+
+def test_runs_have_one_sample_of_delay(pi: Subject) -> None:
+    """The first command that is not zero moves the rear axle one period later than without delay."""
+    cell = c1(CONFIG)
+    late, prompt = drive(pi, NOMINAL, cell), drive(pi, NOMINAL, cell, delay_samples=0)
+    moved = [int(np.flatnonzero(made[:, RECORD_COLUMNS.index("rear_angle_rad")])[0]) for made in (late, prompt)]
+    assert moved[0] == moved[1] + 1
+
+
+def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
+    cell = Cell(60.0, 4.0)
+    references = {}
+    for name in ("nominal", "friction-40", "friction-40-exact"):
+        condition = next(each for each in CONDITIONS if each.name == name)
+        references[name] = map_yaw_rate(pi, condition, cell)
+        made = drive(pi, condition, cell)[:, RECORD_COLUMNS.index("yaw_rate_reference_rad_s")]
+        assert made[-1] == pytest.approx(references[name], rel=1e-5)  # single precision
+    assert references["friction-40"] == references["nominal"]
+    assert references["friction-40-exact"] < 0.6 * references["nominal"]
+    passive_runs = [drive(passive_of(pi), each, cell) for each in CONDITIONS if each.name in ("nominal", "friction-40")]
+    largest = [float(np.abs(made[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")]).max()) for made in passive_runs]
+    assert largest[1] < 0.4 * 9.81 < largest[0]
+
+
+def test_passive_car_has_its_rear_wheels_straight(passive: Subject) -> None:
+    made = drive(passive, NOMINAL, c1(CONFIG))
+    assert not made[:, RECORD_COLUMNS.index("rear_angle_rad")].any()
+
+
+# --- the whole of it ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def suite(pi: Subject) -> Any:
+    """The paper's PI and the passive car under some of the conditions."""
+    chosen = [NOMINAL, *(each for each in CONDITIONS if each.name in ("lag-100", "friction-60"))]
+    seen: list[tuple[str, int, int]] = []
+    found = run_suite(pi, [], CASE, chosen=chosen, progress=lambda *step: seen.append(step))
+    assert [(done, total) for _, done, total in seen] == [(k, 6) for k in range(6)]
+    return found
+
+
+def test_the_papers_pi_on_c1(suite: Any) -> None:
+    """15, 17 and 19 % as measured here; a prototype of the same loop gave 15, 17 and 18 %."""
+    overshoots = [suite.c1["pi"][lag.name].overshoot_percent for lag in LAGS]
+    assert overshoots == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
+    assert [suite.c1["pi"][lag.name].share_of_reference for lag in LAGS] == pytest.approx([1.0] * 3, abs=1e-4)
+    assert suite.c1["passive"]["lag-50"].overshoot_percent < 0.01
+    assert suite.c1_records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
+
+
+def test_the_papers_pi_over_all_cells(suite: Any) -> None:
+    """A prototype of the same loop gave a mean of 55 %, a worst of 174 % and 4 spins."""
+    found: Summary = suite.summary("pi", "nominal")
+    assert found.cells == 24
+    assert found.overshoot_mean_percent == pytest.approx(50.5, abs=1.0)
+    assert found.overshoot_percent is not None
+    assert found.overshoot_percent.value == pytest.approx(139.7, abs=3.0)
+    assert (found.overshoot_percent.cell.speed_km_h, found.overshoot_percent.cell.share) == (120.0, 1.0)
+    assert len(suite.summary("pi", "friction-60").spins) >= 8  # a dry map on a wet road
+    assert suite.summary("pi", "lag-100").overshoot_mean_percent > found.overshoot_mean_percent
+
+
+def test_the_papers_pi_is_refused(suite: Any) -> None:
+    assert not suite.passed
+    failed = {row.subject_matter for row in suite.requirements if row.passed is False}
+    assert {
+        "C1, actuator lag 50 ms",
+        "all cells, as configured",
+        "margins over the family",
+        "friction 0.6, no estimate",
+    } <= failed
+    unmeasured = {row.subject_matter for row in suite.requirements if row.passed is None}
+    assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= unmeasured
+
+
+def test_rise_times_fall_with_speed_for_the_pi(suite: Any) -> None:
+    times = [row.mean_s for row in suite.rise_times["pi"]]
+    assert [row.speed_km_h for row in suite.rise_times["pi"]] == list(SPEEDS_KM_H)
+    assert times == sorted(times, reverse=True)
+
+
+def test_rise_times_leave_spins_out() -> None:
+    rows = rise_times("x", [result(0.5), result(0.75, rise_time_s=0.5), result(1.0, spun_at_s=1.0, settled=False, **SPUN)])
+    assert (rows[0].mean_s, rows[0].largest_s) == (pytest.approx(0.4), 0.5)
+    assert rise_times("x", [result(1.0, spun_at_s=1.0, settled=False, **SPUN)])[0].mean_s is None
+
+
+def test_suite_as_json(suite: Any) -> None:
+    data = json.loads(json.dumps(suite.to_dict(), allow_nan=False))
+    assert data["tested"] == "pi"
+    assert data["subjects"] == ["pi", "passive"]
+    assert len(data["results"]["passive"]["lag-100"]) == 24
+    assert data["requirements"][0]["asked"] == "at most 2 %"
+    assert [(row["condition"], row["subject"]) for row in data["summaries"][:2]] == [("nominal", "pi"), ("nominal", "passive")]
+    assert "243 linear single-track cars at 8 speeds from 15 to 120 km/h" in data["design_set"]
+
+
+def test_figures_from_outside_fill_their_rows(pi: Subject) -> None:
+    outside = Outside(third_party={"pi": [result(1.0, overshoot_percent=3.5)]}, instructions=96)
+    found = run_suite(pi, [], CASE, chosen=[], outside=outside)
+    rows = {(row.subject_matter, row.figure): row for row in found.requirements}
+    assert rows["third party's plant", "overshoot"].passed is False
+    assert rows["Cortex-M4F", "instructions of a step, worst case"].measured == 96.0
+    assert found.rise_times == {}
+
+
+def test_subjects_must_be_told_apart(pi: Subject) -> None:
+    with pytest.raises(ValueError, match="two subjects have one name: pi, pi"):
+        run_suite(pi, [replace(pi)], CASE, chosen=[])
+
+
+# --- margins and sines -------------------------------------------------------------------------------------------------
+
+
+def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
+    one_car = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
+    config = plants.changed(CONFIG, {"tuning": one_car})
+    found = margins_of(config, (20.0, 80.0, 120.0))
+    assert found is not None
+    # The published gains with 50 ms of lag and a sample of delay: 82 deg/30 dB, 43/12, 24/7.8 as rounded.
+    assert [point.phase_margin_deg for point in found.points] == pytest.approx([82.0, 43.0, 24.0], abs=0.6)
+    assert [point.gain_margin_db for point in found.points] == pytest.approx([30.0, 12.0, 7.8], abs=0.6)
+    assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
+    assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
+
+
+def linear_yaw_response(config: Config, speed: float, frequency: float) -> complex:
+    """Yaw rate over steering wheel angle of the linear passive car, over its steady value; the steering's lag included."""
+    a, b = (np.array(matrix) for matrix in single_track(config, "linear").jacobian([0, 0], [speed, 0, 0, 0.9]))
+    s = 2j * math.pi * frequency
+    lag = 1.0 / (1.0 + s * config.steering.lag_s)
+    return complex(np.linalg.solve(s * np.eye(2) - a, b[:, 1])[1] / np.linalg.solve(-a, b[:, 1])[1] * lag)
+
+
+def test_sine_of_the_passive_car_is_that_of_linear_theory(passive: Subject) -> None:
+    rows = sine_tracking(passive, cells(CONFIG, CASE))
+    assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(v, f) for v in (100.0, 120.0) for f in (0.5, 1.0, 1.5)]
+    for row in rows:
+        speed = row.speed_km_h * KM_H
+        theory = linear_yaw_response(CONFIG, speed, row.frequency_hz)
+        lowest = abs(linear_yaw_response(CONFIG, speed, 0.2))
+        # The front angle of the recording is behind the steering's lag already. Tyres at a tenth of the largest angle bend a
+        # little, at 120 km/h more (measured: up to 0.07 % and 0.5 deg).
+        lag = 1.0 + 2j * math.pi * row.frequency_hz * CONFIG.steering.lag_s
+        assert row.gain_of_steady == pytest.approx(abs(theory * lag) / lowest, rel=1e-3)
+        assert row.phase_deg == pytest.approx(math.degrees(np.angle(theory * lag)), abs=0.6)
+
+
+def test_sine_is_held_against_the_map(pi: Subject, passive: Subject) -> None:
+    """The passive car turns more than the map asks for at 100 km/h by the ratio of their steady gains."""
+    row = sine_tracking(passive, [Cell(100.0, 4.8, 1.0)])[0]
+    small = Cell(100.0, price.SINE_SHARE * 4.8)
+    gain = 100.0 * KM_H / (3.14 + 2335.07 / 3.14 * (1.566 / 239_080.0 - 1.574 / 239_660.0) * (100.0 * KM_H) ** 2)
+    asked = map_yaw_rate(pi, NOMINAL, small) / math.radians(small.front_angle_deg)
+    lowest = abs(linear_yaw_response(CONFIG, 100.0 * KM_H, 0.2))
+    assert row.gain_of_map == pytest.approx(row.gain_of_steady * lowest * gain / asked, rel=1e-2)
+    assert sine_tracking(pi, [Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)]) == ()
+
+
+# --- the third party's plant -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("controlled", [True, False])
+def test_third_partys_cells_are_judged_by_the_same_figures(
+    pi: Subject, controlled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its driving has tests of its own; here a recording made by hand stands in for it."""
+    driven: list[tuple[bool, float, int]] = []
+
+    def run(software: Any, config: Config, scenario: Any, *, delay_samples: int) -> np.ndarray:
+        assert config is CONFIG
+        driven.append((software is not None, scenario.settings.speed_km_h, delay_samples))
+        made = ramp_with_peak()
+        made[:, 0] += SECOND_STEER_TIME - STEER_TIME
+        return made
+
+    monkeypatch.setattr(second_plant, "run", run)
+    rows = third_party_cells(builds.paper_map(), CONFIG, software_of(pi, NOMINAL), controlled=controlled)
+    assert driven == [(controlled, speed, 1) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
+    assert [row.cell.share for row in rows[:3]] == [0.3, 0.6, 0.9]
+    for row in rows:
+        assert row.overshoot_percent == pytest.approx(20.0)
+        assert row.rise_time_s == pytest.approx(0.38)
+        asked = map_yaw_rate(pi, NOMINAL, row.cell)
+        assert row.share_of_reference == pytest.approx(0.5 / asked, rel=1e-6)
+
+
+# --- baselines ---------------------------------------------------------------------------------------------------------
+
+
+def test_baselines_are_three_controllers_on_one_map() -> None:
+    tuned = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
+    found = subjects.baselines(builds.paper_map(), tuned)
+    assert [(each.name, each.config.controller.kind) for each in found] == [
+        ("pi", "pi"),
+        ("feedforward", "feedforward"),
+        ("proportional", "proportional"),
+    ]
+    # The paper's has its own gains and no rate limit, whatever the configuration says; the others are as configured.
+    assert found[0].config.controller == CONFIG.controller
+    assert found[0].config.limiter == CONFIG.limiter
+    assert found[1].config.controller.rear_rate_max_deg_s == 25.0
+    assert all(each.config.vehicle == tuned.vehicle for each in found)
+
+
+def test_asked_in_words() -> None:
+    assert Requirement("m", "f", "", "at most", 1500.0, 96.0, True).asked == "at most 1500"

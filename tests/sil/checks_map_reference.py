@@ -1,0 +1,178 @@
+"""What must hold of the generated map with the optimum's rear angle, with and without a stack of frictions.
+
+Each check takes the units of a build and raises AssertionError where it does not hold.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from codegen.refmap.extend import CapSteering, TotalMap
+from codegen.refmap.lookup import cap_in_precision, error_bound
+from tests.sil.checks_lookup import all_points, bits, finite_points, special_values
+from tests.sil.units import Units
+
+FloatArray = np.ndarray[Any, np.dtype[np.float64]]
+COLUMNS = ("yaw rate", "rear angle", "lateral acceleration", "yaw rate alone")
+
+
+def frictions(units: Units) -> list[Any]:
+    """Each layer's friction, its neighbours, and between; below the first, beyond the last, and what is no friction."""
+    real = units.real
+    own = [real(layer.friction) for layer in units.total.stack]
+    near = [np.nextafter(value, real(side)) for value in own for side in (0.0, 2.0)]
+    between = [real(0.5) * (left + right) for left, right in zip([real(0.0), *own[:-1]], own, strict=True)]
+    special = [real(value) for value in (math.nan, -math.inf, -0.5, -0.0, 0.0, 1e-3, 1e-30, 1.4, math.inf)]
+    return [*special, *own, *near, *between, np.finfo(real).smallest_subnormal]
+
+
+def road_lateral_acceleration(units: Units, friction: Any) -> Any:
+    """m/s^2 that the map allows on a road, in the numbers of the build: between the layers' caps; below the lowest friction in
+    proportion."""
+    real, stack = units.real, units.total.stack
+    caps = [cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack]
+    own = [real(layer.friction) for layer in stack]
+    known = own[-1] if not friction < own[-1] else friction if friction > 0.0 else real(0.0)
+    if known < own[0]:
+        return cap_in_precision(stack[0].lateral_acceleration_cap / stack[0].friction, real) * known
+    if len(own) == 1:
+        return caps[0]
+    layer = max(k for k in range(len(own) - 1) if known >= own[k])
+    share = (known - own[layer]) / (own[layer + 1] - own[layer])
+    return caps[layer] + share * (caps[layer + 1] - caps[layer])
+
+
+def check_same_bits_as_reference(units: Units) -> None:
+    """Yaw rate and rear angle have the bits of the NumPy reference, on any road, from any two bit patterns; the road's lateral
+    acceleration is that of the layers; and the function that gives the yaw rate alone gives the same."""
+    speed, angle = all_points(units)
+    for index, friction in enumerate(frictions(units)):
+        points = slice(index, None, 1 if index == 0 else 13)
+        got = units.map_reference(speed[points], angle[points], friction)
+        yaw_rate, rear_angle = units.lookup.reference(speed[points], angle[points], friction)
+        road = np.full(yaw_rate.shape, road_lateral_acceleration(units, friction))
+        for name, have, want in zip(COLUMNS, got, (yaw_rate, rear_angle, road, yaw_rate), strict=True):
+            differ = np.flatnonzero(bits(have) != bits(want))
+            first = differ[:1]
+            assert differ.size == 0, (
+                f"{differ.size} of {have.size} {name} differ at friction {friction}, first at speed {speed[points][first]}, "
+                f"front angle {angle[points][first]}: {have[first]} instead of {want[first]}"
+            )
+
+
+def check_reference_finite(units: Units) -> None:
+    """Every set of bit patterns has a finite answer; the rear angle is within its bound, the yaw rate below the road's."""
+    speed, angle = all_points(units)
+    steering, real = units.total.steering, units.real
+    some = np.concatenate([special_values(real), np.array(frictions(units))])
+    for friction in (np.full(speed.size, np.nan, dtype=real), np.resize(some, speed.size)):
+        found = units.map_reference(speed, angle, friction)
+        assert np.isfinite(found).all()
+        assert (np.abs(found[1]) <= real(steering.rear_angle_max)).all()
+        assert (found[2] >= 0.0).all()
+        assert (found[2] <= max(layer.lateral_acceleration_cap for layer in units.total.stack)).all()
+        with np.errstate(all="ignore"):
+            forward = np.where(speed > 0.0, speed, real(0.0))
+            # One division and one product round; what is subnormal rounds by a whole unit.
+            excess = np.abs(found[0]) * forward - found[2] * real(1.0 + 2.0 * units.eps)
+        assert (excess <= np.finfo(real).tiny)[np.isfinite(speed)].all()
+
+
+def check_reference_symmetry(units: Units) -> None:
+    """A right turn is the mirror image of the left one, rear angle included, to the last bit."""
+    speed, angle = all_points(units)
+    number = ~np.isnan(angle) & (angle != 0.0)
+    speed, angle = speed[number], angle[number]
+    for friction in (math.nan, 0.4):
+        left, right = (units.map_reference(speed, side * np.abs(angle), friction) for side in (1.0, -1.0))
+        for row, sign in enumerate((-1.0, -1.0, 1.0, -1.0)):
+            assert np.array_equal(bits(left[row]), bits(units.real(sign) * right[row])), COLUMNS[row]
+    assert (left[1] > 0.0).any()
+
+
+def _bilinear(total: TotalMap, table: FloatArray, speed: FloatArray, angle: FloatArray) -> FloatArray:
+    v, a = np.clip(speed, 0.0, total.speed[-1]), np.clip(np.abs(angle), 0.0, total.front_angle[-1])
+    i = np.clip(np.searchsorted(total.speed, v, side="right") - 1, 0, total.speed.size - 2)
+    j = np.clip(np.searchsorted(total.front_angle, a, side="right") - 1, 0, total.front_angle.size - 2)
+    u = (v - total.speed[i]) / (total.speed[i + 1] - total.speed[i])
+    w = (a - total.front_angle[j]) / (total.front_angle[j + 1] - total.front_angle[j])
+    slower, faster = ((1.0 - w) * table[i + k, j] + w * table[i + k, j + 1] for k in (0, 1))
+    result: FloatArray = (1.0 - u) * slower + u * faster
+    return result
+
+
+def reference_by_rule(
+    total: TotalMap, speed: FloatArray, angle: FloatArray, friction: float
+) -> tuple[FloatArray, FloatArray, Any]:
+    """Yaw rate, rear angle, and where the road's cap acts, for speeds above zero and front angles to the left.
+
+    Between the two layers around the friction; and where the cap takes yaw rate away, the rear angle at which the linear car
+    turns by so much less, but not beyond the one where its sideslip reaches the bound (nor below the table's own).
+    """
+    stack = total.stack
+    own = np.array([layer.friction for layer in stack])
+    known = min(total.friction if math.isnan(friction) else friction, total.friction)
+
+    def over_friction(values: list[Any]) -> Any:
+        if len(stack) == 1:
+            return values[0]
+        at = float(np.clip(known, own[0], own[-1]))
+        k = min(int(np.searchsorted(own, at, side="right")) - 1, own.size - 2)
+        share = (at - own[k]) / (own[k + 1] - own[k])
+        return values[k] * (1.0 - share) + values[k + 1] * share
+
+    cap = over_friction([layer.lateral_acceleration_cap for layer in stack]) * min(1.0, known / own[0])
+    asked = over_friction([_bilinear(total, layer.yaw_rate, speed, angle) for layer in stack])
+    rear = over_friction([_bilinear(total, layer.rear_angle, speed, angle) for layer in stack])
+    yaw_rate = np.minimum(asked, cap / speed)
+    capped = asked > yaw_rate
+    car, v = total.steering, np.minimum(speed, total.speed[-1])
+    less_turn = rear + (asked - yaw_rate) * inverse_gain(car, v)
+    sideslip_bound = car.sideslip_max - yaw_rate * (car.rear_arm / v - car.rear_slip_per_lateral_acceleration * v)
+    steered = np.maximum(np.minimum(np.minimum(less_turn, sideslip_bound), car.rear_angle_max), rear)
+    return yaw_rate, np.where(capped, steered, rear), capped
+
+
+def inverse_gain(car: CapSteering, speed: Any) -> Any:
+    """rad of steering for each rad/s of the linear car."""
+    return car.wheelbase / speed + car.understeer_coefficient * speed
+
+
+def rounding(units: Units, speed: FloatArray, angle: FloatArray, friction: float) -> FloatArray:
+    """rad by which rounding may move the rear angle: what the rule makes of inputs 6 u away (see `lookup.error_bound`), and the
+    yaw rate's own rounding, at most ten times its unit, as the linear car turns it into steering."""
+    unit = 0.5 * units.eps
+    _, rear_angle, capped = reference_by_rule(units.total, speed, angle, friction)
+    moved = np.zeros(speed.shape)
+    for corner in itertools.product((1.0 - 6.0 * unit, 1.0 + 6.0 * unit), repeat=3):
+        speed_share, angle_share, friction_share = corner
+        other = reference_by_rule(units.total, speed * speed_share, angle * angle_share, friction * friction_share)[1]
+        moved = np.maximum(moved, np.abs(other - rear_angle))
+    tables = max(float(np.abs(layer.rear_angle).max()) for layer in units.total.stack)
+    largest = max(float(layer.yaw_rate.max()) for layer in units.total.stack)
+    steering = 10.0 * unit * largest * inverse_gain(units.total.steering, np.maximum(speed, 0.1))
+    result: FloatArray = moved + 18.0 * unit * tables + np.where(capped, steering, 0.0)
+    return result
+
+
+def check_reference_rule(units: Units) -> None:
+    """Inside the table and where the cap acts, the rule written down in another way gives the same."""
+    speed, angle = finite_points(units, 4000)
+    forward = (speed > 0.1) & (angle > 0.0)
+    step = max(1, int(forward.sum()) // 8000)
+    speed, angle = speed[forward][::step], angle[forward][::step]
+    wide = speed.astype(np.float64), angle.astype(np.float64)
+    acted = 0
+    for friction in (math.nan, *(0.5 * (a.friction + b.friction) for a, b in pairwise(units.total.stack)), 0.35):
+        got = units.map_reference(speed, angle, friction).astype(np.float64)
+        road = float(units.real(friction))
+        yaw_rate, rear_angle, capped = reference_by_rule(units.total, *wide, road)
+        assert np.abs(got[0] - yaw_rate).max() <= error_bound(units.total, units.real)
+        assert (np.abs(got[1] - rear_angle) <= rounding(units, *wide, road)).all()
+        acted += int((capped & (np.abs(rear_angle) < units.total.steering.rear_angle_max)).sum())
+    assert acted > 20, "the linear car's steering shows"
