@@ -43,9 +43,13 @@ lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions)
 	@$(UV) pip compile pyproject.toml --quiet --universal --fork-strategy fewest --all-extras --generate-hashes \
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
 
-generated: $(READY) ## the committed reference output, generated/4ws2.npz and generated/4ws2/, and README's pictures
+generated: $(READY) ## the committed reference output in generated/, and README's pictures
 	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2.npz
 	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
+	@rm -rf build/recommended && $(BIN)/codegen init build/recommended >/dev/null
+	@$(BIN)/codegen solve --config build/recommended/ars.toml --case 4ws-2 -o generated/4ws2-tracking.npz
+	@$(BIN)/codegen tune --map generated/4ws2-tracking.npz -o generated/4ws2-tracking.npz
+	@$(BIN)/codegen build --map generated/4ws2-tracking.npz -o generated/4ws2-tracking
 	@$(BIN)/codegen paper -o build >/dev/null
 	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
 	@$(BIN)/codegen sil --build generated/4ws2 --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null

@@ -74,7 +74,7 @@ class Tracking(Section):
     rate towards the map's. The grip_* keys are the limit that follows the lateral acceleration which the car really reaches.
     """
 
-    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.04
+    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.035
     lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
     yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
     trim_max_percent: Annotated[float, Range(0.0, 20.0, "%")] = 1.0

@@ -61,13 +61,16 @@ class WorstMembers:
 class Weakest:
     """The smallest margins of the configured car over speed, and the speeds (m/s) where they are.
 
-    They need not be at the same speed: `speed` is that of the one nearer to its limit of warning, or farther below it.
+    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its limit of warning, and at which the
+    loop is unstable; None where there is none. The smallest margins need not be at the same speed: `speed` is that of the one nearer to its limit of warning, or farther below it.
     """
 
     gain_margin_db: float
     phase_margin_deg: float
     gain_margin_speed: float
     phase_margin_speed: float
+    warns_from: float | None = None
+    unstable_from: float | None = None
 
     @property
     def speed(self) -> float:
@@ -205,9 +208,17 @@ def weakest(config: Config, gains: Gains) -> Weakest:
     speed = np.geomspace(first, last, WEAKEST_SPEEDS)
     margins = nominal_margins(config, speed, *gains(speed))
     gain, phase = int(margins.gain_margin_db.argmin()), int(margins.phase_margin_deg.argmin())
+    little = (margins.gain_margin_db < WARN_GAIN_MARGIN_DB) | (margins.phase_margin_deg < WARN_PHASE_MARGIN_DEG)
     return Weakest(
+        warns_from=_first(speed, little),
+        unstable_from=_first(speed, ~margins.stable),
         gain_margin_db=float(margins.gain_margin_db[gain]),
         phase_margin_deg=float(margins.phase_margin_deg[phase]),
         gain_margin_speed=float(speed[gain]),
         phase_margin_speed=float(speed[phase]),
     )
+
+
+def _first(speed: FloatArray, where: BoolArray) -> float | None:
+    found = np.flatnonzero(where)
+    return float(speed[found[0]]) if found.size else None

@@ -17,7 +17,7 @@ from codegen.refmap.lookup import Lookup
 SPEED_UNKNOWN = 1000.0
 """m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
 
-REFERENCE_OVERSHOOT = 1.05
+REFERENCE_OVERSHOOT = 1.15
 """Of the reference model's yaw rate over what the road is taken to allow."""
 
 SELFTEST_TOLERANCE = 1e-5

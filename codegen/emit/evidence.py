@@ -47,6 +47,8 @@ class Evidence:
             "phase_margin_at_km_h": _rounded(found.phase_margin_speed / KM_H),
             "warning_below": {"gain_margin_db": WARN_GAIN_MARGIN_DB, "phase_margin_deg": WARN_PHASE_MARGIN_DEG},
             "enough": found.enough,
+            "warns_from_km_h": _km_h(found.warns_from),
+            "unstable_from_km_h": _km_h(found.unstable_from),
             "delay_samples": self.config.tuning.delay_samples,
         }
 
@@ -54,6 +56,8 @@ class Evidence:
         """For the README."""
         if self.margins is None:
             return "no feedback, so no margins"
+        if self.margins.unstable_from is not None:
+            return f"**unstable from {self.margins.unstable_from / KM_H:.0f} km/h**, little margin before"
         gain, phase = self.margins.gain_margin_db, self.margins.phase_margin_deg
         return (
             f"{gain:.1f} dB at {self.margins.gain_margin_speed / KM_H:.0f} km/h, "
@@ -84,15 +88,20 @@ def _rounded(value: float) -> float | None:
     return round(value, 2) if math.isfinite(value) else None
 
 
+def _km_h(speed: float | None) -> float | None:
+    return None if speed is None else round(speed / KM_H, 1)
+
+
 def margin_note(manifest: Mapping[str, Any]) -> str:
     """What to warn of; "" where the margins are enough or there is no feedback."""
     margins = manifest["margins"]
     if margins is None or margins["enough"]:
         return ""
-    kind = manifest["options"]["kind"]
+    least = f"{margins['gain_margin_db']:g} dB, {margins['phase_margin_deg']:g} deg"
+    unstable = margins["unstable_from_km_h"]
+    found = f"{least} at least" if unstable is None else f"unstable from {unstable:.0f} km/h"
     return (
-        f'the feedback of kind "{kind}" has little margin: {margins["gain_margin_db"]} dB at {margins["gain_margin_at_km_h"]} km/h, '
-        f"{margins['phase_margin_deg']} deg at {margins['phase_margin_at_km_h']} km/h "
-        f"(below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg); lower the gains, or take the kind \"tracking\" with "
-        "`codegen tune`"
+        f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
+        f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
+        'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
     )

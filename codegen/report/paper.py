@@ -34,12 +34,15 @@ from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
 from hil_sim.recording import save_csv
 from hil_sim.runs import run
 from hil_sim.scenarios import DEFAULT, find
+from hil_sim.suite.subjects import recommended_config, tuned
 
 CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
 TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
 """The speed that the paper's table names, and the one at which its three rows come out together: see `Reproduction.lines`."""
 
 RUNS = {"C1": "4ws-2", "C2": "fws"}
+TRACKING = "C1 tracking"
+"""C1's map with the recommended controller instead of the paper's, beside it."""
 
 
 @dataclass(frozen=True)
@@ -61,20 +64,25 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Everything that was computed, and where it was written."""
+    """Everything that was computed, and where it was written.
+
+    `runs` are the paper's; `tracking` is C1's map with the recommended controller.
+    """
 
     folder: Path
     table: tuple[TableRow, ...]
     runs: Mapping[str, StepMetrics]
     passive: StepMetrics
+    tracking: StepMetrics
     evaluation: Evaluation
     outputs: Mapping[str, Path]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
+        named = {**self.runs, TRACKING: self.tracking, "passive": self.passive}
         return {
             "table": [row.__dict__ for row in self.table],
-            "runs": {name: metrics.to_dict() for name, metrics in (*self.runs.items(), ("passive", self.passive))},
+            "runs": {name: metrics.to_dict() for name, metrics in named.items()},
             "outputs": {name: str(path) for name, path in self.outputs.items()},
         }
 
@@ -112,6 +120,8 @@ class Reproduction:
             "",
             "The paper's maximum fits the steady value; the printed PI overshoots a reference that jumps. The paper's plant is",
             "a commercial multi-body car whose data are not published, so its sideslip cannot be compared.",
+            f'"{TRACKING}" is the map of C1 with the recommended controller, kind "tracking", instead of the paper\'s;',
+            "`codegen sil --suite tracking` compares them, and simpler ideas, over speeds, cars and roads.",
             "",
             "Written",
             "",
@@ -151,8 +161,11 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
         npz.save(reference_map, outputs[f"map {CASES[case]}"])
     manoeuvre = find(DEFAULT)
     records = {}
-    for name, case in RUNS.items():
-        prepared = prepare(outputs[f"map {CASES[case]}"], target=folder / "generated" / case.replace("-", ""))
+    outputs["map 4WS-2, tracking"] = folder / "4ws2-tracking.npz"
+    npz.save(solve_case(tuned(recommended_config(config)), RUNS["C1"]), outputs["map 4WS-2, tracking"])
+    built = {name: outputs[f"map {CASES[case]}"] for name, case in RUNS.items()}
+    for name, map_path in (*built.items(), (TRACKING, outputs["map 4WS-2, tracking"])):
+        prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
         write_folder(prepared.folder, prepared.target)
         software = load(prepared.target)
         if not software.selftest():
@@ -160,14 +173,15 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
         records[name] = run(software, manoeuvre)
         records["passive car"] = run(software, manoeuvre, controlled=False)
         outputs[f"C for {name}"] = prepared.target
-        outputs[f"run {name}"] = folder / f"{name.lower()}.csv"
+        outputs[f"run {name}"] = folder / f"{name.lower().replace(' ', '-')}.csv"
         save_csv(records[name], outputs[f"run {name}"])
-    records = {"C1": records["C1"], "C2": records["C2"], "passive car": records["passive car"]}
+    records = {name: records[name] for name in (*RUNS, TRACKING, "passive car")}
     outputs.update(_draw(folder, config, maps, records))
     ratio = config.steering.ratio
     metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
-    return Reproduction(folder, tuple(_table(config)), metrics, passive, evaluate(manoeuvre, config, records), outputs)
+    tracking = metrics.pop(TRACKING)
+    return Reproduction(folder, tuple(_table(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs)
 
 
 def _table(config: Config) -> list[TableRow]:

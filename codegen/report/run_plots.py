@@ -56,6 +56,7 @@ SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
     "C1": {"color": BLUE},
     "C2": {"color": GREY},
+    "C1 tracking": {"color": VERMILION},
     "passive": {"color": BLACK, "linestyle": ":"},
 }
 RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)

@@ -38,7 +38,12 @@ FRONT_ANGLE, REAR_ANGLE = r"$\delta_f$", r"$\delta_r$"
 SPEED_LABEL = "Speed (km/h)"
 FRONT_ANGLE_LABEL = f"Front angle {FRONT_ANGLE} (deg)"
 
-RUN_NAMES = {"C1": "C1 (4WS-2 map)", "C2": "C2 (FWS map)", "passive": "passive car"}
+RUN_NAMES = {
+    "C1": "C1 (4WS-2 map, PI)",
+    "C2": "C2 (FWS map, PI)",
+    "C1 tracking": "4WS-2, tracking",
+    "passive": "passive car",
+}
 
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from codegen.errors import BuildError
@@ -23,7 +24,7 @@ FLAGS = (
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
     "-ffunction-sections",
-    "-g0",
+    "-g",  # or zig strips the symbols from a small image
 )
 
 FLASH, RAM = 0x0800_0000, 0x2000_0000
@@ -62,12 +63,12 @@ void __aeabi_memclr4(void *to, size_t size) __attribute__((alias("__aeabi_memclr
 void __aeabi_memclr8(void *to, size_t size) __attribute__((alias("__aeabi_memclr")));
 """
 
-MEMORY_UNIT = "bare/memory.c"
-BARE = {
-    # A bare target has no C library. These prototypes are all that the generated C may need of one.
+MEMORY_UNIT, SCRIPT = "bare/memory.c", "image.ld"
+INCLUDES = ("-Iinclude", "-isystem", "bare")
+# A bare target has no C library. These prototypes are all that the generated C may need of one.
+BARE_HEADERS = {
     "bare/math.h": "float sinf(float); float cosf(float); float atanf(float); float sqrtf(float);\n",
     "bare/string.h": "#include <stddef.h>\nvoid *memcpy(void *to, const void *from, size_t size);\n",
-    MEMORY_UNIT: _MEMORY,
 }
 
 _SCRIPT = f"""SECTIONS {{
@@ -87,34 +88,53 @@ def compile_image(sources: Mapping[str, str | bytes], entries: Sequence[str], fl
 
     Args:
         sources: relative path with "/" -> content, of all .c and .h files; headers are found in include/.
-        entries: functions to keep, in the order of what matters: at least one.
+        entries: functions to keep, one or more.
         flags: optimisation, definitions.
 
     Raises:
         CodegenError: `ziglang` is not installed.
         BuildError: C that does not compile, or needs a function that nobody defines.
     """
-    require("ziglang")
     units = sorted(path for path in sources if path.endswith(".c"))
     keep = [f"-Wl,-u,{entry}" for entry in entries]
-    link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,image.ld", *keep]
+    link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,{SCRIPT}", *keep]
+    with source_tree({**sources, MEMORY_UNIT: _MEMORY, SCRIPT: _SCRIPT}) as tree:
+        image = tree.parent / "image.elf"
+        zig(["cc", *TARGET, *FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
+        return image.read_bytes()
+
+
+def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict[str, str]:
+    """Each of the units as the compiler's parser sees it, line markers included. Raises as `compile_image`."""
+    with source_tree(sources) as tree:
+        return {unit: zig(["cc", *TARGET, *FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
+
+
+@contextlib.contextmanager
+def source_tree(sources: Mapping[str, str | bytes]) -> Iterator[Path]:
+    """The sources and the bare headers in a folder, alone in one that may be filled beside it. Raises BuildError: a full disk."""
     try:
-        with tempfile.TemporaryDirectory(prefix="ars-cross-") as scratch_name:
-            scratch = Path(scratch_name)
-            tree = scratch / "tree"
-            for path, content in {**BARE, **sources, "image.ld": _SCRIPT}.items():
+        with tempfile.TemporaryDirectory(prefix="ars-cross-") as scratch:
+            tree = Path(scratch, "tree")
+            for path, content in {**BARE_HEADERS, **sources}.items():
                 (tree / path).parent.mkdir(parents=True, exist_ok=True)
                 (tree / path).write_bytes(content.encode() if isinstance(content, str) else content)
-            command = [*TARGET, *FLAGS, *flags, "-Iinclude", "-isystem", "bare", *link, *units, MEMORY_UNIT, "-o", "../image.elf"]
-            zig(["cc", *command], tree, "the cross compiler")
-            return (scratch / "image.elf").read_bytes()
+            yield tree
     except OSError as error:
-        raise BuildError(f"the image cannot be stored: {error.strerror or error}", remedy="free space for temporary files") from error
+        raise BuildError(
+            f"the sources cannot be stored: {error.strerror or error}", remedy="free space for temporary files"
+        ) from error
 
 
-def zig(arguments: Sequence[str], folder: Path, where: str) -> str:
-    """What `zig` prints, run in a folder beside which it may leave files. Raises BuildError where it fails."""
-    # Nothing here is made twice from the same path, so zig's own cache would only grow.
+def zig(arguments: Sequence[str], folder: Path) -> str:
+    """What `zig` prints, run in a folder beside which it may leave files.
+
+    Raises:
+        CodegenError: `ziglang` is not installed.
+        BuildError: zig says no.
+    """
+    require("ziglang")
+    # Kept nowhere: no folder is used twice, so zig's own cache would only grow.
     cache = str(folder.parent / "cache")
     result = subprocess.run(
         [sys.executable, "-m", "ziglang", *arguments],
@@ -126,5 +146,5 @@ def zig(arguments: Sequence[str], folder: Path, where: str) -> str:
         errors="replace",
         check=False,
     )
-    require_success(result, where)
+    require_success(result, "the cross compiler")
     return result.stdout

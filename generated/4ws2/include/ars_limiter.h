@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x544D1096u
+#define ARS_LIMITER_BUILD 0x14508560u
 
 enum { ARS_LIMITER_POINTS = 2 };
 

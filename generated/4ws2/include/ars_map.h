@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x544D1096u
+#define ARS_MAP_BUILD 0x14508560u
 
 /* Breakpoints of the table. */
 enum {

@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x544D1096u
+#define ARS_TASK_BUILD 0x14508560u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {

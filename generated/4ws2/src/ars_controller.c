@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x544D1096u
+#if ARS_CONTROLLER_BUILD != 0x14508560u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x544D1096u
+#if ARS_MAP_BUILD != 0x14508560u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x544D1096u
+#if ARS_DYNAMICS_BUILD != 0x14508560u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

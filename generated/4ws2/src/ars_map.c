@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x544D1096u
+#if ARS_MAP_BUILD != 0x14508560u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -1,0 +1,164 @@
+"""What a controller is driven with to find its longest step: recordings of the closed loop, and samples drawn to reach every path.
+
+A drive is an array (samples, 6), see `on_target.Drive`. The same configuration and seed give the same drives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import config as configuration
+from codegen.config import KM_H, Config
+from codegen.errors import CodegenError
+from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
+from codegen.sil.software import RECORD_COLUMNS, Software
+from codegen.verify.on_target import Drive
+from hil_sim.scenarios import SCENARIOS
+
+FloatArray = npt.NDArray[np.float64]
+
+DELAY_SAMPLES = 1
+"""Of computation in the recordings: an ECU sends its command one period after it has sampled."""
+
+GAPS = ((0.0, 1.0), (0.05, 0.5), (0.5, 1.0), (0.3, 0.2), (0.05, 0.04))
+"""For each of the drawn drives the probability that a gap begins with a sample, and that it ends with one: none, short, a
+restart of the law with every other sample, long enough for the fail-safe, and pauses long enough to come back from it."""
+
+HELD = (1, 1, 1, 4, 25)
+"""For how many samples each draw of them stays."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Where the C branches: breakpoints and thresholds, SI units, none negative; and how far the inputs reach."""
+
+    config: Config
+    speed: FloatArray
+    front_angle: FloatArray
+    friction: FloatArray
+
+    @classmethod
+    def of(cls, manifest: Mapping[str, Any]) -> Ground:
+        """Of a build."""
+        config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+        controller, table = config.controller, manifest["map"]
+        schedule = controller.tracking.schedule
+        speeds = [
+            *(controller.enable_speed_km_h, controller.disable_speed_km_h, controller.fail_safe.hold_above_km_h),
+            *config.limiter.opposite_phase_speed_km_h,
+            *((schedule.speed_km_h if schedule else ())),
+            controller.inputs.speed_max_km_h,
+        ]
+        return cls(
+            config=config,
+            speed=np.array([0.0, *table["speed_m_s"], *(KM_H * speed for speed in speeds)]),
+            front_angle=np.array(
+                [
+                    *(0.0, config.steering.front_angle_stop, config.limiter.in_phase_from_front_angle),
+                    *table["front_angle_rad"],
+                    math.radians(controller.inputs.front_angle_max_deg),
+                ]
+            ),
+            friction=np.array(
+                [*(0.0, controller.friction_min, table["friction"]), *table["frictions"], controller.inputs.friction_max]
+            ),
+        )
+
+
+def recorded(software: Software) -> tuple[Drive, ...]:
+    """What the controller measures in each of the built-in scenarios, around the plant of its own configuration.
+
+    A scenario that this car cannot drive is left out.
+    """
+    drives = []
+    for scenario in SCENARIOS.values():
+        try:
+            inputs = scenario.inputs(software.config)
+        except CodegenError:
+            continue
+        loop = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES))
+        record, samples = loop.run(inputs), inputs[:: loop.steps_per_sample]
+        names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
+        columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
+        columns += [samples[:, INPUT_COLUMNS.index(name)] for name in ("friction_estimate", "inhibit")]
+        drives.append(np.column_stack(columns).astype(np.float32))
+    return tuple(drives)
+
+
+def drawn(ground: Ground, samples: int, seed: int = 0) -> tuple[Drive, ...]:
+    """Drives that go everywhere, each of so many samples: the whole range of every input, its breakpoints and thresholds and
+    their neighbours, signals that are absent, and gaps of every length."""
+    generator = np.random.default_rng(seed)
+    return tuple(
+        _with_gaps(np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples], gap, generator)
+        for gap, held in zip(GAPS, HELD, strict=True)
+    )
+
+
+def crossed(windows: npt.NDArray[np.float32], pool: Drive, copies: int, generator: np.random.Generator) -> Drive:
+    """Descendants of short windows (n, length, 6), one after the other: fields exchanged with those of samples of a pool."""
+    children = np.repeat(windows, copies, axis=0)
+    others = pool[generator.integers(len(pool), size=children.shape[:2])]
+    taken = generator.random(children.shape) < 0.25
+    result: Drive = np.where(taken, others, children).reshape(-1, children.shape[-1])
+    return result
+
+
+def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
+    config = ground.config
+    inputs, vehicle = config.controller.inputs, config.vehicle
+    speed_max, front_angle_max = inputs.speed_max_km_h * KM_H, math.radians(inputs.front_angle_max_deg)
+    speed = _mixed(ground.speed, speed_max, count, generator)
+    speed *= np.where(generator.random(count) < 0.05, -1.0, 1.0)
+    front_angle = _mixed(ground.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
+    # Mostly a yaw rate that these can explain; see is_plausible in the generated C.
+    turn = speed * front_angle
+    margin = np.abs(speed) * config.rear_actuator.angle_max + vehicle.wheelbase * math.radians(inputs.yaw_rate_tolerance_deg_s)
+    plausible = np.minimum(turn, 0.0) - margin + generator.random(count) * (np.abs(turn) + 2.0 * margin)
+    yaw_rate_max = math.radians(inputs.yaw_rate_max_deg_s)
+    anything = generator.uniform(-yaw_rate_max, yaw_rate_max, count)
+    yaw_rate = np.where(generator.random(count) < 0.97, np.clip(plausible / vehicle.wheelbase, -yaw_rate_max, yaw_rate_max), anything)
+    steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
+    rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
+    friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))
+    inhibit = generator.random(count) < 0.2
+    return np.column_stack([speed, front_angle, yaw_rate, rear_angle, friction, inhibit]).astype(np.float32)
+
+
+def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random.Generator) -> FloatArray:
+    """Anything from zero to the largest, small values, corners, and the neighbours of those."""
+    corner = generator.choice(corners, count).astype(np.float32)
+    beside = np.nextafter(corner, generator.choice(np.array([0.0, corners.max()], dtype=np.float32), count))
+    found = np.choose(
+        generator.integers(5, size=count),
+        [
+            generator.uniform(0.0, largest, count),
+            generator.uniform(0.0, largest, count),
+            largest * 10.0 ** generator.uniform(-4.0, 0.0, count),
+            corner.astype(np.float64),
+            beside.astype(np.float64),
+        ],
+    )
+    # The largest itself is accepted by the C in its own precision.
+    return np.minimum(found, float(np.nextafter(np.float32(largest), np.float32(0.0))))
+
+
+def _with_gaps(drive: Drive, gap: tuple[float, float], generator: np.random.Generator) -> Drive:
+    """The drive with one signal of the samples in a gap lost, or beyond its range."""
+    begins, ends = gap
+    lost = np.zeros(len(drive), dtype=bool)
+    random = generator.random(len(drive))
+    for sample in range(1, len(drive)):
+        lost[sample] = random[sample] >= ends if lost[sample - 1] else random[sample] < begins
+    where = np.flatnonzero(lost)
+    result = drive.copy()
+    result[where, generator.integers(3, size=len(where))] = generator.choice(
+        np.array([np.nan, np.inf, -np.inf, 1e9], dtype=np.float32), len(where)
+    )
+    return result

@@ -1,0 +1,146 @@
+/*
+ * Yaw-rate controller for active rear steering, kind "tracking".
+ *
+ * Call ars_controller_init() once, then ars_controller_step() every 10 ms. All memory is the caller's: one
+ * ars_controller_t for each controlled axle. Nothing here allocates, blocks, reads a clock or calls a library; instances are
+ * independent of each other and may run in different tasks.
+ *
+ * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left, and a positive
+ * rear angle points the same way as a positive front angle.
+ *
+ * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#ifndef ARS_CONTROLLER_H
+#define ARS_CONTROLLER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ars_limiter.h"
+#include "ars_reference_model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ARS_CONTROLLER_BUILD 0xF76ECFC0u
+
+/* What the last step did. In every state the command is finite and within its limits. */
+typedef enum {
+    ARS_STATUS_TRACKING = 0, /* following the reference */
+    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
+    ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
+    ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the last command is held */
+    ARS_STATUS_FAIL_SAFE = 4 /* they stay so: held at high speed, ramped to zero below */
+} ars_status_t;
+
+/* One sample of what the vehicle measures. */
+typedef struct {
+    float speed;                /* m/s, negative in reverse */
+    float front_angle;          /* rad, at the road wheel */
+    float yaw_rate;             /* rad/s */
+    float rear_angle;           /* rad, achieved by the actuator; NaN where it is not measured */
+    float friction;             /* estimated peak friction; NaN where unknown: the map's own is taken */
+    bool inhibit;               /* ESC or ABS is acting: the integrator holds */
+} ars_measurement_t;
+
+/* What the controller asks for, and why. */
+typedef struct {
+    float rear_angle;           /* rad, within +-rear_angle_max */
+    float yaw_rate_reference;   /* rad/s, what is followed; held while degraded, 0 in standby and fail-safe */
+    ars_status_t status;        /* what the step did */
+} ars_command_t;
+
+enum { ARS_SCHEDULE_POINTS = 14 };
+
+/* Everything that calibration may change. Ask ars_parameters_valid() after each change. */
+typedef struct {
+    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
+    float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
+    float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
+    float lead_time;                    /* s, how far the front angle that enters the map is looked ahead */
+    float lead_angle_max;               /* rad, bound of that */
+    float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
+    float trim_share;                   /* of the map's yaw rate: bound of the trim */
+    float trim_rate;                    /* 1/s, how fast the trim follows */
+    float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
+    float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
+    float grip_recovery;                /* m/s^2 that the grip recovers in a second */
+    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
+    float rear_angle_max;               /* rad, bound on the command */
+    float rear_rate_max;                /* rad/s, bound on the command's rate */
+    float friction_min;                 /* a lower estimate counts as this */
+    float enable_speed;                 /* m/s, control starts from here */
+    float disable_speed;                /* m/s, standby below */
+    float standby_rate;                 /* rad/s, return to zero in standby */
+    float speed_max;                    /* m/s, input range */
+    float front_angle_max;              /* rad, input range */
+    float yaw_rate_max;                 /* rad/s, input range */
+    float rear_angle_input_max;         /* rad, input range */
+    float friction_max;                 /* input range */
+    float wheelbase;                    /* m, for the plausibility of the yaw rate */
+    float yaw_rate_tolerance;           /* rad/s beyond what speed and steering explain */
+    float hold_speed;                   /* m/s, fail-safe holds the rear angle from here */
+    float ramp_rate_standstill;         /* rad/s, fail-safe ramp at rest */
+    float ramp_rate_hold_speed;         /* rad/s, fail-safe ramp just below hold_speed */
+    uint16_t implausible_samples_max;   /* samples that an implausible yaw rate is held, then fail-safe */
+    uint16_t degraded_samples_max;      /* lost samples before the fail-safe */
+    uint16_t recovery_samples;          /* good samples that end the fail-safe */
+    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
+} ars_parameters_t;
+
+/* Memory between two steps. Private: read it in a debugger, write it only through the functions below. */
+typedef struct {
+    ars_reference_model_t model;        /* of the car */
+    float trim;                         /* rad/s, towards the map's yaw rate */
+    float integral;                     /* rad, of rear angle */
+    float front_angle;                  /* rad, of the last sample */
+    float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
+    float rear_angle;                   /* rad, last command */
+    float yaw_rate_reference;           /* rad/s, last reference */
+    float speed;                        /* m/s, last one in range */
+    uint16_t bad_samples;               /* in a row */
+    uint16_t good_samples;              /* in a row, counted in fail-safe */
+    uint16_t implausible_samples;       /* in a row */
+    bool enabled;                       /* above the enabling speed, with hysteresis */
+    ars_limiter_t limiter;              /* last in the chain */
+    ars_status_t status;                /* of the last step */
+} ars_controller_t;
+
+/* The parameters that this build was made with. */
+extern const ars_parameters_t ars_parameters_default;
+
+/*
+ * Whether every parameter is finite, in range and consistent with the others. ars_controller_step() relies on it.
+ */
+bool ars_parameters_valid(const ars_parameters_t *parameters);
+
+/*
+ * Start from the angle that the actuator holds now, without a jump.
+ *
+ * rear_angle: rad; NaN counts as 0, and beyond the actuator's limit as the limit.
+ */
+void ars_controller_init(ars_controller_t *self, float rear_angle);
+
+/*
+ * One sample: check the measurement, look the reference up, control, limit (ars_limiter.h has the last word).
+ *
+ * None of the pointers may be null; parameters must be valid; measurement may hold any number,
+ * and inhibit must be true or false.
+ * Returns a command that is finite and within +-parameters->rear_angle_max in every case.
+ */
+ars_command_t ars_controller_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
+
+/*
+ * Whether the map in memory has its checksum, the lookup gives the values that it had at build, the default parameters are
+ * valid, and the CRC of the CAN frames has its known values. For power-up; takes about 166464 table look-ups of four bits.
+ */
+bool ars_selftest(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ARS_CONTROLLER_H */

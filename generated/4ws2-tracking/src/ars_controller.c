@@ -1,0 +1,525 @@
+/*
+ * Yaw-rate controller for active rear steering. See ars_controller.h.
+ *
+ * Order of a step: judge the inputs, choose the status, then hold, ramp or control; the limiter comes last.
+ *
+ * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_controller.h"
+
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_CONTROLLER_BUILD != 0xF76ECFC0u
+#error "ars_controller.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0xF76ECFC0u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
+
+/* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
+ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
+
+ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
+    .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f, 40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f },
+    .proportional_gain = { 0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1437f, 0.1417f, 0.1357f, 0.1228f, 0.1124f, 0.0979f, 0.08963f },
+    .integral_gain = { 1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f, 0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f },
+    .lead_time = 0.035f,
+    .lead_angle_max = 0.02617994f,
+    .yaw_increasing_max = 0.008726646f,
+    .trim_share = 0.01f,
+    .trim_rate = 1.0f,
+    .grip_shortfall = 0.5f,
+    .grip_loss_rate = 10.0f,
+    .grip_recovery = 0.5f,
+    .rear_angle_error_max = 0.034906585f,
+    .rear_angle_max = 0.061086524f,
+    .rear_rate_max = 0.43633232f,
+    .friction_min = 0.1f,
+    .enable_speed = 4.1666665f,
+    .disable_speed = 3.3333333f,
+    .standby_rate = 0.08726646f,
+    .speed_max = 111.111115f,
+    .front_angle_max = 0.7853982f,
+    .yaw_rate_max = 2.6179938f,
+    .rear_angle_input_max = 0.2617994f,
+    .friction_max = 1.5f,
+    .wheelbase = 3.14f,
+    .yaw_rate_tolerance = 0.5235988f,
+    .hold_speed = 16.666666f,
+    .ramp_rate_standstill = 0.08726646f,
+    .ramp_rate_hold_speed = 0.008726646f,
+    .implausible_samples_max = 30u,
+    .degraded_samples_max = 3u,
+    .recovery_samples = 10u,
+    .limiter = {
+        .rear_angle_max = 0.061086524f,
+        .rear_rate_max = 0.6981317f,
+        .opposite_phase_speed = { 16.666666f, 33.333332f },
+        .opposite_phase_max = { 0.061086524f, 0.02617994f },
+        .in_phase_from_front_angle = 0.017453292f,
+        .speed_max = 111.111115f,
+        .front_angle_max = 0.7853982f
+    }
+};
+
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
+{
+    float result = low;
+
+    if (value > low) {
+        result = value;
+    }
+    if (result > high) {
+        result = high;
+    }
+    return result;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_within(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
+}
+
+/* True for NaN, which stands for "not available". */
+ARS_SECTION_CODE static bool is_absent_or_within(float value, float low, float high)
+{
+    return !((value < low) || (value > high));
+}
+
+ARS_SECTION_CODE static float toward_zero(float value, float step)
+{
+    float result = 0.0f;
+
+    if (value > step) {
+        result = value - step;
+    } else if (value < -step) {
+        result = value + step;
+    } else {
+        /* closer to zero than one step */
+    }
+    return result;
+}
+
+ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)
+        && is_within(measurement->front_angle, -parameters->front_angle_max, parameters->front_angle_max)
+        && is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)
+        && is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)
+        && is_absent_or_within(measurement->friction, 0.0f, parameters->friction_max);
+}
+
+/* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
+ * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
+ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float magnitude = (measurement->speed < 0.0f) ? -measurement->speed : measurement->speed;
+    const float turn = measurement->speed * measurement->front_angle;
+    const float margin = (magnitude * parameters->rear_angle_max) + (parameters->wheelbase * parameters->yaw_rate_tolerance);
+    const float low = (turn < 0.0f) ? turn : 0.0f;
+    const float high = (turn > 0.0f) ? turn : 0.0f;
+
+    return is_within(parameters->wheelbase * measurement->yaw_rate, low - margin, high + margin);
+}
+
+/* Whether this sample may be used. A sample that is lost and a yaw rate that cannot be are counted apart: a sensor may be
+ * implausible for longer than it may be silent, because a bump is not a fault. Neither is controlled upon. */
+ARS_SECTION_CODE static bool is_trusted(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const bool in_range = is_in_range(parameters, measurement);
+
+    if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {
+        self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
+    }
+    if (!in_range) {
+        if (self->bad_samples < UINT16_MAX) {
+            self->bad_samples++;
+        }
+    } else {
+        self->bad_samples = 0u;
+        if (is_plausible(parameters, measurement)) {
+            self->implausible_samples = 0u;
+        } else if (self->implausible_samples <= parameters->implausible_samples_max) {
+            self->implausible_samples++;
+        } else {
+            /* the count stays above its limit */
+        }
+    }
+    return in_range && (self->implausible_samples == 0u);
+}
+
+ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    self->good_samples = 0u;
+    if ((self->status == ARS_STATUS_FAIL_SAFE)
+        || (self->bad_samples > parameters->degraded_samples_max)
+        || (self->implausible_samples > parameters->implausible_samples_max)) {
+        self->status = ARS_STATUS_FAIL_SAFE;
+        self->enabled = false;
+    } else {
+        self->status = ARS_STATUS_DEGRADED;
+    }
+}
+
+/* Returns whether the control law runs in this sample; it starts afresh where it did not run in the one before. */
+ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    if (self->status == ARS_STATUS_FAIL_SAFE) {
+        self->good_samples++;
+        if (self->good_samples >= parameters->recovery_samples) {
+            self->good_samples = 0u;
+            self->status = ARS_STATUS_STANDBY;
+        }
+    }
+    if (self->status != ARS_STATUS_FAIL_SAFE) {
+        if (self->speed >= parameters->enable_speed) {
+            self->enabled = true;
+        } else if (self->speed < parameters->disable_speed) {
+            self->enabled = false;
+        } else {
+            /* between the two speeds nothing changes */
+        }
+        if (!self->enabled) {
+            self->status = ARS_STATUS_STANDBY;
+        }
+    }
+    return self->enabled;
+}
+
+/* Never simply to zero: at speed, taking the rear angle away can spin the car. Held above a speed, and below it ramped, the
+ * slower the faster the car is. */
+ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    const float speed = (self->speed < 0.0f) ? -self->speed : self->speed;
+
+    if (speed < parameters->hold_speed) {
+        const float share = speed / parameters->hold_speed;
+        const float rate = parameters->ramp_rate_standstill
+            + (share * (parameters->ramp_rate_hold_speed - parameters->ramp_rate_standstill));
+        self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);
+    }
+    self->yaw_rate_reference = 0.0f;
+}
+
+/* The estimate, not below the smallest that is believed; NaN stays NaN: the map takes its own friction. */
+ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return (measurement->friction < parameters->friction_min) ? parameters->friction_min : measurement->friction;
+}
+
+/* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
+ * angle, a little ahead of the front wheels; the error is taken to what the car can do with it, by the reference model. The
+ * integral is kept in rad of rear angle, sign included. */
+ARS_SECTION_CONST static const float grip_max = 5.611226f; /* m/s^2: what the map allows on its road */
+ARS_SECTION_CONST static const float friction_per_grip = 0.16039282f; /* s^2/m */
+
+/* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
+ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
+
+typedef struct {
+    float proportional;
+    float integral;
+} gains_t;
+
+/* Where demand and feedback may move. */
+typedef struct {
+    float low;
+    float high;
+} range_t;
+
+ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
+{
+    gains_t gains = { parameters->proportional_gain[0], parameters->integral_gain[0] };
+    uint32_t k;
+
+    for (k = 1u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        const float from = parameters->schedule_speed[k - 1u];
+        const float to = parameters->schedule_speed[k];
+
+        if (speed >= from) {
+            const float share = (speed < to) ? ((speed - from) / (to - from)) : 1.0f;
+
+            gains.proportional = parameters->proportional_gain[k - 1u]
+                + (share * (parameters->proportional_gain[k] - parameters->proportional_gain[k - 1u]));
+            gains.integral = parameters->integral_gain[k - 1u]
+                + (share * (parameters->integral_gain[k] - parameters->integral_gain[k - 1u]));
+        }
+    }
+    return gains;
+}
+
+ARS_SECTION_CODE static void law_init(ars_controller_t *self)
+{
+    ars_reference_model_start(&self->model, 0.0f, 0.0f, self->rear_angle);
+    self->trim = 0.0f;
+    self->integral = 0.0f;
+    self->front_angle = 0.0f;
+    self->grip = grip_max;
+}
+
+/* The road's friction: estimated, or what the car has been seen to reach, whichever is less. */
+ARS_SECTION_CODE static float friction_now(
+    const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float estimated = known_friction(parameters, measurement);
+    const float seen = self->grip * friction_per_grip;
+
+    return (estimated < seen) ? estimated : seen; /* NaN: no estimate */
+}
+
+/* The map a little ahead of the front wheels, by their rate. */
+ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
+    const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float rate = (measurement->front_angle - self->front_angle) / sampling_time;
+    const float lead = clamp(parameters->lead_time * rate, -parameters->lead_angle_max, parameters->lead_angle_max);
+    ars_map_reference_t reference = ars_map_reference(
+        measurement->speed, measurement->front_angle + lead, friction_now(self, parameters, measurement));
+
+    reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
+    return reference;
+}
+
+/* Bumpless: the model starts from the measured motion, and with this integral the first demand is the angle that is commanded now. */
+ARS_SECTION_CODE static void law_start(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    self->front_angle = measurement->front_angle;
+    self->trim = 0.0f;
+    ars_reference_model_start(&self->model, measurement->speed, measurement->yaw_rate, self->rear_angle);
+    self->integral = self->rear_angle - reference_ahead(self, parameters, measurement).rear_angle;
+}
+
+/* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
+ARS_SECTION_CODE static float reachable_yaw_rate(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
+{
+    const float magnitude = (map->yaw_rate < 0.0f) ? -map->yaw_rate : map->yaw_rate;
+    const float bound = parameters->trim_share * magnitude;
+    const float missing = clamp(map->yaw_rate - self->model.yaw_rate, -bound, bound);
+    const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
+
+    self->trim += (parameters->trim_rate * sampling_time) * (missing - self->trim);
+    return clamp(self->model.yaw_rate + self->trim, -limit, limit);
+}
+
+/* Feedback may add a little where it makes the car turn more; against the turn it is free. */
+ARS_SECTION_CODE static range_t feedback_range(
+    const ars_parameters_t *parameters, const ars_measurement_t *measurement, float feedforward)
+{
+    range_t range = { -parameters->rear_angle_max, parameters->rear_angle_max };
+
+    /* Where the actuator is measured, the demand may run ahead of it by so much and no more: a stuck or slow actuator must
+     * not wind the integral up. False for NaN, which stands for "not measured". */
+    if (is_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)) {
+        range.low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, range.low, range.high);
+        range.high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, range.low, range.high);
+    }
+    if ((measurement->yaw_rate > 0.0f) && (range.low < (feedforward - parameters->yaw_increasing_max))) {
+        range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
+    }
+    if ((measurement->yaw_rate < 0.0f) && (range.high > (feedforward + parameters->yaw_increasing_max))) {
+        range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
+    }
+    range.low -= feedforward;
+    range.high -= feedforward;
+    return range;
+}
+
+/* The grip follows the lateral acceleration that the car really reaches: down where much of it is missing, slowly up again. */
+ARS_SECTION_CODE static void update_grip(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const float reference = self->yaw_rate_reference;
+    const float missing = (reference < 0.0f) ? (measurement->yaw_rate - reference) : (reference - measurement->yaw_rate);
+    const float shortfall = missing * measurement->speed;
+    float grip = self->grip + (parameters->grip_recovery * sampling_time);
+
+    if (shortfall > parameters->grip_shortfall) {
+        grip = self->grip - ((parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall));
+    }
+    self->grip = clamp(grip, parameters->friction_min / friction_per_grip, grip_max);
+}
+
+/* Returns whether a limit acted. */
+ARS_SECTION_CODE static bool law_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const ars_map_reference_t map = reference_ahead(self, parameters, measurement);
+    const ars_reference_model_input_t input = {
+        measurement->speed, measurement->front_angle, map.rear_angle, friction_now(self, parameters, measurement)
+    };
+    const float reference = reachable_yaw_rate(self, parameters, &map, measurement->speed);
+    const float error = reference - measurement->yaw_rate;
+    const gains_t gains = gains_at(parameters, measurement->speed);
+    const range_t range = feedback_range(parameters, measurement, map.rear_angle);
+    const float proportional = gains.proportional * error;
+    const float step = parameters->rear_rate_max * sampling_time;
+    float integral = self->integral;
+    float feedback;
+    float demand;
+    float command;
+    bool limited;
+
+    if (!measurement->inhibit) {
+        integral -= (gains.integral * sampling_time) * error;
+    }
+    feedback = integral - proportional;
+    limited = (feedback > range.high) || (feedback < range.low);
+    if (limited) {
+        feedback = clamp(feedback, range.low, range.high);
+        if (!measurement->inhibit) {
+            integral = feedback + proportional; /* the integral that gives just the limit: it leaves it in one sample */
+        }
+    }
+
+    demand = map.rear_angle + feedback;
+    command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
+    if ((demand > command) || (demand < command)) {
+        limited = true;
+        /* The rate limit acts: let the integral not move further ahead of the command. */
+        if (((demand > command) && (integral > self->integral))
+            || ((demand < command) && (integral < self->integral))) {
+            integral = self->integral;
+        }
+    }
+    self->integral = integral;
+    self->rear_angle = command;
+    self->yaw_rate_reference = reference;
+    if (!measurement->inhibit) {
+        update_grip(self, parameters, measurement);
+    }
+    self->front_angle = measurement->front_angle;
+    ars_reference_model_step(&self->model, &input);
+    return limited;
+}
+
+ARS_SECTION_CODE static void control(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {
+        law_start(self, parameters, measurement);
+    }
+    self->status = law_step(self, parameters, measurement) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+}
+
+/* The last word on the command. */
+ARS_SECTION_CODE static void limit(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    const ars_limiter_input_t input = { measurement->speed, measurement->front_angle, self->rear_angle };
+    const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
+
+    if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
+        self->status = ARS_STATUS_LIMITED;
+    }
+    self->rear_angle = limited;
+}
+
+ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters)
+{
+    bool valid = true;
+    uint32_t k;
+
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        valid = valid && is_within(parameters->schedule_speed[k], 0.0f, 200.0f);
+        valid = valid && ((k == 0u) || (parameters->schedule_speed[k - 1u] < parameters->schedule_speed[k]));
+        valid = valid && is_within(parameters->proportional_gain[k], 0.0f, 10.0f);
+        valid = valid && is_within(parameters->integral_gain[k], 0.0f, 100.0f);
+    }
+    return valid;
+}
+
+ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
+{
+    return is_within(parameters->lead_time, 0.0f, 0.2f)
+        && is_within(parameters->lead_angle_max, 0.0f, 0.5f)
+        && is_within(parameters->yaw_increasing_max, 0.0f, 1.0f)
+        && is_within(parameters->trim_share, 0.0f, 0.2f)
+        && is_within(parameters->trim_rate, 0.01f, 20.0f)
+        && is_within(parameters->grip_shortfall, 0.1f, 20.0f)
+        && is_within(parameters->grip_loss_rate, 0.1f, 50.0f)
+        && is_within(parameters->grip_recovery, 0.01f, 100.0f)
+        && is_within(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
+        && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_within(parameters->friction_min, 0.01f, 1.0f)
+        && is_within(parameters->enable_speed, 0.0f, 100.0f)
+        && is_within(parameters->disable_speed, 0.0f, 100.0f)
+        && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
+        && is_within(parameters->speed_max, 1.0f, 200.0f)
+        && is_within(parameters->front_angle_max, 0.01f, 1.5f)
+        && is_within(parameters->yaw_rate_max, 0.01f, 20.0f)
+        && is_within(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
+        && is_within(parameters->friction_max, 0.01f, 2.0f)
+        && is_within(parameters->wheelbase, 0.1f, 20.0f)
+        && is_within(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
+        && is_within(parameters->hold_speed, 0.1f, 200.0f)
+        && is_within(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
+        && is_within(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
+        && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
+        && (parameters->disable_speed < parameters->enable_speed)
+        && (parameters->implausible_samples_max < UINT16_MAX)
+        && (parameters->degraded_samples_max < UINT16_MAX)
+        && (parameters->recovery_samples > 0u)
+        && are_valid_arrays(parameters)
+        && ars_limiter_parameters_valid(&parameters->limiter);
+}
+
+ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
+{
+    float start = 0.0f;
+
+    if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
+        start = clamp(rear_angle, -actuator_angle_max, actuator_angle_max);
+    }
+    self->rear_angle = start;
+    self->yaw_rate_reference = 0.0f;
+    self->speed = speed_unknown;
+    self->bad_samples = 0u;
+    self->good_samples = 0u;
+    self->implausible_samples = 0u;
+    self->enabled = false;
+    self->status = ARS_STATUS_STANDBY;
+    ars_limiter_init(&self->limiter, start);
+    law_init(self);
+}
+
+ARS_SECTION_CODE ars_command_t ars_controller_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    ars_command_t command;
+
+    if (!is_trusted(self, parameters, measurement)) {
+        update_after_bad_sample(self, parameters);
+    } else if (update_after_good_sample(self, parameters)) {
+        control(self, parameters, measurement);
+    } else {
+        /* standby, or still fail-safe: below */
+    }
+    if (self->status == ARS_STATUS_STANDBY) {
+        self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
+        self->yaw_rate_reference = 0.0f;
+    }
+    if (self->status == ARS_STATUS_FAIL_SAFE) {
+        fail_safe(self, parameters);
+    }
+    self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
+    limit(self, parameters, measurement);
+    command.rear_angle = self->rear_angle;
+    command.yaw_rate_reference = self->yaw_rate_reference;
+    command.status = self->status;
+    return command;
+}

@@ -1,0 +1,64 @@
+/*
+ * The self-test. See ars_controller.h.
+ *
+ *
+ *
+ * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_controller.h"
+#include "ars_e2e.h"
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_CONTROLLER_BUILD != 0xF76ECFC0u
+#error "ars_controller.h and this source come from different builds"
+#endif
+#if ARS_E2E_BUILD != 0xF76ECFC0u
+#error "ars_e2e.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0xF76ECFC0u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* The examples of AUTOSAR PRS_E2EProtocol, section 6.3.5: data id 0x123, eight bytes of zero, counters 0 and 1. */
+ARS_SECTION_CODE static bool crc_is_right(void)
+{
+    uint8_t data[8] = { 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u };
+    bool right = ars_e2e_crc(0x123u, data) == 0xCCu;
+
+    data[1] = 1u;
+    return right && (ars_e2e_crc(0x123u, data) == 0x91u);
+}
+
+ARS_SECTION_CODE bool ars_selftest(void)
+{
+    /* speed, front angle, friction, and the yaw rate that the lookup gave at build */
+    ARS_SECTION_CONST static const float known[14][4] = {
+        { 0.0f, 0.0f, 0.9f, 0.0f },
+        { 0.0f, 0.61086524f, 0.9f, 0.0f },
+        { 33.333332f, 0.0f, 0.9f, 0.0f },
+        { 33.333332f, 0.61086524f, 0.9f, 0.16833672f },
+        { 33.333332f, -0.61086524f, 0.9f, -0.16833672f },
+        { 13.333333f, 0.061086524f, 0.9f, 0.33716822f },
+        { 13.333333f, -0.061086524f, 0.9f, -0.33716822f },
+        { 1.6666666f, 0.30543262f, 0.9f, 0.19456801f },
+        { 40.0f, 0.0061086523f, 0.9f, 0.02936902f },
+        { 1.0f, 0.91629785f, 0.9f, 0.21402481f },
+        { 50.0f, 1.2217305f, 0.9f, 0.112224475f },
+        { 33.333332f, 0.61086524f, 0.882f, 0.16497f },
+        { 50.0f, 0.61086524f, 0.918f, 0.112224475f },
+        { 33.333332f, 0.61086524f, 0.36f, 0.06733469f }
+    };
+    const float tolerance = 1.0e-05f; /* rad/s: a compiler may fuse multiply and add */
+    bool passed = crc_is_right()
+        && (ars_map_checksum() == ars_map_expected_checksum)
+        && ars_parameters_valid(&ars_parameters_default);
+    uint32_t index;
+
+    for (index = 0u; index < 14u; index++) {
+        const float yaw_rate = ars_map_yaw_rate_on_road(known[index][0], known[index][1], known[index][2]);
+        passed = passed && (yaw_rate >= (known[index][3] - tolerance)) && (yaw_rate <= (known[index][3] + tolerance));
+    }
+    return passed;
+}
