@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from codegen.can_sections import Can
 from codegen.config import Config
+from codegen.emit.laws import law_of
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import BenchResult
@@ -187,13 +188,24 @@ def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 
 
 def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> float:
-    """How far the command may move in one sample: what the PI makes of the largest error of the run. Where commands are lost on
+    """How far the command may move in one sample: what its rate limits allow, or without any what the feedback makes of the
+    largest error of the run; of a feedforward without a rate limit nothing is known but its range. Where commands are lost on
     their way, the controller goes on meanwhile, up to its distance from the measured rear angle."""
-    controller, code = config.controller, config.can.rear_steer_command.rear_angle.factor
-    error = np.abs(_column(result, "yaw_rate_reference_rad_s") - _column(result, "yaw_rate_rad_s")).max()
-    gain = 2.0 * controller.proportional_gain_s + controller.integral_gain * controller.sampling_time_s
+    controller, code = config.controller, math.degrees(config.can.rear_steer_command.rear_angle.factor)
+    limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
+    law = law_of(config)
+    feedback = law.gains(config)
+    if limits:
+        bound = min(limits) * controller.sampling_time_s
+    elif feedback is None or law.uses_rear_angle:
+        bound = 2.0 * config.rear_actuator.angle_max_deg
+    else:
+        error = np.abs(_column(result, "yaw_rate_reference_rad_s") - _column(result, "yaw_rate_rad_s")).max()
+        proportional, integral = feedback(_column(result, "speed_m_s"))
+        bound = math.degrees((2.0 * proportional.max() + integral.max() * controller.sampling_time_s) * error)
     lost = any(fault.message == config.can.rear_steer_command.name for fault in case.faults)
-    return math.degrees(gain * error + code) + (controller.rear_angle_error_max_deg if lost else 0.0)
+    # A command is rounded to its code: a step between two of them is off by one code at most.
+    return bound + code + (controller.rear_angle_error_max_deg if lost else 0.0)
 
 
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:

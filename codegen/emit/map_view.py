@@ -11,13 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H
-from codegen.emit.text import Precision, literal, numpy_type
+from codegen.emit.text import Precision, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
 
-NUMBERS_PER_LINE = 8
 
 
 @dataclass(frozen=True)
@@ -115,15 +114,6 @@ class MapView:
     bits: int
     bits_type: str
     flash_bytes: int
-
-
-def lines_of(numbers: list[str], last_comma: bool = False) -> tuple[str, ...]:
-    """Literals, several to a line, separated by commas."""
-    chunks = [numbers[k : k + NUMBERS_PER_LINE] for k in range(0, len(numbers), NUMBERS_PER_LINE)]
-    lines = [", ".join(chunk) + "," for chunk in chunks]
-    if not last_comma:
-        lines[-1] = lines[-1].rstrip(",")
-    return tuple(lines)
 
 
 def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from codegen.emit.text import Precision, literal
+from codegen.emit.text import Precision, lines_of, literal
 
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
@@ -72,12 +72,19 @@ def parameter_view(parameter: Parameter, precision: Precision, real: str) -> Par
         )
     low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
     if isinstance(parameter.value, tuple):
-        value = f"{{ {', '.join(literal(number, precision) for number in parameter.value)} }}"
+        value = _braced(lines_of([literal(number, precision) for number in parameter.value]))
     else:
         value = literal(parameter.value, precision)
     return ParameterView(
         real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing
     )
+
+
+def _braced(lines: tuple[str, ...]) -> str:
+    if len(lines) == 1:
+        return f"{{ {lines[0]} }}"
+    rows = "\n".join(f"        {line}" for line in lines)
+    return f"{{\n{rows}\n    }}"
 
 
 def field_view(field: Field, real: str) -> FieldView:

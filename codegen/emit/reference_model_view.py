@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from codegen.config import KM_H, Config
 from codegen.emit.dynamics_view import FunctionView, function_view
-from codegen.emit.map_view import lines_of
-from codegen.emit.text import Precision, literal
+from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track_from_shapes
 from codegen.vehicle.single_track import SingleTrack

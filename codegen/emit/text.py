@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -46,6 +47,22 @@ def literal(value: float, precision: Precision) -> str:
     if "e" in digits and "." not in digits:
         digits = digits.replace("e", ".0e")
     return digits + ("f" if precision == "single" else "")
+
+
+NUMBERS_PER_LINE = 8
+LINE_WIDTH = 112
+"""Characters of numbers in a line, without its indent."""
+
+
+def lines_of(numbers: Sequence[str], last_comma: bool = False) -> tuple[str, ...]:
+    """Literals, several to a line, separated by commas."""
+    width = max(len(number) for number in numbers) + 2
+    each = min(NUMBERS_PER_LINE, max(1, LINE_WIDTH // width))
+    chunks = [numbers[k : k + each] for k in range(0, len(numbers), each)]
+    lines = [", ".join(chunk) + "," for chunk in chunks]
+    if not last_comma:
+        lines[-1] = lines[-1].rstrip(",")
+    return tuple(lines)
 
 
 def comment_text(text: str) -> str:

@@ -241,7 +241,8 @@ class Lookup:
         bound = car.sideslip_max - allowed_yaw_rate * (car.rear_arm / speed - car.rear_slip * speed)
         wanted = np.where(wanted > bound, bound, wanted)
         wanted = np.where(wanted > car.rear_angle_max, car.rear_angle_max, wanted)
-        return np.where(wanted > rear_angle, wanted, rear_angle)
+        result: npt.NDArray[Any] = np.where(wanted > rear_angle, wanted, rear_angle)
+        return result
 
 
 def _interpolate(table: npt.NDArray[Any], row: Any, column: Any) -> npt.NDArray[Any]:

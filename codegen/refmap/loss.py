@@ -77,7 +77,8 @@ class LossOfFunction:
         return None if self.only_with_rear_steer is None else float(np.mean(self.only_with_rear_steer))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values, with lists that have an entry for each operating point; null where the plant does not settle.
+        """JSON values, with lists that have an entry for each operating point; null where the plant does not settle. Cells that
+        are feasible only with rear steer are "x", a text for each speed.
 
         Sideslip angles are rounded to 0.1 deg, so that the last bits of a libm do not show.
         """
@@ -87,6 +88,7 @@ class LossOfFunction:
                 "cells": int(self.only_with_rear_steer.sum()),
                 "share_of_feasible": _rounded(self.share_of_feasible, 4),
                 "share_of_grid": _rounded(self.share_of_grid, 4),
+                "by_speed_and_front_angle": ["".join(".x"[int(cell)] for cell in row) for row in self.only_with_rear_steer],
             }
         points: dict[str, Any] = {
             "speed_km_h": [_rounded(value, 2) for value in self.speed / KM_H],

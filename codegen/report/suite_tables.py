@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
+
+from hil_sim.suite.conditions import LAGS, NOMINAL
+from hil_sim.suite.price import compare_rise
+from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
     from hil_sim.suite.loop_margins import MarginPoint
     from hil_sim.suite.price import SineTracking
     from hil_sim.suite.requirements import Requirement
     from hil_sim.suite.runs import CellResult
-    from hil_sim.suite.summary import Summary
+    from hil_sim.suite.summary import Extreme, Summary
     from hil_sim.suite.tracking import SuiteResult
 
 WIDTH = 120
@@ -20,7 +25,7 @@ SPUN, NONE = "spin", "-"
 BASELINE = "pi"
 """What the price of a controller is told against."""
 
-SECONDS, DEGREES, SHARE = 0.005, 0.5, 0.005
+SECONDS, DEGREES, SHARE, OVERSHOOT = 0.005, 0.5, 0.005, 2.0
 """Differences that are worth telling."""
 
 
@@ -30,12 +35,12 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     yield from condition_tables(result)
     yield "The paper's step, C1", c1_table(result)
     if result.margins:
-        yield "Margins of the feedback over speed", margin_table(result)
+        yield "Margins over speed: gain (dB) / phase (deg) / peak sensitivity", margin_table(result)
     if result.rise_times:
         yield "Rise time to 90 % over the amplitudes, mean / largest (s)", rise_table(result)
     yield "Sine at the steering wheel, 10 % of the largest front angle: gain over the map's / phase (deg)", sine_table(result)
     if BASELINE in result.subjects and result.tested != BASELINE:
-        yield f"Where {result.tested} is worse than {BASELINE}", worse_text(result)
+        yield f"Where {result.tested} is worse", worse_text(result)
     if result.third_party:
         yield "Third party's multi-body car: overshoot (%) / settling (s) / largest |sideslip| (deg)", third_party_table(result)
     yield "What was tuned on what", sets_text(result)
@@ -50,7 +55,8 @@ def columns(headers: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], lef
 
     def line(cells: Sequence[str]) -> str:
         placed = [
-            cell.ljust(width) if k < left else cell.rjust(width) for k, (cell, width) in enumerate(zip(cells, widths, strict=True))
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(cells, widths, strict=True))
         ]
         return "  ".join(placed).rstrip()
 
@@ -115,7 +121,7 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
     figures: tuple[tuple[str, Callable[[Summary], str]], ...] = (
         ("Overshoot over the cells, mean / largest (%)", _overshoot),
         ("Settling time to 2 %, slowest cell (s); or how many cells never settle", _settling),
-        ("Largest |sideslip| (deg)", lambda each: _number(each.sideslip_max_deg and each.sideslip_max_deg.value, 2)),
+        ("Largest |sideslip| (deg)", lambda each: _extreme(each.sideslip_max_deg)),
         (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NONE),
     )
     for title, text in figures:
@@ -138,7 +144,11 @@ def _overshoot(summary: Summary) -> str:
 def _settling(summary: Summary) -> str:
     if summary.unsettled:
         return f"{len(summary.unsettled)} never"
-    return _number(summary.settling_time_s and summary.settling_time_s.value, 2)
+    return _extreme(summary.settling_time_s)
+
+
+def _extreme(found: Extreme | None) -> str:
+    return NONE if found is None else _number(found.value, 2)
 
 
 def _cells_text(result: SuiteResult) -> str:
@@ -162,46 +172,140 @@ def c1_table(result: SuiteResult) -> str:
         ("rise to 90 %", "s", "rise_time_s", 2),
         ("largest |sideslip|", "deg", "sideslip_max_deg", 2),
     )
-    titles = {condition.name: condition.title for condition in _lags()}
     rows = []
-    for name in next(iter(result.c1.values())):
+    for lag in LAGS:
         for place, (figure, unit, field, digits) in enumerate(figures):
-            runs = [result.c1[subject][name] for subject in result.subjects]
+            runs = [result.c1[subject][lag.name] for subject in result.subjects]
             texts = [SPUN if run.spun else _number(getattr(run, field), digits) for run in runs]
-            rows.append(("" if place else titles[name], f"{figure} ({unit})", *texts))
+            rows.append(("" if place else lag.title, f"{figure} ({unit})", *texts))
     return columns([("", "", *result.subjects)], rows, left=2)
-
-
-def _lags() -> tuple[object, ...]:
-    from hil_sim.suite.conditions import LAGS
-
-    return LAGS
 
 
 # --- margins -----------------------------------------------------------------------------------------------------------
 
 
 def margin_table(result: SuiteResult) -> str:
-    """For each subject with feedback: the configured car, and the worst of the family."""
-    names = [name for name in result.subjects if name in result.margins and name in (result.tested, BASELINE)]
-    header: list[tuple[str, ...]] = [("", *_spread(f"{name}: the car itself", f"{name}: worst of the family") )] if False else []
-    del header
-    first, second, third = ["speed"], [""], ["km/h"]
-    for name in names:
-        first += [name, "", name, "", ""]
-        second += ["the car", "itself", "family's", "worst", ""]
-        third += ["dB", "deg", "dB", "deg", "Ms"]
-    points = [list(zip(result.margins[name].configured, result.margins[name].points, strict=True)) for name in names]
+    """Of the one under test and the paper's: the configured car, and the worst of the family."""
+    names = [name for name in dict.fromkeys((result.tested, BASELINE)) if name in result.margins]
+    header = ["", *(text for name in names for text in (f"{name}: the car itself", f"{name}: worst of the family"))]
     rows = []
-    for at in zip(*points, strict=True):
-        row = [f"{at[0][0].speed_km_h:g}"]
-        for own, worst in at:
-            row += [*_margins(own)[:2], *_margins(worst)]
+    for place, point in enumerate(result.margins[names[0]].points):
+        row = [f"{point.speed_km_h:g} km/h"]
+        for name in names:
+            row += [_margins(result.margins[name].configured[place]), _margins(result.margins[name].points[place])]
         rows.append(row)
-    return columns([first, second, third], rows)
+    return columns([header], rows)
 
 
-def _margins(point: MarginPoint) -> tuple[str, str, str]:
+def _margins(point: MarginPoint) -> str:
     if not point.stable:
-        return "unstable", "unstable", NONE
-    return f"{point.gain_margin_db:.1f}", f"{point.phase_margin_deg:.0f}", _number(point.sensitivity, 2)
+        return "unstable"
+    return f"{point.gain_margin_db:.1f} / {point.phase_margin_deg:.0f} / {_number(point.sensitivity, 2)}"
+
+
+# --- the price ---------------------------------------------------------------------------------------------------------
+
+
+def rise_table(result: SuiteResult) -> str:
+    """A row for each speed."""
+    rows = []
+    for at in zip(*(result.rise_times[name] for name in result.subjects), strict=True):
+        texts = [NONE if one.mean_s is None else f"{one.mean_s:.2f} / {_number(one.largest_s, 2)}" for one in at]
+        rows.append((f"{at[0].speed_km_h:g} km/h", *texts))
+    return columns([("", *result.subjects)], rows)
+
+
+def sine_table(result: SuiteResult) -> str:
+    """A row for each speed and frequency; only where the grid reaches those speeds."""
+    rows = []
+    for at in zip(*(result.sine[name] for name in result.subjects), strict=True):
+        rows.append((f"{at[0].speed_km_h:g} km/h, {at[0].frequency_hz:g} Hz", *map(_sine, at)))
+    return columns([("", *result.subjects)], rows) if rows else "the grid ends below the speeds of this comparison"
+
+
+def _sine(row: SineTracking) -> str:
+    if row.gain_of_map is None or row.phase_deg is None:
+        return SPUN
+    return f"{row.gain_of_map:.2f} / {_number(row.phase_deg, 0)}"
+
+
+def worse_text(result: SuiteResult) -> str:
+    """Where the one under test is slower than the paper's PI, follows a sine less well, or overshoots more than any other."""
+    return "\n".join(_wrapped(line) for line in (_slower(result), _lags_more(result), _overshoots_more(result)))
+
+
+def _slower(result: SuiteResult) -> str:
+    nominal = NOMINAL.name
+    if nominal not in result.results[result.tested]:
+        return "Rise times were not compared in this run."
+    pairs = compare_rise(result.results[result.tested][nominal], result.results[BASELINE][nominal])
+    slower = [
+        f"at {row.speed_km_h:g} km/h by {row.difference_s:.2f} s ({row.mean_s:.2f} against {row.other_mean_s:.2f})"
+        for row in pairs
+        if row.difference_s > SECONDS
+    ]
+    if not slower:
+        return f"It rises no slower than {BASELINE} at any speed."
+    return f"It rises to 90 % later than {BASELINE} {_listed(slower)}: means over the cells in which both stay on the road."
+
+
+def _lags_more(result: SuiteResult) -> str:
+    worse = []
+    for one, other in zip(result.sine[result.tested], result.sine[BASELINE], strict=True):
+        if one.phase_deg is None or one.gain_of_map is None or other.phase_deg is None or other.gain_of_map is None:
+            continue
+        place = f"{one.speed_km_h:g} km/h and {one.frequency_hz:g} Hz"
+        told = []
+        if other.phase_deg - one.phase_deg > DEGREES:
+            told.append(f"phase {one.phase_deg:.0f} deg against {other.phase_deg:.0f}")
+        if abs(one.gain_of_map - 1.0) - abs(other.gain_of_map - 1.0) > SHARE:
+            told.append(f"gain {one.gain_of_map:.2f} of the map's against {other.gain_of_map:.2f}")
+        if told:
+            worse.append(f"at {place} {' and '.join(told)}")
+    if not worse:
+        return f"It follows a sine at the steering wheel no less well than {BASELINE}."
+    return f"It follows a sine at the steering wheel less well than {BASELINE}: {'; '.join(worse)}."
+
+
+def _overshoots_more(result: SuiteResult) -> str:
+    worse = []
+    for condition in result.conditions:
+        others = [result.summary(name, condition.name) for name in result.subjects if name != result.tested]
+        own = result.summary(result.tested, condition.name).overshoot_percent
+        best = min((each for each in others if not each.spins and each.overshoot_percent), key=_largest, default=None)
+        if own is not None and best is not None and own.value - _largest(best) > OVERSHOOT:
+            worse.append(f"{condition.title} {own.value:.0f} % against {_largest(best):.0f} % of {best.subject}")
+    if not worse:
+        return "Nobody whose car never spins overshoots less."
+    return f"Its largest overshoot is above that of another whose car never spins: {'; '.join(worse)}."
+
+
+def _largest(summary: Summary) -> float:
+    return summary.overshoot_percent.value if summary.overshoot_percent is not None else math.inf
+
+
+# --- elsewhere ---------------------------------------------------------------------------------------------------------
+
+
+def third_party_table(result: SuiteResult) -> str:
+    """A row for each cell."""
+    names = [name for name in result.subjects if name in result.third_party]
+    rows = [(at[0].cell.title, *map(_cell, at)) for at in zip(*(result.third_party[name] for name in names), strict=True)]
+    return columns([("", *names)], rows)
+
+
+def _cell(result: CellResult) -> str:
+    if result.spun:
+        return SPUN
+    settling = _number(result.settling_time_s, 2) if result.settled else "never"
+    return f"{_number(result.overshoot_percent, 1)} / {settling} / {_number(result.sideslip_max_deg, 1)}"
+
+
+def sets_text(result: SuiteResult) -> str:
+    """Design set and test set, in words."""
+    lines = [
+        f"Gains (`codegen tune`): {result.design_set}.",
+        f"Structure: {STRUCTURE_SET}.",
+        f"Test: {_cells_text(result)}. No gain and no other parameter was chosen on them.",
+    ]
+    return "\n".join(map(_wrapped, lines))

@@ -24,8 +24,8 @@ LIBRARY = ("memcpy",)
 """Of constant size wherever the generated C calls it."""
 
 UPWARDS, DOWNWARDS = {"<": "upwards", "<=": "upwards"}, {">": "downwards"}
-STEPS = {"p++": "upwards", "++": "upwards", "+=": "upwards", "<<=": "", "p--": "downwards", "--": "downwards"}
-STEPS |= {"-=": "downwards", ">>=": "downwards"}
+STEPS = {"p++": "upwards", "++": "upwards", "+=": "upwards", "p--": "downwards", "--": "downwards", ">>=": "downwards"}
+"""Not "-=", which can step over its end, and below zero."""
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ def compile_image(sources: Mapping[str, str | bytes], entries: Sequence[str], fl
     """An ELF file at fixed addresses, with what the entries reach and nothing else.
 
     Args:
-        sources: relative path with "/" -> content, of all .c and .h files; headers are found in include/.
+        sources: relative path with "/" -> content, of all .c, .h and .o files; headers are found in include/.
         entries: functions to keep, one or more.
         flags: optimisation, definitions.
 
@@ -95,7 +95,7 @@ def compile_image(sources: Mapping[str, str | bytes], entries: Sequence[str], fl
         CodegenError: `ziglang` is not installed.
         BuildError: C that does not compile, or needs a function that nobody defines.
     """
-    units = sorted(path for path in sources if path.endswith(".c"))
+    units = sorted(path for path in sources if path.endswith((".c", ".o")))
     keep = [f"-Wl,-u,{entry}" for entry in entries]
     link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,{SCRIPT}", *keep]
     with source_tree({**sources, MEMORY_UNIT: _MEMORY, SCRIPT: _SCRIPT}) as tree:

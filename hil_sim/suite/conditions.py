@@ -28,6 +28,7 @@ class Condition:
         plant: the change of the configuration that makes the plant.
         friction: of the road; None for the configured one.
         estimate: the friction that the controller is given; None for none.
+        what: more than the title can say.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Condition:
     plant: Change = unchanged
     friction: float | None = None
     estimate: float | None = None
+    what: str = ""
 
     @property
     def estimate_or_nan(self) -> float:
@@ -44,7 +46,7 @@ class Condition:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: everything but the function."""
-        names = ("name", "title", "group", "friction", "estimate")
+        names = ("name", "title", "group", "friction", "estimate", "what")
         return {name: getattr(self, name) for name in names}
 
 
@@ -68,7 +70,7 @@ TYRES = (
 )
 COMBINED = Condition(
     "combined",
-    "lag 100 ms, mass +20 %, stiffness -20 %, peak -10 %, p2 = -0.1, relaxation 0.6 m",
+    "many at once",
     "combined",
     plants.together(
         plants.actuator_lag(0.1),
@@ -78,6 +80,7 @@ COMBINED = Condition(
         plants.load_sensitivity(-0.1),
         plants.relaxation(0.6),
     ),
+    what="actuator lag 100 ms, mass +20 %, tyre stiffness -20 %, peak -10 %, p2 = -0.1 and relaxation length 0.6 m",
 )
 
 

@@ -1,4 +1,4 @@
-"""Margins of a subject's feedback over the whole family of cars and over speed."""
+"""Margins of a subject's feedback over speed: of the configured car, and over the whole family of cars."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from codegen.config import KM_H, Config
-from codegen.design.margins import family_margins
+from codegen.design.margins import Margins, family_margins, nominal_margins
 from codegen.emit.laws import law_of
 
 SPEEDS_KM_H = (20.0, 25.0, 30.0, 36.0, 42.5, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
@@ -28,9 +28,15 @@ class MarginPoint:
 
 @dataclass(frozen=True)
 class FamilyMargins:
-    """Over speed, and the worst of all."""
+    """Over speed, and the worst of all.
+
+    Attributes:
+        points: the worst of the family at each speed.
+        configured: those of the configured car alone.
+    """
 
     points: tuple[MarginPoint, ...]
+    configured: tuple[MarginPoint, ...] = ()
 
     @property
     def gain_margin_db(self) -> float:
@@ -54,12 +60,20 @@ class FamilyMargins:
         return choose(self.points, key=lambda point: float("inf") if (v := getattr(point, name)) is None else v).speed_km_h
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
+        """For JSON, which has no infinity: a margin that no change uses up is None."""
+        return {
+            name: [{key: finite_or_none(value) for key, value in asdict(point).items()} for point in getattr(self, name)]
+            for name in ("points", "configured")
+        }
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """For JSON."""
+    return value if value is not None and np.isfinite(value) else None
 
 
 def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> FamilyMargins | None:
-    """Worst margins over the family of `config.tuning`; None where the configured kind has no feedback.
+    """Margins of the configured car and the worst of the family of `config.tuning`; None where its kind has no feedback.
 
     Raises:
         BuildError: the kind lacks what it needs. ConfigError: an empty family.
@@ -69,15 +83,18 @@ def margins_of(config: Config, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H) -> 
         return None
     speed = np.array(speeds_km_h) * KM_H
     worst, _ = family_margins(config, speed, *gains(speed))
-    return FamilyMargins(
-        tuple(
-            MarginPoint(
-                speeds_km_h[k],
-                float(worst.gain_margin_db[k]),
-                float(worst.phase_margin_deg[k]),
-                float(worst.sensitivity[k]) if np.isfinite(worst.sensitivity[k]) else None,
-                bool(worst.stable[k]),
-            )
-            for k in range(len(speeds_km_h))
+    own = nominal_margins(config, speed, *gains(speed))
+    return FamilyMargins(_points(speeds_km_h, worst), _points(speeds_km_h, own))
+
+
+def _points(speeds_km_h: tuple[float, ...], margins: Margins) -> tuple[MarginPoint, ...]:
+    return tuple(
+        MarginPoint(
+            speed,
+            float(margins.gain_margin_db[k]),
+            float(margins.phase_margin_deg[k]),
+            float(margins.sensitivity[k]) if np.isfinite(margins.sensitivity[k]) else None,
+            bool(margins.stable[k]),
         )
+        for k, speed in enumerate(speeds_km_h)
     )

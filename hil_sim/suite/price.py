@@ -70,6 +70,36 @@ def rise_times(subject: str, results: Sequence[CellResult]) -> tuple[RiseTime, .
     return tuple(rows)
 
 
+@dataclass(frozen=True)
+class Slower:
+    """Rise times of two subjects at one speed, means over the cells in which both stay on the road."""
+
+    speed_km_h: float
+    cells: int
+    mean_s: float
+    other_mean_s: float
+
+    @property
+    def difference_s(self) -> float:
+        """Above zero where the first is slower."""
+        return self.mean_s - self.other_mean_s
+
+
+def compare_rise(results: Sequence[CellResult], others: Sequence[CellResult]) -> tuple[Slower, ...]:
+    """One row for each speed at which there are such cells; both in the same order of cells."""
+    rows = []
+    for speed in dict.fromkeys(result.cell.speed_km_h for result in results):
+        pairs = [
+            (one.rise_time_s, other.rise_time_s)
+            for one, other in zip(results, others, strict=True)
+            if one.cell.speed_km_h == speed and one.rise_time_s is not None and other.rise_time_s is not None
+        ]
+        if pairs:
+            means = [sum(times) / len(pairs) for times in zip(*pairs, strict=True)]
+            rows.append(Slower(speed, len(pairs), *means))
+    return tuple(rows)
+
+
 def sine_scenario(cell: Cell, ratio: float) -> Scenario:
     """The sine sweep at the speed and with the front angle of a cell; `ratio` is that of the steering."""
     sweep = find("sine-sweep")

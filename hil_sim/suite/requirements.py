@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from hil_sim.suite.conditions import ESTIMATE_ERROR, FRICTIONS, LAGS, MASSES, NOMINAL
-from hil_sim.suite.loop_margins import FamilyMargins
+from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
+from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.summary import Extreme, Summary
 
@@ -57,7 +57,7 @@ class Requirement:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {**asdict(self), "asked": self.asked}
+        return {**asdict(self), "measured": finite_or_none(self.measured), "asked": self.asked}
 
 
 @dataclass(frozen=True)
@@ -182,24 +182,22 @@ def _margins(margins: FamilyMargins | None) -> list[Requirement]:
     return rows
 
 
-def _on_slippery_roads(summaries: Mapping[str, Summary]) -> list[Requirement]:
+def sideslip_limit(condition: Condition) -> float | None:
+    """deg that are asked on a slippery road; None where nothing is."""
     wet, snow = FRICTIONS
+    if condition.friction == wet:
+        return WET_SIDESLIP_DEG
+    return SNOW_SIDESLIP_DEG if condition.friction == snow and condition.estimate is not None else None
+
+
+def _on_slippery_roads(summaries: Mapping[str, Summary]) -> list[Requirement]:
     rows = []
-    wanted = (
-        # friction, ending of the condition's name, what the controller knows, spins, sideslip
-        (wet, "", "no estimate", 0, WET_SIDESLIP_DEG),
-        (wet, "-exact", "exact estimate", 0, WET_SIDESLIP_DEG),
-        (wet, "-wrong", f"estimate {ESTIMATE_ERROR:g} too high", 0, WET_SIDESLIP_DEG),
-        (snow, "-exact", "exact estimate", 0, SNOW_SIDESLIP_DEG),
-        (snow, "-wrong", f"estimate {ESTIMATE_ERROR:g} too high", 0, SNOW_SIDESLIP_DEG),
-        (snow, "", "no estimate", SNOW_SPINS_WITHOUT_ESTIMATE, None),
-    )
-    for friction, ending, knows, spins, sideslip in wanted:
-        summary = summaries.get(f"friction-{100.0 * friction:.0f}{ending}")
-        matter = f"friction {friction:g}, {knows}"
-        rows.append(_spins(summary, matter, spins))
-        if sideslip is not None:
-            rows.append(_worst(summary, matter, "|sideslip|", "deg", sideslip, "sideslip_max_deg"))
+    for condition in SLIPPERY:
+        summary, asked = summaries.get(condition.name), sideslip_limit(condition)
+        spins = 0 if asked is not None else SNOW_SPINS_WITHOUT_ESTIMATE
+        rows.append(_spins(summary, condition.title, spins))
+        if asked is not None:
+            rows.append(_worst(summary, condition.title, "|sideslip|", "deg", asked, "sideslip_max_deg"))
     return rows
 
 
@@ -212,7 +210,7 @@ def _third_party(summary: Summary | None) -> list[Requirement]:
 
 
 def _instructions(count: int | None) -> Requirement:
-    matter, figure, asked = "Cortex-M4F", "instructions of a step, worst case", ("at most", float(INSTRUCTIONS))
+    matter, figure, asked = "Cortex-M4F", "instructions of the worst step", ("at most", float(INSTRUCTIONS))
     sense: Sense = "at most"
     if count is None:
         return _absent(matter, figure, "", (sense, asked[1]))

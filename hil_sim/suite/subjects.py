@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from codegen import config as configuration
 from codegen.config import Config, Kind
+from codegen.design.tune import tune
 from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.folder import read_files, read_manifest, verify_hashes
 from codegen.emit.text import Precision
 from codegen.refmap import map as npz
 from codegen.refmap.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
-from codegen.sil.software import Software, compile_build, load
+from codegen.sil.software import Software, compile_build, require_can_side
 
 AroundPlant = Callable[[Config], Software]
 """From the configuration of a plant to the controller under test, compiled together with that plant."""
@@ -23,6 +27,44 @@ DELAY_SAMPLES = 1
 """Of computation in all runs: an ECU sends its command one period after it has sampled."""
 
 PASSIVE = "passive"
+
+PAPERS = ("kind", "proportional_gain_s", "integral_gain", "rear_rate_max_deg_s", "rear_angle_error_max_deg")
+"""What makes a controller the paper's; sampling time, input ranges and fail-safe are the user's own."""
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A build's C.
+
+    Attributes:
+        files: content by path. manifest: facts.
+        edited: paths of files that are no longer as generated.
+    """
+
+    files: Mapping[str, bytes]
+    manifest: Mapping[str, Any]
+    edited: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """Generated C, fetched when first needed, and compiled once for each plant: an `AroundPlant`."""
+
+    fetch: Callable[[], Generated]
+    _compiled: dict[str, Software] = field(default_factory=dict)
+
+    @functools.cached_property
+    def generated(self) -> Generated:
+        """The C. Raises what `fetch` raises."""
+        return self.fetch()
+
+    def __call__(self, plant: Config) -> Software:
+        """Compiled together with a plant. Raises BuildError, and what `fetch` raises."""
+        key = plant.to_json()
+        if key not in self._compiled:
+            found = self.generated
+            self._compiled[key] = compile_build(found.files, found.manifest, plant, edited=found.edited)
+        return self._compiled[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,65 +91,80 @@ class Subject:
         return ClosedLoop(software, LoopOptions(self.controlled, delay_samples, parameters=parameters))
 
 
-def around(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> AroundPlant:
-    """The build of a map and a configuration, in memory; rendered once, compiled once for each plant.
+def around(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Build:
+    """The build of a map and a configuration, in memory.
 
-    Raises (when called): BuildError, MapError, ConfigError as `codegen build` would.
+    Raises (when first needed): BuildError, MapError, ConfigError as `codegen build` would.
     """
-    rendered: list[tuple[Mapping[str, bytes], Mapping[str, object]]] = []
-    compiled: dict[str, Software] = {}
 
-    def software(plant: Config) -> Software:
-        if not rendered:
-            digest = hashlib.sha256(npz.to_bytes(reference_map)).hexdigest()
-            folder = build(
-                reference_map, config, BuildOptions("suite", precision=precision), BuildInputs("suite.npz", digest, "map")
-            )
-            rendered.append((folder.files, folder.manifest))
-        key = plant.to_json()
-        if key not in compiled:
-            compiled[key] = compile_build(*rendered[0], plant)
-        return compiled[key]
+    def render() -> Generated:
+        digest = hashlib.sha256(npz.to_bytes(reference_map)).hexdigest()
+        inputs = BuildInputs("suite.npz", digest, "map")
+        folder = build(reference_map, config, BuildOptions("suite", precision=precision), inputs)
+        return Generated(folder.files, folder.manifest)
 
-    return software
+    return Build(render)
 
 
-def around_folder(folder: Path) -> AroundPlant:
-    """The build of a folder, compiled once for each plant. Raises (when called) BuildError."""
-    compiled: dict[str, Software] = {}
+def around_folder(folder: Path) -> Build:
+    """The build of a folder, as its files are when they are first needed. Raises (then) BuildError."""
 
-    def software(plant: Config) -> Software:
-        key = plant.to_json()
-        if key not in compiled:
-            compiled[key] = load(folder, plant)
-        return compiled[key]
+    def read() -> Generated:
+        manifest = read_manifest(folder)
+        require_can_side(manifest, folder)
+        return Generated(read_files(folder, manifest, ("include/", "src/")), manifest, tuple(verify_hashes(folder)))
 
-    return software
+    return Build(read)
+
+
+def baseline_configs(config: Config) -> dict[str, Config]:
+    """Name to configuration of what a controller is shown beside: the paper's PI, feedforward, the older proportional law.
+
+    The paper's PI has its own gains, and neither rate limit nor limiter, whatever the configuration says of them; the others
+    are as configured but for their kind.
+    """
+    paper = configuration.preset()
+    papers = {name: getattr(paper.controller, name) for name in PAPERS}
+    return {
+        "pi": _with_controller(config, **papers).model_copy(update={"limiter": paper.limiter}),
+        "feedforward": _with_controller(config, kind="feedforward"),
+        "proportional": _with_controller(config, kind="proportional"),
+    }
+
+
+def recommended_config(config: Config) -> Config:
+    """The recommended controller, not yet tuned, for the car and the family of a configuration."""
+    best = configuration.preset("recommended")
+    changed = _with_controller(config, kind="tracking", rear_rate_max_deg_s=best.controller.rear_rate_max_deg_s)
+    return changed.model_copy(update={"limiter": best.limiter})
+
+
+def tuned(config: Config, progress: Callable[[int, int], None] | None = None) -> Config:
+    """The configuration with the gains that `codegen tune` designs for it. Raises ConfigError where there are none."""
+    tracking = config.controller.tracking.model_copy(update={"schedule": tune(config, progress)})
+    return _with_controller(config, tracking=tracking)
+
+
+def _with_controller(config: Config, **changes: Any) -> Config:
+    return config.model_copy(update={"controller": config.controller.model_copy(update=changes)})
+
+
+def of_config(name: str, reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> Subject:
+    """The controller of a configuration on a map."""
+    return Subject(name, config, around(reference_map, config, precision))
 
 
 def of_kind(reference_map: ReferenceMap, config: Config, kind: Kind, name: str | None = None) -> Subject:
     """A kind of controller on a map; everything else of it as configured."""
-    chosen = config.model_copy(update={"controller": config.controller.model_copy(update={"kind": kind})})
-    return Subject(name or kind, chosen, around(reference_map, chosen))
+    return of_config(name or kind, reference_map, _with_controller(config, kind=kind))
 
 
-def paper_pi(reference_map: ReferenceMap, config: Config, name: str = "pi") -> Subject:
-    """The paper's controller on a map: its gains, neither rate limit nor limiter, whatever the configuration says of them."""
-    paper = configuration.preset()
-    chosen = config.model_copy(update={"controller": paper.controller, "limiter": paper.limiter})
-    return Subject(name, chosen, around(reference_map, chosen))
-
-
-def baselines(reference_map: ReferenceMap, config: Config) -> tuple[Subject, ...]:
-    """What a controller is shown beside, on the same map: the paper's PI, feedforward alone, and the older proportional law.
+def baselines(reference_map: ReferenceMap, config: Config, precision: Precision = "single") -> tuple[Subject, ...]:
+    """Those of `baseline_configs` on a map.
 
     Give `run_suite` those that are not the one under test; it adds the passive car.
     """
-    return (
-        paper_pi(reference_map, config),
-        of_kind(reference_map, config, "feedforward"),
-        of_kind(reference_map, config, "proportional"),
-    )
+    return tuple(of_config(name, reference_map, each, precision) for name, each in baseline_configs(config).items())
 
 
 def passive_of(subject: Subject) -> Subject:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from codegen.config import KM_H, Config
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.solve import solve_case
 from codegen.sil.software import Software
 from hil_sim.suite.cells import Cell
 from hil_sim.suite.runs import CellResult, judge
-from hil_sim.suite.subjects import DELAY_SAMPLES
+from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, baseline_configs, of_config, tuned
 
 CONDITION = "third-party"
+
+
+def available() -> bool:
+    """Whether the package of the third party's plant is installed."""
+    return importlib.util.find_spec("vehiclemodels") is not None
 
 
 def third_party_cells(
@@ -42,3 +51,35 @@ def third_party_cells(
         asked = float(software.map_yaw_rate(cell.speed_km_h * KM_H, driven.front_angle))
         results.append(judge(record, cell, CONDITION, asked, STEER_TIME))
     return tuple(results)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A subject to drive on the third party's plant: its configuration, for a car of its own, and the case of its map."""
+
+    config: Config
+    case: str
+    controlled: bool = True
+
+    def __call__(self) -> tuple[CellResult, ...]:
+        """Solve, tune and build for the third party's car, and drive it.
+
+        Raises:
+            CodegenError: the package is missing, the map does not reach the cells, or what solving, tuning or building refuses.
+        """
+        from hil_sim import second_plant
+
+        config = second_plant.car_of(second_plant.published(), self.config)
+        reference_map = solve_case(config, self.case)
+        if not self.controlled:
+            config = baseline_configs(config)["pi"]  # any controller: it is not asked, only its map
+        elif config.controller.kind == "tracking":
+            config = tuned(config)
+        software = of_config(CONDITION, reference_map, config).around(config)
+        return third_party_cells(reference_map, config, software, controlled=self.controlled)
+
+
+def jobs(contenders: Mapping[str, Config], case: str) -> dict[str, Job]:
+    """One for each of the contenders (name to configuration), and the passive car."""
+    driven = {name: Job(config, case) for name, config in contenders.items()}
+    return {**driven, PASSIVE: Job(next(iter(contenders.values())), case, controlled=False)}

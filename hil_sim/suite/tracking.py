@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from codegen.config import Case, Config
@@ -16,9 +16,19 @@ from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, run_cell, software_of
+from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_cell, software_of
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
 from hil_sim.suite.summary import Summary, summarise
+from hil_sim.suite.third_party import CONDITION
+
+SHOWN = ((60.0, 0.75), (100.0, 0.75), (120.0, 1.0))
+"""Speed (km/h) and share of the cells that are kept for pictures."""
+
+STRUCTURE_SET = (
+    "the structure of the law and its other parameters were chosen on step steers of the nonlinear plant at 30, 50, 70, 90 and "
+    "110 km/h with 35, 65 and 95 % of the largest feasible front angle"
+)
+"""In words; no cell of the test set is among them."""
 
 Results = Mapping[str, Mapping[str, tuple[CellResult, ...]]]
 """Name of the subject to name of the condition to a result for each cell."""
@@ -41,6 +51,21 @@ class Outside:
 
 
 @dataclass(frozen=True)
+class Shown:
+    """Recordings for a picture.
+
+    Attributes:
+        cell: what was driven.
+        map_yaw_rate: rad/s that the map asks for.
+        records: name of the subject to recording (samples, 12), columns RECORD_COLUMNS.
+    """
+
+    cell: Cell
+    map_yaw_rate: float
+    records: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True)
 class SuiteResult:
     """Everything that was measured.
 
@@ -49,10 +74,11 @@ class SuiteResult:
         cells, conditions: the test set.
         design_set: what the gains were designed on, in words.
         results, c1: each subject in each cell under each condition; the paper's step for each lag.
-        c1_records: name of the subject to the recording (samples, 12) of the paper's step, for plots.
+        shown: recordings as configured: the paper's step first, then some of the cells.
         margins: of those that have feedback.
         rise_times, sine: where speed costs.
         third_party: each subject on the third party's plant.
+        instructions: of a step of the subject under test in the worst case; None where they were not counted.
         requirements: figures asked beside figures measured.
     """
 
@@ -63,12 +89,13 @@ class SuiteResult:
     design_set: str
     results: Results
     c1: Mapping[str, Mapping[str, CellResult]]
-    c1_records: Mapping[str, FloatArray]
+    shown: tuple[Shown, ...]
     margins: Mapping[str, FamilyMargins]
     rise_times: Mapping[str, tuple[RiseTime, ...]]
     sine: Mapping[str, tuple[SineTracking, ...]]
-    third_party: Mapping[str, tuple[CellResult, ...]]
-    requirements: tuple[Requirement, ...]
+    third_party: Mapping[str, tuple[CellResult, ...]] = field(default_factory=dict)
+    instructions: int | None = None
+    requirements: tuple[Requirement, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -78,6 +105,23 @@ class SuiteResult:
     def summary(self, subject: str, condition: str) -> Summary:
         """Figures over all cells. Raises KeyError for what was not driven."""
         return summarise(subject, condition, self.results[subject][condition])
+
+    def third_party_summary(self, subject: str) -> Summary:
+        """Figures over the third party's cells. Raises KeyError where they were not driven."""
+        return summarise(subject, CONDITION, self.third_party[subject])
+
+    def with_outside(self, outside: Outside) -> SuiteResult:
+        """This with what is measured elsewhere, and the requirements held against all of it."""
+        third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
+        full = replace(self, third_party=third_party, instructions=outside.instructions)
+        measured = Measured(
+            summaries={name: summarise(self.tested, name, rows) for name, rows in self.results[self.tested].items()},
+            c1=self.c1[self.tested],
+            margins=self.margins.get(self.tested),
+            third_party=full.third_party_summary(self.tested) if self.tested in third_party else None,
+            instructions=outside.instructions,
+        )
+        return replace(full, requirements=requirements(measured))
 
     def summaries(self) -> tuple[Summary, ...]:
         """Of all conditions and subjects: conditions in order, and the subjects beside each other in each."""
@@ -93,6 +137,8 @@ class SuiteResult:
             "cells": [cell.to_dict() for cell in self.cells],
             "conditions": [condition.to_dict() for condition in self.conditions],
             "design_set": self.design_set,
+            "structure_set": STRUCTURE_SET,
+            "instructions": self.instructions,
             "requirements": [row.to_dict() for row in self.requirements],
             "summaries": [summary.to_dict() for summary in self.summaries()],
             "c1": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.c1.items()},
@@ -137,43 +183,38 @@ def run_suite(
     Raises:
         CodegenError: C that does not compile, a configuration that has no such cells.
     """
-    config = tested.config
-    outside = Outside() if outside is None else outside
     subjects = [tested, *baselines]
     if all(subject.controlled for subject in subjects):
         subjects.append(passive_of(tested))
     names = tuple(subject.name for subject in subjects)
     if len(set(names)) != len(names):
         raise ValueError(f"two subjects have one name: {', '.join(names)}")
+    config, nominal = tested.config, NOMINAL.name
     points, under = cells(config, case), conditions(config) if chosen is None else tuple(chosen)
     results = _all_tables(subjects, under, points, progress)
     step = c1(config)
-    c1_results = {subject.name: {lag.name: run_cell(subject, lag, step) for lag in LAGS} for subject in subjects}
-    margins = {subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))}
-    third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
-    measured = Measured(
-        summaries={name: summarise(tested.name, name, rows) for name, rows in results[tested.name].items()},
-        c1=c1_results[tested.name],
-        margins=margins.get(tested.name),
-        third_party=summarise(tested.name, "third-party", third_party[tested.name]) if tested.name in third_party else None,
-        instructions=outside.instructions,
-    )
-    nominal = NOMINAL.name
-    return SuiteResult(
+    measured = SuiteResult(
         tested=tested.name,
         subjects=names,
         cells=points,
         conditions=under,
         design_set=design_set(config),
         results=results,
-        c1=c1_results,
-        c1_records={subject.name: drive(subject, NOMINAL, step) for subject in subjects},
-        margins=margins,
+        c1={subject.name: {lag.name: run_cell(subject, lag, step) for lag in LAGS} for subject in subjects},
+        shown=tuple(
+            Shown(cell, map_yaw_rate(tested, NOMINAL, cell), {each.name: drive(each, NOMINAL, cell) for each in subjects})
+            for cell in (step, *_some(points))
+        ),
+        margins={subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))},
         rise_times={name: rise_times(name, tables[nominal]) for name, tables in results.items() if nominal in tables},
         sine={subject.name: sine_tracking(subject, points) for subject in subjects},
-        third_party=third_party,
-        requirements=requirements(measured),
     )
+    return measured.with_outside(Outside() if outside is None else outside)
+
+
+def _some(points: Sequence[Cell]) -> tuple[Cell, ...]:
+    """Those of SHOWN that the test set has."""
+    return tuple(cell for speed, share in SHOWN for cell in points if (cell.speed_km_h, cell.share) == (speed, share))
 
 
 def _all_tables(

@@ -22,6 +22,7 @@ import pytest
 
 from codegen.config import preset
 from codegen.emit.write import write_folder
+from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, load
@@ -41,6 +42,7 @@ from tests.sil import builds
 
 pytestmark = pytest.mark.vcan
 
+GENERATED = Path(__file__).resolve().parents[2] / "generated"
 KINDS: tuple[EcuKind, ...] = ("native", "cffi")
 RATE_LIMIT_DEG_S = 30.0
 """Of the paper's actuator."""
@@ -50,12 +52,16 @@ SYNC_FRAMES_MAX = 2
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The builds of C1 (4WS-2 map) and C2 (FWS map)."""
+    """The builds of C1 (4WS-2 map) and C2 (FWS map), and of the recommended controller."""
     place, config = tmp_path_factory.mktemp("builds"), preset()
     made = {}
     for name, case in (("C1", "4ws-2"), ("C2", "fws")):
         made[name] = place / case
         write_folder(builds.render(solve_case(config, case), config), made[name])
+    tracking = npz.load(GENERATED / "4ws2-tracking.npz")
+    assert tracking.config is not None
+    made["tracking"] = place / "tracking"
+    write_folder(builds.render(tracking, tracking.config), made["tracking"])
     return made
 
 
@@ -105,6 +111,14 @@ class TestTheSameBits:
         wanted = records.pop("in C")
         assert wanted.shape == (1500, len(RECORD_COLUMNS))
         assert {name: np.array_equal(record, wanted) for name, record in records.items()} == dict.fromkeys(records, True)
+
+    def test_another_kind_of_controller(self, address: BusAddress, folders: dict[str, Path]) -> None:
+        """Bus, task and ECU know nothing of the kind."""
+        scenario, built = find("sine-with-dwell"), load(folders["tracking"])
+        wanted = run_through_can(built, scenario).record
+        for kind in KINDS:
+            result = run_hil(Setup(built.config, scenario, address, lock_step=True), folders["tracking"], kind).result
+            assert np.array_equal(result.record, wanted), kind
 
     @pytest.mark.parametrize("name", ["C1", "C2"])
     def test_the_papers_figures_within_the_frames_steps(self, address: BusAddress, folders: dict[str, Path], name: str) -> None:

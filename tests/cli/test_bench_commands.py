@@ -94,8 +94,9 @@ def test_sil_through_can_takes_faults_and_sensors(run: Run, here: Path) -> None:
     assert one != other
 
 
-def test_faults_are_a_table_and_as_defined(run: Run, here: Path) -> None:
-    answer = run("faults", "--build", BUILD)
+@pytest.mark.parametrize("build", ["4ws2", "4ws2-tracking"])
+def test_faults_are_a_table_and_as_defined(run: Run, here: Path, build: str) -> None:
+    answer = run("faults", "--build", BUILD.parent / build)
     assert answer.code == 0, answer
     lines = answer.out.splitlines()
     assert " ".join(lines[0].split()) == (

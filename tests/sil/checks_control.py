@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from codegen.sil.software import Command, Controller, Measurement, Status
 from tests.sil.builds import CONFIG, SPEED, Built
-from tests.sil.model_controller import ModelController, drive
+from tests.sil.model_controller import ModelPi, drive
 
 PERIOD = CONFIG.controller.sampling_time_s
 RATE_LIMIT = math.radians(25.0)
@@ -60,7 +61,7 @@ def check_same_as_model(built: Built, changes: Mapping[str, float] | None = None
     measurements = drive(rng, 3000, built.lookup, CONFIG.vehicle.wheelbase)
     controller = software.controller(start, software.parameters(**changes))
     real_limit = float(software.real(CONFIG.rear_actuator.angle_max))
-    model = ModelController(controller.parameters, built.lookup, PERIOD, real_limit, software.real, start)
+    model = ModelPi(controller.parameters, built.lookup, PERIOD, real_limit, software.real, start)
     seen = set()
     for index, (measurement, got) in enumerate(zip(measurements, controller.run(measurements), strict=True)):
         wanted = model.step(measurement)
@@ -211,14 +212,25 @@ def check_friction(built: Built) -> None:
 
 
 def check_command_within_limit(built: Built) -> None:
-    """Whatever angle the state holds, the command is within the parameter's limit in every status, from the first sample."""
-    limit = 0.02
-    parameters = built.software.parameters(rear_angle_max=limit, rear_rate_max=0.1, degraded_samples_max=2)
+    """Whatever angle the state holds, the command is within the parameters' limit in every status, from the first sample."""
+    parameters = built.software.parameters(rear_angle_max=0.02, rear_rate_max=0.1, degraded_samples_max=2)
     limit = float(parameters.rear_angle_max)
+    parameters.limiter.rear_angle_max = limit
+    parameters.limiter.opposite_phase_max = [limit, limit]
+    _check_within(built, parameters, limit, (Measurement(math.nan, 0.0, 0.0),))
+
+
+def check_law_within_limit(built: Built) -> None:
+    """The same where the limiter would let more through: the frame around the law does not ask for it."""
+    parameters = built.software.parameters(rear_angle_max=0.02, rear_rate_max=0.1, degraded_samples_max=2)
+    _check_within(built, parameters, float(parameters.rear_angle_max), ())
+
+
+def _check_within(built: Built, parameters: Any, limit: float, more: tuple[Measurement, ...]) -> None:
     lost = Measurement(math.nan, 0.0, 0.0)
-    slow, fast = Measurement(0.0, 0.0, 0.0), built.turn(0.0)
+    slow, fast, mute = Measurement(0.0, 0.0, 0.0), built.turn(0.0), Measurement(30.0, 0.0, math.nan)
     for start in (1.0, -1.0, math.inf, -math.inf):
-        for first in (slow, fast, lost, Measurement(-5.0, 0.0, 0.0)):
+        for first in (slow, fast, mute, Measurement(-5.0, 0.0, 0.0), *more):
             controller = built.software.controller(start, parameters)
             commands = controller.run([first] * 3)
             assert all(abs(command.rear_angle) <= limit for command in commands), (start, first)

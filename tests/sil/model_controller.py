@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Command, Measurement, Status
+from tests.sil.model_limiter import ModelLimiter, clip
 
 Reference = Callable[[Any, Any, Any], Any]
 """(speed, front angle, friction) -> reference yaw rate."""
@@ -19,9 +20,12 @@ Reference = Callable[[Any, Any, Any], Any]
 NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
 """Fields of a measurement in order, without `inhibit`."""
 
+SPEED_UNKNOWN = 1000.0
+"""m/s: before a speed was seen the car may be at any, and the fail-safe holds."""
+
 
 class ModelController:
-    """PI on the yaw-rate error with its supervision.
+    """The supervision that all kinds share, around a control law; the limiter has the last word.
 
     Args:
         parameters: anything with the fields of the C parameter struct.
@@ -29,6 +33,7 @@ class ModelController:
         period: sampling time in s.
         actuator_max: rad, the actuator's own limit.
         real: number type.
+        angle: rad, to start from.
     """
 
     def __init__(
@@ -39,11 +44,18 @@ class ModelController:
         self.real = real
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
-        self.integral = self.angle
-        self.last_speed = real(0.0)
+        self.limiter = ModelLimiter(parameters.limiter, period, real, self.angle)
+        self.last_speed = real(SPEED_UNKNOWN)
         self.status = Status.STANDBY
         self.above_enabling_speed = False
         self.lost = self.found = self.unbelieved = 0
+
+    def start(self, m: Measurement) -> None:
+        """The law begins: without a jump from the angle that is commanded."""
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        """One sample of the law, to `angle`. Returns the reference yaw rate and whether a limit acted."""
+        raise NotImplementedError
 
     def parameter(self, name: str) -> Any:
         return self.real(getattr(self.p, name))
@@ -77,6 +89,10 @@ class ModelController:
         self._last_reference = yaw_rate_reference
         bound = self.parameter("rear_angle_max")
         self.angle = min(max(self.angle, -bound), bound)
+        limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
+        if limited != self.angle and self.status is Status.TRACKING:
+            self.status = Status.LIMITED
+        self.angle = limited
         return Command(float(self.angle), float(yaw_rate_reference), self.status)
 
     _last_reference: Any = 0.0
@@ -131,39 +147,100 @@ class ModelController:
             self._approach_zero(at_rest + speed / hold_speed * (at_hold - at_rest))
 
     def _control(self, m: Measurement) -> Any:
-        p, clip = self.parameter, np.clip
-        friction = m.friction if math.isnan(m.friction) else max(m.friction, p("friction_min"))
-        reference = self.reference(m.speed, m.front_angle, friction)
-        error = reference - m.yaw_rate
-        proportional = p("proportional_gain") * error
         if self.status not in (Status.TRACKING, Status.LIMITED):
-            self.integral = self.angle + proportional
+            self.start(m)
+        reference, limited = self.law(m)
+        self.status = Status.LIMITED if limited else Status.TRACKING
+        return reference
+
+    def friction(self, m: Measurement) -> Any:
+        """The estimate, not below the smallest that is believed; NaN: none."""
+        return m.friction if math.isnan(m.friction) else max(m.friction, self.parameter("friction_min"))
+
+    def map_yaw_rate(self, m: Measurement) -> Any:
+        """rad/s, of the sample's speed, front angle and friction."""
+        return self.reference(m.speed, m.front_angle, self.friction(m))
+
+    def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
+        """rad in which the demand may be: the actuator's, and no farther than so much from where it is measured."""
+        p = self.parameter
         low, high = -p("rear_angle_max"), p("rear_angle_max")
         if not math.isnan(m.rear_angle):
             ahead = p("rear_angle_error_max")
             low, high = (clip(m.rear_angle + offset, low, high) for offset in (-ahead, ahead))
+        return low, high
 
+    def reachable(self, demand: Any) -> Any:
+        """The demand, as far as the rate limit lets the command go in a sample."""
+        travel = self.parameter("rear_rate_max") * self.period
+        return clip(demand, self.angle - travel, self.angle + travel)
+
+
+class ModelPi(ModelController):
+    """PI on the yaw-rate error."""
+
+    integral: Any = 0.0
+
+    def start(self, m: Measurement) -> None:
+        self.integral = self.angle + self.parameter("proportional_gain") * (self.map_yaw_rate(m) - m.yaw_rate)
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        p = self.parameter
+        reference = self.map_yaw_rate(m)
+        error = reference - m.yaw_rate
+        proportional = p("proportional_gain") * error
+        low, high = self.actuator_range(m)
         integral = self.integral if m.inhibit else self.integral - p("integral_gain") * self.period * error
         demand = integral - proportional
         limited = not low <= demand <= high
         demand = clip(demand, low, high)
         if limited and not m.inhibit:
             integral = demand + proportional
-        travel = p("rear_rate_max") * self.period
-        reachable = clip(demand, self.angle - travel, self.angle + travel)
+        reachable = self.reachable(demand)
         if reachable != demand:
             limited = True
             if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
                 integral = self.integral
         self.integral, self.angle = integral, reachable
-        self.status = Status.LIMITED if limited else Status.TRACKING
-        return reference
+        return reference, limited
 
 
-def drive(rng: np.random.Generator, count: int, reference: Reference, wheelbase: float) -> list[Measurement]:
+class ModelFeedforward(ModelController):
+    """The map's own rear angle, at the rate limit. `reference` gives yaw rate and rear angle."""
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        yaw_rate, wanted = self.reference(m.speed, m.front_angle, self.friction(m))
+        bound = self.parameter("rear_angle_max")
+        self.angle = self.reachable(clip(wanted, -bound, bound))
+        return yaw_rate, bool(self.angle != wanted)
+
+
+class ModelProportional(ModelController):
+    """k(speed) times the front angle, k = -(lr - s v^2) / (L - lr + (K + s) v^2)."""
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        p = self.parameter
+        squared, arm, slip = m.speed * m.speed, p("rear_arm"), p("rear_slip_per_acceleration")
+        rest = (p("wheelbase") - arm) + (p("understeer_coefficient") + slip) * squared
+        wanted = -((arm - slip * squared) / rest) * m.front_angle
+        bound = p("rear_angle_max")
+        self.angle = self.reachable(clip(wanted, -bound, bound))
+        return self.map_yaw_rate(m), bool(self.angle != wanted)
+
+
+def drive(
+    rng: np.random.Generator,
+    count: int,
+    reference: Reference,
+    wheelbase: float,
+    *,
+    speed_amplitude: float = 16.0,
+    steering_samples: float = 330.0,
+) -> list[Measurement]:
     """A drive of `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible spells of any length.
 
-    The yaw rate mostly lies near the reference, so that the integrator is not always at a limit.
+    The yaw rate mostly lies near the reference, so that the integrator is not always at a limit. The speed (m/s) swings by
+    `speed_amplitude` around 14, the steering once in `steering_samples`.
     """
 
     def spells(probability: float, longest: int) -> Any:
@@ -173,8 +250,8 @@ def drive(rng: np.random.Generator, count: int, reference: Reference, wheelbase:
         return active
 
     t = np.arange(count)
-    speed = 14.0 + 16.0 * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
-    front = 0.12 * np.sin(2.0 * np.pi * t / 330.0 + rng.uniform(0.0, 6.0))
+    speed = 14.0 + speed_amplitude * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
+    front = 0.12 * np.sin(2.0 * np.pi * t / steering_samples + rng.uniform(0.0, 6.0))
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
     yaw = reference(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
     yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 1.5, yaw)

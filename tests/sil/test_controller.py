@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.config import Config
+from codegen.config import Config, Controller
 from codegen.emit.text import literal
-from codegen.sil.software import Status
+from codegen.sil.software import Measurement, Status
 from tests.sil import builds, checks_control
 from tests.sil.builds import Built
 from tests.sil.checks_control import RATE_LIMIT, ideal, run, unmeasured
@@ -44,6 +45,18 @@ def test_a_lasting_error_ends_exactly_at_the_limit(either: Built) -> None:
 
 def test_the_command_is_within_its_limit_in_every_status(either: Built) -> None:
     checks_control.check_command_within_limit(either)
+    checks_control.check_law_within_limit(either)
+
+
+def test_every_set_of_valid_parameters_keeps_the_command_within_its_limit(either: Built) -> None:
+    """A limiter that allows more than the controller, and a state beyond both: the promise is the controller's."""
+    software = either.software
+    parameters = software.parameters(rear_angle_max=0.02)
+    if software.function("parameters_valid")(parameters):
+        for first in (Measurement(math.nan, 0.0, 0.0), Measurement(15.0, 0.0, 0.0)):
+            parameters.limiter.rear_rate_max = 0.1
+            controller = software.controller(1.0, parameters)
+            assert abs(controller.step(first).rear_angle) <= parameters.rear_angle_max
 
 
 @BOTH_SIGNS
@@ -69,11 +82,12 @@ def test_the_command_never_moves_faster_than_its_rate_limit(either: Built) -> No
 
 
 def test_the_default_rate_limit_is_25_deg_s_and_the_paper_has_none() -> None:
-    def c_source(config: Config) -> str:
-        return builds.render(builds.paper_map(), config).files["src/ars_controller.c"].decode("ascii")
+    def rates(config: Config) -> list[str]:
+        text = builds.render(builds.paper_map(), config).files["src/ars_controller.c"].decode("ascii")
+        return re.findall(r"\.rear_rate_max = ([^,]*),", text)
 
-    assert f".rear_rate_max = {literal(RATE_LIMIT, 'single')}," in c_source(Config(tyre=builds.CONFIG.tyre))
-    assert ".rear_rate_max = 1000.0f," in c_source(builds.CONFIG)
+    assert rates(Config(controller=Controller(kind="pi"))) == [literal(math.radians(rate), "single") for rate in (25.0, 40.0)]
+    assert rates(builds.CONFIG) == ["1000.0f", "1000.0f"], "of the controller, and of the limiter behind it"
 
 
 def test_without_a_rate_limit_the_command_crosses_in_one_sample(either: Built) -> None:

@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from codegen.config import Kind
 from codegen.emit.controller_view import controller_view
+from codegen.emit.text import Precision
 from codegen.sil.software import Measurement, Status
 from tests.sil import builds, checks_supervision
 from tests.sil.builds import Built
@@ -128,7 +130,9 @@ class TestParameters:
         fields = dict(ffi.typeof("ars_parameters_t").fields)
         numbers = {name for name, field in fields.items() if field.type.cname in ("float", "double")}
         assert numbers == set(self.ranges(either))
-        assert len(fields) - len(numbers) == 3
+        assert fields.keys() - numbers == {
+            *("implausible_samples_max", "degraded_samples_max", "recovery_samples", "limiter")
+        }
 
     def test_each_is_taken_to_the_ends_of_its_range_and_refused_beyond(self, either: Built) -> None:
         for name, (low, high) in self.ranges(either).items():
@@ -149,3 +153,47 @@ class TestParameters:
         assert not self.valid(either, implausible_samples_max=2**16 - 1), "its count could not pass it"
         assert self.valid(either, recovery_samples=1)
         assert not self.valid(either, recovery_samples=0), "a fail-safe that ends at once"
+
+    def test_the_limiter_s_are_judged_with_them(self, either: Built) -> None:
+        software = either.software
+        for name in dir(software.parameters().limiter):
+            parameters = software.parameters()
+            good = getattr(parameters.limiter, name)
+            bad = math.nan if isinstance(good, float) else [math.nan] * len(list(good))
+            setattr(parameters.limiter, name, bad)
+            assert not software.function("parameters_valid")(parameters), name
+
+    @pytest.mark.parametrize("name", ["schedule_speed", "proportional_gain", "integral_gain"])
+    @pytest.mark.parametrize("precision", builds.PRECISIONS)
+    def test_every_element_of_an_array_is_judged(self, name: str, precision: Precision) -> None:
+        built = builds.of_kind("tracking", precision)
+        good = list(getattr(built.software.parameters(), name))
+        top = {"schedule_speed": 200.0, "proportional_gain": 10.0, "integral_gain": 100.0}[name]
+        assert self.valid(built)
+        for k in range(len(good)):
+            for bad in (math.nan, math.inf, -math.inf, built.next(0.0, -1.0), built.next(top, math.inf)):
+                assert not self.valid(built, **{name: [*good[:k], bad, *good[k + 1 :]]}), (k, bad)
+            if name != "schedule_speed":
+                for end in (0.0, top):
+                    assert self.valid(built, **{name: [*good[:k], end, *good[k + 1 :]]}), (k, end)
+
+    def test_the_schedule_rises(self) -> None:
+        built = builds.of_kind("tracking")
+        speeds = list(built.software.parameters().schedule_speed)
+        assert self.valid(built, schedule_speed=[0.0, *speeds[1:-1], 200.0])
+        for k in range(1, len(speeds)):
+            assert not self.valid(built, schedule_speed=[*speeds[:k], speeds[k - 1], *speeds[k + 1 :]]), "two in one place"
+            swapped = [*speeds[: k - 1], speeds[k], speeds[k - 1], *speeds[k + 1 :]]
+            assert not self.valid(built, schedule_speed=swapped), k
+            apart = built.next(speeds[k - 1], 1000.0)
+            assert self.valid(built, schedule_speed=[*speeds[:k], apart, *speeds[k + 1 :]])
+
+    @pytest.mark.parametrize("kind", ["tracking", "feedforward", "proportional"])
+    def test_each_number_of_every_kind_has_its_range(self, kind: Kind) -> None:
+        built = builds.of_kind(kind)
+        view = controller_view(builds.CONFIGS[kind], built.total, "ars", "single", "float")
+        real = built.software.real
+        for parameter in view.ranged:
+            low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
+            for beyond in (built.next(low, -math.inf), built.next(high, math.inf), math.nan, math.inf):
+                assert not self.valid(built, **{parameter.name: beyond}), parameter.name

@@ -30,9 +30,18 @@ ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad *
 ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
 
 ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
-    .schedule_speed = { 4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f, 40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f },
-    .proportional_gain = { 0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1437f, 0.1417f, 0.1357f, 0.1228f, 0.1124f, 0.0979f, 0.08963f },
-    .integral_gain = { 1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f, 0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f },
+    .schedule_speed = {
+        4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f,
+        40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f
+    },
+    .proportional_gain = {
+        0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1437f,
+        0.1417f, 0.1357f, 0.1228f, 0.1124f, 0.0979f, 0.08963f
+    },
+    .integral_gain = {
+        1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f,
+        0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
+    },
     .lead_time = 0.035f,
     .lead_angle_max = 0.02617994f,
     .yaw_increasing_max = 0.008726646f,
@@ -239,24 +248,26 @@ typedef struct {
     float high;
 } range_t;
 
+/* Between the breakpoints linear, beyond them held. */
 ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
 {
-    gains_t gains = { parameters->proportional_gain[0], parameters->integral_gain[0] };
+    uint32_t cell = 0u;
     uint32_t k;
+    float from;
+    float share;
+    gains_t gains;
 
-    for (k = 1u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
-        const float from = parameters->schedule_speed[k - 1u];
-        const float to = parameters->schedule_speed[k];
-
-        if (speed >= from) {
-            const float share = (speed < to) ? ((speed - from) / (to - from)) : 1.0f;
-
-            gains.proportional = parameters->proportional_gain[k - 1u]
-                + (share * (parameters->proportional_gain[k] - parameters->proportional_gain[k - 1u]));
-            gains.integral = parameters->integral_gain[k - 1u]
-                + (share * (parameters->integral_gain[k] - parameters->integral_gain[k - 1u]));
+    for (k = 1u; k < ((uint32_t)ARS_SCHEDULE_POINTS - 1u); k++) {
+        if (speed >= parameters->schedule_speed[k]) {
+            cell = k;
         }
     }
+    from = parameters->schedule_speed[cell];
+    share = clamp((speed - from) / (parameters->schedule_speed[cell + 1u] - from), 0.0f, 1.0f);
+    gains.proportional = parameters->proportional_gain[cell]
+        + (share * (parameters->proportional_gain[cell + 1u] - parameters->proportional_gain[cell]));
+    gains.integral = parameters->integral_gain[cell]
+        + (share * (parameters->integral_gain[cell + 1u] - parameters->integral_gain[cell]));
     return gains;
 }
 
@@ -292,7 +303,8 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     return reference;
 }
 
-/* Bumpless: the model starts from the measured motion, and with this integral the first demand is the angle that is commanded now. */
+/* Bumpless: the model starts from the measured motion, and with this integral the first demand is the angle that is commanded
+ * now. */
 ARS_SECTION_CODE static void law_start(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {

@@ -1,0 +1,176 @@
+"""Instructions on a Cortex-M4F: a step of each kind of controller, and ways to compute a tyre's curve. Counted, not timed."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.tyre_curves import Candidate, Shape, candidates
+from codegen import config as configuration
+from codegen.config import Config, Kind
+from codegen.design.tune import tune
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.folder import Folder
+from codegen.refmap.solve import solve_case
+from codegen.refmap.stack import solve_stack
+from codegen.verify.cortex_m import InstructionCounts, worst_step
+from codegen.verify.cross import compile_image
+from codegen.verify.emulator import DATA, CortexM4
+from codegen.verify.packages import module
+
+CASE = "4ws-2"
+STEP_MAX = 1_500
+"""Instructions of a step in the worst case."""
+
+FRICTIONS = (0.3, 0.5, 0.7)
+UNEVEN = {
+    "speed_breakpoints_km_h": [20.0, 23.0, 30.0, 42.5, 60.0, 61.0, 90.0, 120.0],
+    "front_angle_breakpoints_deg": [0.1, 0.5, 1.0, 2.0, 2.5, 4.0, 6.75, 10.0],
+}
+
+SMALL_SLIP = 0.1
+"""Of the curve's argument: where the tyre is linear, and a relative error is one of its cornering stiffness."""
+
+POINTS, QUICK_POINTS = 20_000, 2_000
+FRAME = """#include <stdint.h>
+float curve(float x);
+void frame(const float *x, float *y, uint32_t count);
+void frame(const float *x, float *y, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        y[k] = curve(x[k]);
+    }
+}
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a table; `met` where nothing is asked, or what is."""
+
+    cells: tuple[str, ...]
+    met: bool = True
+
+
+@dataclass(frozen=True)
+class CountReport:
+    """What was counted: tables of text, and what has to be said beside them."""
+
+    tables: tuple[tuple[str, tuple[str, ...], tuple[Row, ...]], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def comparisons(self) -> tuple[Row, ...]:
+        """Everything that may have been asked."""
+        return tuple(row for _, _, rows in self.tables for row in rows)
+
+    def __str__(self) -> str:
+        return "\n".join([line for title, header, rows in self.tables for line in _table(title, header, rows)] + list(self.notes))
+
+
+def run(quick: bool, say: Callable[[str], None]) -> CountReport:
+    """Count everything."""
+    say("designing the gains")
+    config = _tuned()
+    steps = []
+    for name, folder in _builds(config, quick):
+        say(f"counting the steps of {name}")
+        steps.append(_step_row(name, worst_step(folder.files, folder.manifest)))
+    tyre, folder = config.tyre.front, _folder(config)
+    shape = Shape(tyre.shape_factor_c, tyre.curvature_factor_e)
+    say("counting tyre curves")
+    curves = [_curve_row(candidate, shape, QUICK_POINTS if quick else POINTS) for candidate in candidates(shape, folder.files)]
+    return CountReport(
+        (
+            (
+                "A step of the controller, instructions on a Cortex-M4F",
+                ("build", "worst", "mean", "of the worst: map", "model", "limiter", "required"),
+                tuple(steps),
+            ),
+            (
+                f"A tyre's curve with C = {shape.C:g} and E = {shape.E:g}, instructions of a call",
+                ("computed by", "worst", "mean", "flash bytes", "largest error", "of small slip"),
+                tuple(curves),
+            ),
+        ),
+        (
+            "clang -O2 of the package ziglang, run in unicorn. Worst: the longest step found; mean: built-in scenarios, closed loop.",
+            "Errors in single precision on the target, of a curve whose peak is 1. The libm computes sinf in software doubles.",
+        ),
+    )
+
+
+def _tuned() -> Config:
+    config = configuration.preset("recommended")
+    tracking = config.controller.tracking.model_copy(update={"schedule": tune(config)})
+    return config.model_copy(update={"controller": config.controller.model_copy(update={"tracking": tracking})})
+
+
+def _builds(config: Config, quick: bool) -> Iterator[tuple[str, Folder]]:
+    uneven = config.model_copy(update={"grid": config.grid.model_copy(update=UNEVEN)})
+    yield "tracking", _folder(config)
+    yield "tracking, uneven axes", _folder(uneven)
+    yield "tracking, map for 4 frictions", _folder(config, FRICTIONS)
+    yield "tracking, both", _folder(uneven, FRICTIONS)
+    if not quick:
+        kinds: tuple[Kind, ...] = ("pi", "feedforward", "proportional")
+        for kind in kinds:
+            controller = config.controller.model_copy(update={"kind": kind})
+            yield kind, _folder(config.model_copy(update={"controller": controller}))
+
+
+def _folder(config: Config, frictions: Sequence[float] = ()) -> Folder:
+    if frictions:
+        reference_map = solve_stack(config, CASE, (*frictions, config.road.friction))
+    else:
+        reference_map = solve_case(config, CASE)
+    return build(reference_map, config, BuildOptions(CASE), BuildInputs(f"{CASE}.npz", "0" * 64, "preset"))
+
+
+def _step_row(name: str, counts: InstructionCounts) -> Row:
+    def of(*words: str) -> str:
+        return f"{sum(count for part, count in counts.parts.items() if any(word in part for word in words)):,}"
+
+    met = counts.worst <= STEP_MAX
+    required = f"<= {STEP_MAX:,}: {'met' if met else 'MISSED'}"
+    parts = (of("_map_", "place_of"), of("reference_model"), of("limiter"))
+    return Row((name, f"{counts.worst:,}", f"{counts.mean:,.0f}", *parts, required), met)
+
+
+def _curve_row(candidate: Candidate, shape: Shape, points: int) -> Row:
+    image = compile_image({**candidate.sources, "frame.c": FRAME}, ("frame", "curve"), ("-O2", "-fdata-sections"))
+    core = CortexM4(image)
+    place = np.linspace(0.0, 1.0, points, endpoint=False)
+    x = (2.0 * place / (1.0 - place)).astype(np.float32)
+    results = DATA + x.nbytes
+    core.write(DATA, x.tobytes())
+    blocks = core.traced(lambda: core.call("frame", DATA, results, points))
+    y = np.frombuffer(core.read(results, x.nbytes), dtype=np.float32)
+    exact = shape(x.astype(np.float64))
+    error, small = float(np.abs(y - exact).max()), (x > 0.0) & (x < SMALL_SLIP)
+    slope = 100.0 * float(np.abs(y[small] / exact[small] - 1.0).max())
+    start = {function.name: function for function in core.functions}
+    frame = start["frame"]
+    inside = (blocks.address < frame.start) | (blocks.address >= frame.end)
+    call = np.cumsum(blocks.address == start["curve"].start) - 1
+    counts = np.bincount(call[inside], weights=blocks.instructions[inside])
+    flash = _flash_bytes(image) - (frame.end - frame.start)
+    return Row((candidate.name, f"{counts.max():,.0f}", f"{counts.mean():,.0f}", f"{flash:,}", f"{error:.1e}", f"{slope:.2g} %"))
+
+
+def _flash_bytes(image: bytes) -> int:
+    elf: Any = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
+    sections = [elf.get_section_by_name(name) for name in (".text", ".rodata")]
+    return sum(int(section["sh_size"]) for section in sections if section is not None)
+
+
+def _table(title: str, header: tuple[str, ...], rows: tuple[Row, ...]) -> list[str]:
+    cells = [header, *(row.cells for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    rule = "-" * max(map(len, lines))
+    return [title, *(f"  {line}" for line in (rule, lines[0], rule, *lines[1:], rule)), ""]

@@ -1,0 +1,46 @@
+"""Calls that run in processes of their own while others go on: Python code that would hold the interpreter for long."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from multiprocessing.pool import AsyncResult, Pool
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+Result = TypeVar("Result")
+
+
+class Background:
+    """As many processes as there are processors, started with the first call. At the end what still runs is stopped.
+
+    What is called, with its arguments and its result, must be picklable; so are all CodegenErrors, which `get` raises again.
+    """
+
+    def __init__(self) -> None:
+        self._pool: Pool | None = None
+
+    def __enter__(self) -> Self:
+        """Nothing is started yet."""
+        return self
+
+    def call(self, function: Callable[..., Result], *arguments: Any) -> AsyncResult[Result]:
+        """Call a function soon; `get` of what is returned waits for its result."""
+        if self._pool is None:
+            # Not forked: threads of this process may hold locks.
+            self._pool = multiprocessing.get_context("spawn").Pool(os.cpu_count(), _leave_interrupts_to_parent)
+        return self._pool.apply_async(function, arguments)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Stop everything."""
+        if self._pool is not None:
+            self._pool.terminate()
+            self._pool.join()
+
+
+def _leave_interrupts_to_parent() -> None:
+    """A key pressed in the terminal reaches every process; the one that started these ends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)

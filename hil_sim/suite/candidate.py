@@ -1,0 +1,170 @@
+"""The controller under test, where it comes from, and what it is shown beside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from codegen import config as configuration
+from codegen.config import Case, Config
+from codegen.emit.folder import read_manifest
+from codegen.emit.text import Precision
+from codegen.errors import BuildError, ConfigError, within
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.solve import solve_case
+from codegen.refmap.stack import solve_stack
+from hil_sim.suite.subjects import (
+    Build,
+    Subject,
+    around_folder,
+    baseline_configs,
+    of_config,
+    recommended_config,
+    tuned,
+)
+
+RECOMMENDED_CASE = "4ws-2"
+
+Steps = Callable[[int, int], None]
+"""Called with (done, in all)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What is to be tested, before anything is solved or compiled.
+
+    Attributes:
+        title: where it comes from.
+        config: of the car and the controller.
+        case: name, of the map.
+        frictions: of the road for which there are maps, rising; one where there is no stack.
+        folder: of the build; None where it is made in memory.
+        precision: of its numbers.
+    """
+
+    title: str
+    config: Config
+    case: str
+    frictions: tuple[float, ...]
+    folder: Path | None = None
+    precision: Precision = "single"
+
+    @property
+    def name(self) -> str:
+        """In tables."""
+        return self.config.controller.kind
+
+    def contenders(self) -> dict[str, Config]:
+        """Name to configuration of all that are driven, this one first; those that follow the reference are not tuned yet."""
+        own = self.config.controller.kind
+        found = {self.name: self.config}
+        if own != "tracking":
+            found["tracking"] = recommended_config(self.config)
+        for name, config in baseline_configs(self.config).items():
+            if not _same_controller(config, self.config):
+                found[f"{name} (paper)" if name == own else name] = config
+        return found
+
+    def reference_map(self) -> ReferenceMap:
+        """The map, solved as its build's was. Raises ConfigError, MapError."""
+        if len(self.frictions) > 1:
+            return solve_stack(self.config, self.case, self.frictions)
+        return solve_case(self.config, self.case)
+
+    def line_up(self, steps: Steps | None = None) -> LineUp:
+        """Solve the map, and tune and prepare everybody; a baseline that cannot be tuned for the car is left out.
+
+        Raises:
+            ConfigError, MapError: see `solve_case` and `tuned`.
+        """
+        reference_map = self.reference_map()
+        configs, notes = self.contenders(), []
+        for name, config in configs.items():
+            if config.controller.kind != "tracking" or (name == self.name and self.folder is not None):
+                continue
+            try:
+                configs[name] = tuned(config, steps)
+            except ConfigError as error:
+                if name == self.name:
+                    raise
+                notes.append(f"{name} is not shown beside: {error}")
+        left_out = {name for name, config in configs.items() if _untuned(config)}
+        subjects = [of_config(name, reference_map, configs[name], self.precision) for name in configs if name not in left_out]
+        tested = subjects[0] if self.folder is None else replace(subjects[0], around=around_folder(self.folder))
+        return LineUp(tested, tuple(subjects[1:]), self.config.case(self.case), tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class LineUp:
+    """Who is driven: `baselines` beside the one that is `tested`; `case` is that of the map, `notes` are for the user."""
+
+    tested: Subject
+    baselines: tuple[Subject, ...]
+    case: Case
+    notes: tuple[str, ...] = ()
+
+    @property
+    def build(self) -> Build:
+        """The C under test."""
+        build = self.tested.around
+        assert isinstance(build, Build)
+        return build
+
+
+def _untuned(config: Config) -> bool:
+    return config.controller.kind == "tracking" and config.controller.tracking.schedule is None
+
+
+def _same_controller(one: Config, other: Config) -> bool:
+    return (one.controller, one.limiter) == (other.controller, other.limiter)
+
+
+def recommended() -> Candidate:
+    """The recommended preset."""
+    config = configuration.preset("recommended")
+    title = f"the recommended preset, case {RECOMMENDED_CASE}, solved, tuned and built in memory"
+    return Candidate(title, config, RECOMMENDED_CASE, (config.road.friction,))
+
+
+def of_folder(folder: Path) -> Candidate:
+    """A folder made by `codegen build`, for a car of its own.
+
+    Raises:
+        BuildError: not a build folder, or one of a map that no configuration can be solved for again.
+        ConfigError: its configuration is none of this version.
+    """
+    manifest = read_manifest(folder)
+    with within(folder):
+        config = configuration.parse(_entry(manifest, folder, "configuration"), "manifest.json: configuration")
+    case = _entry(manifest, folder, "inputs", "map").get("case")
+    solved_map = _entry(manifest, folder, "map")
+    if case is None or not solved_map.get("solved"):
+        raise BuildError(
+            "its map is a table of your own, which cannot be solved again for its test set and baselines",
+            where=folder,
+            remedy="build a map made by `codegen solve`",
+        )
+    config.case(case, f"{folder}: [cases]")
+    frictions = tuple(sorted({config.road.friction, *solved_map.get("frictions", ())}))
+    options = _entry(manifest, folder, "options")
+    return Candidate(str(folder), config, case, frictions, folder, options.get("precision", "single"))
+
+
+def _entry(manifest: Any, folder: Path, *keys: str) -> Any:
+    for key in keys:
+        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), dict):
+            raise BuildError(f"its manifest has no {'.'.join(keys)}", where=folder, remedy="build it again")
+        manifest = manifest[key]
+    return manifest
+
+
+def baselines_of(folder: Path) -> dict[str, Subject]:
+    """The baselines for a build, on its map: name to subject. Raises as `of_folder` and `Candidate.line_up`."""
+    candidate = of_folder(folder)
+    reference_map = candidate.reference_map()
+    return {
+        name: of_config(name, reference_map, config, candidate.precision)
+        for name, config in baseline_configs(candidate.config).items()
+    }

@@ -1,0 +1,126 @@
+"""What must hold of every kind of controller. Each check takes a build and raises AssertionError where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.sil.software import Status
+from tests.sil.builds import CONFIGS, Built
+from tests.sil.checks_supervision import random_measurements
+from tests.sil.model_controller import ModelController, ModelFeedforward, ModelPi, ModelProportional, drive
+from tests.sil.model_tracking import ModelTracking
+
+MODELS = {"pi": ModelPi, "feedforward": ModelFeedforward, "proportional": ModelProportional}
+
+
+def config_of(built: Built) -> Config:
+    """What the build was made for."""
+    return built.software.config
+
+
+def parameters_of(built: Built, changes: Mapping[str, Any] | None = None) -> Any:
+    """The default parameters with some changed; those of the limiter as a mapping under `limiter`. All of them valid."""
+    plain = dict(changes or {})
+    limiter = plain.pop("limiter", {})
+    parameters = built.software.parameters(**plain)
+    for name, value in limiter.items():
+        setattr(parameters.limiter, name, value)
+    assert built.software.function("parameters_valid")(parameters), changes
+    return parameters
+
+
+def open_limiter(built: Built) -> dict[str, Any]:
+    """A limiter that only bounds the angle."""
+    limiter = built.software.parameters().limiter
+    return {"rear_rate_max": 1000.0, "opposite_phase_max": [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))}
+
+
+def model_of(built: Built, parameters: Any, start: float) -> ModelController:
+    """The independent model of the build's kind."""
+    config, real = config_of(built), built.software.real
+    kind = config.controller.kind
+    if kind == "tracking":
+        return ModelTracking(parameters, built.total, config, real, start)
+    reference: Any = built.lookup
+    if kind == "feedforward":
+
+        def reference(*place: Any) -> tuple[Any, Any]:
+            yaw_rate, rear_angle = (real(value) for value in built.lookup.reference(*place))
+            return yaw_rate, rear_angle
+
+    limit = float(real(config.rear_actuator.angle_max))
+    return MODELS[kind](parameters, reference, config.controller.sampling_time_s, limit, real, start)
+
+
+def check_kind_same_as_model(
+    built: Built, changes: Mapping[str, Any] | None = None, count: int = 2500, seed: int = 1, **course: float
+) -> ModelController:
+    """Sample by sample the numbers and the status of the independent model, bit for bit, through every status."""
+    rng = np.random.default_rng(seed)
+    start = float(rng.uniform(-0.08, 0.08))
+    measurements = drive(rng, count, built.lookup, config_of(built).vehicle.wheelbase, **course)
+    parameters = parameters_of(built, changes)
+    controller = built.software.controller(start, parameters)
+    model = model_of(built, parameters, start)
+    seen = set()
+    for index, (measurement, got) in enumerate(zip(measurements, controller.run(measurements), strict=True)):
+        wanted = model.step(measurement)
+        assert got == wanted, f"sample {index}: {measurement}"
+        seen.add(got.status)
+    every = set(Status) if parameters.degraded_samples_max else set(Status) - {Status.DEGRADED}
+    assert seen == every, "the drive reaches every status"
+    return model
+
+
+EXTREMES: dict[str, Mapping[str, Any]] = {
+    "as built": {},
+    "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
+    "slow": {"rear_rate_max": 0.01, "rear_angle_error_max": 1e-4},
+    "wide inputs": {"yaw_rate_tolerance": 20.0, "front_angle_max": 1.5, "speed_max": 200.0, "yaw_rate_max": 20.0},
+}
+
+
+def check_kind_always_bounded(built: Built, count: int = 20_000, seed: int = 0) -> None:
+    """Whatever arrives, the command is finite and within its limit, and so is everything that the state keeps."""
+    software, ffi = built.software, built.software.ffi
+    rng = np.random.default_rng(seed)
+    names = dir(software.parameters())
+    seen: set[int] = set()
+    for changes in EXTREMES.values():
+        parameters = parameters_of(built, {name: value for name, value in changes.items() if name in names})
+        controller = software.controller(0.02, parameters)
+        samples = random_measurements(built, rng, count)
+        commands = ffi.new("ars_command_t[]", 50)
+        for first in range(0, count, 50):
+            software.compiled.lib.loop_controller(controller.state, parameters, samples + first, commands, 50)
+            for command in commands:
+                assert -parameters.rear_angle_max <= command.rear_angle <= parameters.rear_angle_max
+                assert abs(command.yaw_rate_reference) < 1e3
+                seen.add(command.status)
+            _check_state(built, controller.state, parameters)
+    assert seen == {status.value for status in Status}
+
+
+def _check_state(built: Built, state: Any, parameters: Any) -> None:
+    """What is kept between steps is finite and bounded."""
+    assert abs(state.rear_angle) <= parameters.rear_angle_max
+    assert state.limiter.rear_angle == state.rear_angle
+    assert 0.0 <= state.limiter.speed <= parameters.limiter.speed_max
+    assert abs(state.limiter.front_angle) <= parameters.limiter.front_angle_max
+    if config_of(built).controller.kind == "tracking":
+        largest = max(abs(state.yaw_rate_reference), float(built.total.yaw_rate.max()))
+        assert abs(state.model.sideslip_angle) <= 0.35
+        assert abs(state.model.yaw_rate) <= 20.0
+        assert abs(state.model.rear_angle) <= parameters.rear_angle_max
+        assert abs(state.trim) <= 1.001 * parameters.trim_share * float(built.total.yaw_rate.max())
+        gain = max(parameters.proportional_gain)
+        assert abs(state.integral) <= 1.01 * (2.0 * parameters.rear_angle_max + gain * (parameters.yaw_rate_max + 20.0 + largest))
+        assert 0.0 < state.grip <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
+        assert abs(state.front_angle) <= parameters.front_angle_max
+
+
+assert set(CONFIGS) == {*MODELS, "tracking"}

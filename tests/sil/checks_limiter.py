@@ -1,0 +1,222 @@
+"""What must hold of the generated limiter. Each check takes the units of a build and raises AssertionError where it does not."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tests.sil.checks_lookup import RealArray, special_values
+from tests.sil.model_limiter import ModelLimiter, any_numbers
+from tests.sil.units import Units
+
+CHANGES: dict[str, dict[str, Any]] = {
+    "as built": {},
+    "no rate limit": {"rear_rate_max": 1000.0},
+    "slow": {"rear_rate_max": 0.05},
+    "nothing in opposite phase": {"opposite_phase_max": 0.0},
+    "bounds that rise with speed": {"opposite_phase_max": "reversed"},
+    "breakpoints side by side": {"opposite_phase_speed": "side by side"},
+    "tight": {"rear_angle_max": 0.01, "opposite_phase_max": 0.004, "in_phase_from_front_angle": 1e-4},
+}
+
+
+def period(units: Units) -> float:
+    """s."""
+    return units.config.controller.sampling_time_s
+
+
+def parameters_of(units: Units, changes: Mapping[str, Any]) -> Any:
+    """Valid parameters with some changed; one number given for an array fills it."""
+    plain = units.limiter_parameters()
+    arrays: dict[str, Any] = {}
+    for name, value in changes.items():
+        old = getattr(plain, name)
+        if isinstance(old, float):
+            continue
+        if value == "reversed":
+            arrays[name] = list(old)[::-1]
+        elif value == "side by side":
+            neighbours = [units.real(old[0])]
+            while len(neighbours) < len(old):
+                neighbours.append(np.nextafter(neighbours[-1], units.real(math.inf)))
+            arrays[name] = [float(number) for number in neighbours]
+        else:
+            arrays[name] = [value] * len(old)
+    parameters = units.limiter_parameters(**{**changes, **arrays})
+    assert units.library.lib.ars_limiter_parameters_valid(parameters), changes
+    return parameters
+
+
+def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray:
+    """Inputs (count, 3): slow and fast, straight on and turning, demands near and far; spells of anything at all."""
+    rng, real = np.random.default_rng(seed), units.real
+    t = np.arange(count)
+    speeds = np.array(list(parameters.opposite_phase_speed))
+    speed = 0.7 * speeds[-1] * (1.0 + np.sin(2.0 * np.pi * t / 700.0)) * rng.choice([1.0, -1.0], count, p=[0.95, 0.05])
+    front = 2.0 * parameters.in_phase_from_front_angle * np.sin(2.0 * np.pi * t / 170.0)
+    front = np.where(rng.random(count) < 0.1, 0.0, front)
+    demand = parameters.rear_angle_max * rng.uniform(-1.5, 1.5, count // 40 + 1).repeat(40)[:count]
+    inputs = np.stack([speed, front, demand], axis=1).astype(real)
+    edges = np.concatenate([speeds, [parameters.speed_max, parameters.front_angle_max, parameters.in_phase_from_front_angle]])
+    near = np.concatenate([np.nextafter(edges.astype(real), real(side)) for side in (-math.inf, math.inf)])
+    special = np.concatenate([special_values(real), edges.astype(real), near])
+    strange = rng.random((count, 3)) < np.where((t // 300) % 4 == 3, 0.4, 0.01)[:, np.newaxis]
+    for column in range(3):
+        inputs[:, column] = np.where(strange[:, column], any_numbers(rng, real, count, special), inputs[:, column])
+    inputs[:20, 0] = np.nan  # no speed yet
+    return inputs
+
+
+def check_limiter_same_as_model(units: Units, changes: Mapping[str, Any] | None = None) -> None:
+    """Step by step the number of the independent model, to the last bit (zero has no sign)."""
+    parameters = parameters_of(units, changes or {})
+    for seed, start in enumerate((0.0, -0.05, 0.9, 1.5, math.nan)):
+        inputs = drive(units, parameters, 4000, seed)
+        got = units.limiter(parameters, inputs, start)
+        model = ModelLimiter(parameters, period(units), units.real, start)
+        wanted = np.array([model.step(*row) for row in inputs], dtype=units.real)
+        differ = np.flatnonzero(got != wanted)
+        assert differ.size == 0, f"step {differ[0]}: {inputs[differ[0]]}: {got[differ[0]]} instead of {wanted[differ[0]]}"
+
+
+def check_limiter_always_bounded(units: Units, count: int = 50_000) -> None:
+    """From every state that it can be in, whatever arrives: finite, within +-rear_angle_max, and no faster than its rate."""
+    rng, real = np.random.default_rng(1), units.real
+    special = special_values(real)
+    for changes in CHANGES.values():
+        parameters = parameters_of(units, changes)
+        states = np.stack([rng.uniform(-1.0, 1.0, count), rng.uniform(0.0, 1.0, count), rng.uniform(-1.0, 1.0, count)], axis=1)
+        states *= np.array([1.0, parameters.speed_max, parameters.front_angle_max])
+        states[::2, 0] *= parameters.rear_angle_max
+        states = states.astype(real)
+        states[::11] = np.where(np.isfinite(states[::11]), rng.choice(special[np.isfinite(special) & (np.abs(special) < 1.0)], 3), 0)
+        states[:, 1] = np.abs(states[:, 1])
+        inputs = np.stack([any_numbers(rng, real, count, special) for _ in range(3)], axis=1)
+        angles = units.limiter_from(parameters, states, rng.random(count) < 0.9, inputs)
+        bound, travel = real(parameters.rear_angle_max), real(parameters.rear_rate_max) * real(period(units))
+        assert np.isfinite(angles).all()
+        assert (np.abs(angles) <= bound).all()
+        inside = np.abs(states[:, 0]) <= bound
+        # A sum rounds by half a unit in the last place of the angle, and so does the difference here.
+        moved = np.abs(angles.astype(np.float64) - states[:, 0])
+        assert (moved[inside] <= float(travel) * (1.0 + units.eps) + float(bound) * units.eps).all()
+        from_outside = np.abs(states[~inside, 0]).astype(np.float64)
+        assert (moved[~inside] <= np.maximum(from_outside - bound, travel) + from_outside * 2.0 * units.eps).all()
+
+
+def steady(units: Units, parameters: Any, speed: float, front: float, demand: float, start: float = 0.0, count: int = 200) -> RealArray:
+    """Angles (count,) while nothing changes."""
+    return units.limiter(parameters, np.array([[speed, front, demand]] * count), start)
+
+
+def opposite_phase_bound(parameters: Any, speed: float) -> float:
+    """rad."""
+    return float(np.interp(abs(speed), list(parameters.opposite_phase_speed), list(parameters.opposite_phase_max)))
+
+
+def check_opposite_phase(units: Units) -> None:
+    """Against the front wheels the angle ends at the bound for the speed, from wherever, in the time that the rate needs; it
+    stays there; forward and in reverse; between the breakpoints along a straight line, beyond them held."""
+    parameters = parameters_of(units, {})
+    travel = parameters.rear_rate_max * period(units)
+    speeds = list(parameters.opposite_phase_speed)
+    asked = [0.0, 0.5 * speeds[0], *speeds, *(0.3 * a + 0.7 * b for a, b in itertools.pairwise(speeds)), 1.3 * speeds[-1]]
+    for speed, side, direction in itertools.product(asked, (1.0, -1.0), (1.0, -1.0)):
+        bound = opposite_phase_bound(parameters, speed)
+        for start in (0.0, -side * parameters.rear_angle_max, side * parameters.rear_angle_max):
+            angles = -side * steady(units, parameters, direction * speed, side * 0.03, -side * 1.0, start).astype(np.float64)
+            needed = math.ceil(abs(bound + side * start) / travel) + 1
+            # The bound is a sum of four numbers of its size.
+            assert np.abs(angles[needed:] - bound).max() <= 4.0 * units.eps * parameters.rear_angle_max
+    inputs = np.array([[speeds[0], 0.03, -1.0]] * 50 + [[speeds[-1], 0.03, -1.0]] * 50)
+    closing = -units.limiter(parameters, inputs).astype(np.float64)
+    needed = math.ceil((opposite_phase_bound(parameters, speeds[0]) - opposite_phase_bound(parameters, speeds[-1])) / travel)
+    assert (closing[50 + needed :] <= opposite_phase_bound(parameters, speeds[-1]) * (1.0 + 4.0 * units.eps)).all()
+    assert (np.diff(closing[49:]) >= -travel * (1.0 + 1e-5)).all(), "where the bound closes in, it returns at the rate"
+
+
+def check_in_phase(units: Units) -> None:
+    """With the front wheels the whole angle is free from a front angle on, below it in proportion; straight ahead the bound of
+    the opposite phase holds on both sides."""
+    parameters = parameters_of(units, {})
+    most, free_from = parameters.rear_angle_max, parameters.in_phase_from_front_angle
+    speed = list(parameters.opposite_phase_speed)[-1]
+    bound = opposite_phase_bound(parameters, speed)
+    for side in (1.0, -1.0):
+        for share in (0.0, 0.25, 0.999, 1.0, 1.5):
+            angles = side * steady(units, parameters, speed, side * share * free_from, side * 1.0).astype(np.float64)
+            wanted = bound + min(share, 1.0) * (most - bound)
+            assert abs(angles[-1] - wanted) <= 4.0 * units.eps * most
+    assert bound < 0.8 * most, "the two can be told apart"
+
+
+def check_passes(units: Units) -> None:
+    """What is inside every bound passes, to the bit."""
+    parameters = parameters_of(units, {})
+    rng = np.random.default_rng(2)
+    demands = np.cumsum(rng.uniform(-1.0, 1.0, 3000) * 0.9 * parameters.rear_rate_max * period(units))
+    demands = 0.9 * opposite_phase_bound(parameters, 40.0) * np.sin(demands)
+    inputs = np.stack([rng.uniform(-40.0, 40.0, 3000), rng.uniform(-0.1, 0.1, 3000), demands], axis=1).astype(units.real)
+    inside = np.abs(np.diff(np.concatenate([[0.0], inputs[:, 2]]))) <= parameters.rear_rate_max * period(units)
+    assert inside.all()
+    assert np.array_equal(units.limiter(parameters, inputs), inputs[:, 2])
+
+
+def check_limiter_holds(units: Units) -> None:
+    """Without a speed ever seen, the angle is held whatever is asked for; without a demand too; a lost speed or front angle
+    counts as the last one."""
+    parameters = parameters_of(units, {})
+    nothing = (math.nan, math.inf, -math.inf, 1e9, -1e9)
+    start = 0.5 * parameters.rear_angle_max
+    for lost in nothing:
+        held = steady(units, parameters, lost, 0.05, -0.02, start, 50)
+        assert (held == units.real(start)).all(), lost
+    speed = list(parameters.opposite_phase_speed)[-1]
+    bound, most = opposite_phase_bound(parameters, speed), parameters.rear_angle_max
+    known, waiting = [[speed, 0.05, 0.5 * most]] * 50, [[speed, 0.05, math.nan]] * 50
+    assert set(units.limiter(parameters, np.array(known + waiting))[50:].tolist()) == {float(units.real(0.5 * most))}
+    for lost in nothing:
+        first = [[speed, 0.05, 1.0]] * 60
+        angles = units.limiter(parameters, np.array([*first, *([[lost, 0.05, -1.0]] * 60)]))
+        assert abs(angles[-1] + bound) <= 4.0 * units.eps * most, "the speed is the last one"
+        angles = units.limiter(parameters, np.array([*first, *([[speed, lost, 1.0]] * 60)]))
+        assert (angles[60:] == units.real(most)).all(), "the front angle is the last one: all of the angle is free in phase"
+
+
+def check_limiter_parameters(units: Units) -> None:
+    """Each parameter is taken to the ends of its range and refused beyond, array elements one by one."""
+    valid = units.library.lib.ars_limiter_parameters_valid
+    real = units.real
+    ranges = {
+        "rear_rate_max": (1e-4, 1000.0),
+        "in_phase_from_front_angle": (1e-4, 1.0),
+        "speed_max": (1.0, 200.0),
+        "front_angle_max": (0.01, 1.5),
+        "rear_angle_max": (1e-4, 1.0),
+    }
+    for name, (low, high) in ranges.items():
+        others = {"opposite_phase_max": [0.0] * len(list(units.limiter_parameters().opposite_phase_max))}
+        for end, outward in ((low, -math.inf), (high, math.inf)):
+            assert valid(units.limiter_parameters(**{name: end}, **others)), name
+            beyond = float(np.nextafter(real(end), real(outward)))
+            assert not valid(units.limiter_parameters(**{name: beyond}, **others)), name
+        for nonsense in (math.nan, math.inf, -math.inf):
+            assert not valid(units.limiter_parameters(**{name: nonsense}, **others)), name
+    speeds, bounds = (list(getattr(units.limiter_parameters(), f"opposite_phase_{name}")) for name in ("speed", "max"))
+    for k in range(len(speeds)):
+        for bad in (math.nan, math.inf, -math.inf, float(np.nextafter(real(0.0), real(-1.0)))):
+            assert not valid(units.limiter_parameters(opposite_phase_speed=[*speeds[:k], bad, *speeds[k + 1 :]])), k
+            assert not valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], bad, *bounds[k + 1 :]])), k
+        most = units.limiter_parameters().rear_angle_max
+        above = float(np.nextafter(real(most), real(1.0)))
+        assert valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], most, *bounds[k + 1 :]]))
+        assert not valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], above, *bounds[k + 1 :]])), k
+    top = [0.0] * (len(speeds) - 1)
+    ends = [float(np.nextafter(real(200.0), real(1000.0)))]
+    assert not valid(units.limiter_parameters(opposite_phase_speed=[*[float(k) for k, _ in enumerate(top)], *ends]))
+    assert not valid(units.limiter_parameters(opposite_phase_speed=speeds[::-1]))
+    assert not valid(units.limiter_parameters(opposite_phase_speed=[*speeds[:-1], speeds[-2]])), "two breakpoints in one place"

@@ -1,0 +1,182 @@
+"""The reference model as its header describes it, in NumPy: an independent model to hold the C against.
+
+`ModelReferenceModel` has the bits of the C. Its order of operations is known: where the C prints a CasADi expression, the
+instructions of the same CasADi function are walked here in the build's number type; the rest is written from the header.
+`exact_step` is the physics in double precision, written from the equations of the single-track car and not from CasADi.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+from codegen.emit.reference_model_view import tabulate
+from codegen.vehicle.dynamics import single_track_from_shapes
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+
+FloatArray = npt.NDArray[np.float64]
+SIDESLIP_MAX = math.radians(20.0)
+ARGUMENT_MAX = 1e6
+
+_OPERATIONS: dict[int, Callable[..., Any]] = {
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_NEG: lambda a, _: -a,
+    ca.OP_SQ: lambda a, _: a * a,
+    ca.OP_TWICE: lambda a, _: a + a,
+    ca.OP_FMAX: np.maximum,
+}
+
+
+def walk(function: Any, inputs: Sequence[Sequence[Any]], real: Any) -> list[Any]:
+    """The elements of the only output of a CasADi function, each operation done in `real`; inputs by argument and element."""
+    work: dict[int, Any] = {}
+    output: dict[int, Any] = {}
+    for k in range(function.n_instructions()):
+        operation, arguments = function.instruction_id(k), function.instruction_input(k)
+        results = function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            work[results[0]] = real(function.instruction_constant(k))
+        elif operation == ca.OP_INPUT:
+            work[results[0]] = inputs[arguments[0]][arguments[1]]
+        elif operation == ca.OP_OUTPUT:
+            output[results[1]] = work[arguments[0]]
+        else:
+            work[results[0]] = _OPERATIONS[operation](work[arguments[0]], work[arguments[-1]])
+    return [output[index] for index in sorted(output)]
+
+
+def within(value: Any, limit: Any) -> Any:
+    """The value within +-limit; zero for what is no number."""
+    return np.where(np.isnan(value), value.dtype.type(0.0), np.clip(value, -limit, limit))
+
+
+def clip(value: Any, low: Any, high: Any) -> Any:
+    """The value between two bounds; the lower one for what is no number."""
+    return np.where(np.isnan(value), low, np.clip(value, low, high))
+
+
+@dataclass(frozen=True)
+class TableCurve:
+    """A tyre's curve from its table, in one number type."""
+
+    values: Any
+    compression: Any
+
+    @classmethod
+    def of(cls, tyre: MagicFormulaTyre, real: Any) -> TableCurve:
+        """The table that a build has."""
+        curve = tabulate(tyre)
+        return cls(curve.values.astype(real), real(curve.compression))
+
+    def __call__(self, x: Any) -> Any:
+        real = self.values.dtype.type
+        cells = self.values.size - 1
+        magnitude = np.abs(within(x, real(ARGUMENT_MAX)))
+        position = magnitude / (magnitude + self.compression) * real(cells)
+        cell = np.minimum(position.astype(np.int64), cells - 1)
+        value = self.values[cell] + (position - cell.astype(real)) * (self.values[cell + 1] - self.values[cell])
+        return np.where(x < 0.0, -value, value)
+
+
+class ModelReferenceModel:
+    """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape."""
+
+    def __init__(self, config: Config, real: Any) -> None:
+        actuator, period = config.rear_actuator, config.controller.sampling_time_s
+        vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+        stiffness = 2.0 * tyres.rear.cornering_stiffness
+        self.real = real
+        self.functions = single_track_from_shapes(config)
+        self.curves = [TableCurve.of(tyre, real) for tyre in (tyres.front, tyres.rear)]
+        self.period = real(period)
+        self.speeds = real(speed_min(config)), real(config.controller.inputs.speed_max_km_h / 3.6)
+        self.front_angle_max = real(math.radians(config.controller.inputs.front_angle_max_deg))
+        self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
+        self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
+        self.friction = real(config.road.friction)
+        self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
+        self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
+        self.rear_arm = real(vehicle.cg_to_rear_axle_m)
+        self.rear_slip = real(vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase * stiffness))
+
+    def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
+        """The state of the linear car's steady turn."""
+        forward = clip(speed, *self.speeds)
+        yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
+        sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
+        return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
+
+    def slope(self, x: Sequence[Any], u: Sequence[Any]) -> list[Any]:
+        arguments = walk(self.functions.arguments, [x, u], self.real)
+        shapes = [curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)]
+        return walk(self.functions.derivative, [x, u, shapes], self.real)
+
+    def step(self, state: Sequence[Any], inputs: Sequence[Any]) -> tuple[Any, Any, Any]:
+        """One sampling time later, by Heun's method; the rear wheels stand in the middle of their way."""
+        sideslip, yaw_rate, rear_angle = state
+        speed, front, commanded, friction = inputs
+        half = self.real(0.5)
+        moved = np.clip(self.share * (within(commanded, self.rear_angle_max) - rear_angle), -self.travel, self.travel)
+        road = np.where(np.isnan(friction), self.friction, np.clip(friction, self.real(0.0), self.friction))
+        u = [clip(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
+        first = self.slope([sideslip, yaw_rate], u)
+        ahead = [x + self.period * slope for x, slope in zip((sideslip, yaw_rate), first, strict=True)]
+        second = self.slope(ahead, u)
+        after = [
+            x + half * self.period * (one + other) for x, one, other in zip((sideslip, yaw_rate), first, second, strict=True)
+        ]
+        return (
+            within(after[0], self.real(SIDESLIP_MAX)),
+            within(after[1], self.yaw_rate_max),
+            within(rear_angle + moved, self.rear_angle_max),
+        )
+
+
+def speed_min(config: Config) -> float:
+    """m/s at which the faster of lateral and yaw motion decays within one sampling time (poles go with 1/speed)."""
+    vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+    front, rear = 2.0 * tyres.front.cornering_stiffness, 2.0 * tyres.rear.cornering_stiffness
+    lateral = (front + rear) / vehicle.mass_kg
+    yaw = (vehicle.cg_to_front_axle_m**2 * front + vehicle.cg_to_rear_axle_m**2 * rear) / vehicle.yaw_inertia_kg_m2
+    return max(lateral, yaw) * config.controller.sampling_time_s
+
+
+def magic_formula(tyre: MagicFormulaTyre, x: Any) -> Any:
+    """The curve itself: sin(C atan(x - E (x - atan x)))."""
+    return np.sin(tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x))))
+
+
+def exact_slope(config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[Callable[[Any], Any]]) -> FloatArray:
+    """(2, n): time derivative of sideslip and yaw rate in double precision, for states (2, n) and inputs (4, n)."""
+    vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+    (beta, r), (v, front, rear, friction) = state, inputs
+    lf, lr = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
+    slips = beta + lf * r / v - front, beta - lr * r / v - rear
+    forces = [
+        -2.0
+        * (
+            friction * tyre.peak_factor * tyre.static_load * curve(tyre.stiffness_factor * (slip - tyre.horizontal_shift))
+            + tyre.vertical_shift
+        )
+        for tyre, curve, slip in zip((tyres.front, tyres.rear), curves, slips, strict=True)
+    ]
+    lateral = sum(forces) / (vehicle.mass_kg * v) - r
+    return np.array([lateral, (lf * forces[0] - lr * forces[1]) / vehicle.yaw_inertia_kg_m2])
+
+
+def exact_step(
+    config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[Callable[[Any], Any]], step: float
+) -> FloatArray:
+    """(2, n): sideslip and yaw rate one Heun step later; inputs hold the rear angle of the middle of the step."""
+    first = exact_slope(config, state, inputs, curves)
+    return state + 0.5 * step * (first + exact_slope(config, state + step * first, inputs, curves))

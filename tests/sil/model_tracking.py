@@ -1,0 +1,160 @@
+"""The law of kind "tracking" as its header and the configuration's comments describe it: an independent model, to the bit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.emit.controller_view import REFERENCE_OVERSHOOT
+from codegen.refmap.extend import TotalMap
+from codegen.refmap.lookup import Lookup
+from codegen.sil.software import Measurement
+from tests.sil.checks_map_reference import road_lateral_acceleration
+from tests.sil.model_controller import ModelController
+from tests.sil.model_limiter import clip
+from tests.sil.model_reference_model import ModelReferenceModel
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What the map says of a sample, a little ahead of the front wheels."""
+
+    yaw_rate: Any
+    rear_angle: Any
+    lateral_acceleration: Any
+    friction: Any
+
+
+class ModelTracking(ModelController):
+    """Feedforward, reference model, scheduled feedback of bounded authority. `happened` collects what the drive has made it do."""
+
+    def __init__(
+        self, parameters: Any, total: TotalMap, config: Config, real: Any, angle: float
+    ) -> None:
+        actuator_max = float(real(config.rear_actuator.angle_max))
+        self.lookup = Lookup.from_map(total, real)
+        super().__init__(parameters, self.lookup, config.controller.sampling_time_s, actuator_max, real, angle)
+        self.total = total
+        self.car = ModelReferenceModel(config, real)
+        self.full_grip = real(total.lateral_acceleration_cap)
+        # A little above the quotient: full grip is never less than the map's own road.
+        self.friction_per_grip = real(total.friction / total.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
+        self.grip = self.full_grip
+        self.state = self.car_state(0.0, 0.0)
+        self.trim = self.integral = self.last_front = real(0.0)
+        self.happened: set[str] = set()
+
+    def car_state(self, speed: Any, yaw_rate: Any) -> Any:
+        start = [np.asarray(value, dtype=self.real) for value in (speed, yaw_rate, self.angle)]
+        return tuple(self.real(value) for value in self.car.start(*start))
+
+    def start(self, m: Measurement) -> None:
+        self.happened.add("start")
+        self.last_front, self.trim = m.front_angle, self.real(0.0)
+        self.state = self.car_state(m.speed, m.yaw_rate)
+        self.integral = self.angle - self.look(m).rear_angle
+
+    def look(self, m: Measurement) -> Sample:
+        """The map where the front wheels will be after the lead time, on the road that is known or seen."""
+        p = self.parameter
+        most = p("lead_angle_max")
+        lead = clip(p("lead_time") * ((m.front_angle - self.last_front) / self.period), -most, most)
+        seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
+        friction = seen if math.isnan(estimated) else min(estimated, seen)
+        yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
+        bound = p("rear_angle_max")
+        road = road_lateral_acceleration(self.total, self.real, friction)
+        self.note("lead at its bound", abs(lead) == most)
+        self.note("estimate below what was seen", not math.isnan(estimated) and estimated < seen)
+        return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)
+
+    def law(self, m: Measurement) -> tuple[Any, bool]:
+        sample = self.look(m)
+        reference = self.reachable_yaw_rate(sample, m.speed)
+        error = reference - m.yaw_rate
+        gain, integral_gain = self.gains(m.speed)
+        low, high = self.feedback_range(m, sample.rear_angle)
+        integral = self.integral if m.inhibit else self.integral - integral_gain * self.period * error
+        feedback = integral - gain * error
+        limited = not low <= feedback <= high
+        feedback = clip(feedback, low, high)
+        if limited and not m.inhibit:
+            integral = feedback + gain * error
+        demand = sample.rear_angle + feedback
+        reachable = self.reachable(demand)
+        if reachable != demand:
+            limited = True
+            if (demand > reachable and integral > self.integral) or (demand < reachable and integral < self.integral):
+                integral = self.integral
+                self.note("the rate limit holds the integral", True)
+        self.note("limited while inhibited", limited and m.inhibit)
+        self.note("free", not limited)
+        self.integral, self.angle = integral, reachable
+        if not m.inhibit:
+            self.update_grip(m, reference)
+        self.last_front = m.front_angle
+        inputs = (m.speed, m.front_angle, sample.rear_angle, sample.friction)
+        with np.errstate(all="ignore"):
+            after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
+        self.state = tuple(self.real(value) for value in after)
+        return reference, limited
+
+    def reachable_yaw_rate(self, sample: Sample, speed: Any) -> Any:
+        p, own = self.parameter, self.state[1]
+        bound = p("trim_share") * abs(sample.yaw_rate)
+        missing = clip(sample.yaw_rate - own, -bound, bound)
+        self.trim = self.trim + p("trim_rate") * self.period * (missing - self.trim)
+        limit = self.real(REFERENCE_OVERSHOOT) * (sample.lateral_acceleration / speed)
+        self.note("reference at the road's limit", abs(own + self.trim) > limit)
+        self.note("trim bounded", abs(missing) == bound)
+        return clip(own + self.trim, -limit, limit)
+
+    def gains(self, speed: Any) -> tuple[Any, Any]:
+        speeds = [self.real(value) for value in self.p.schedule_speed]
+        found = []
+        for name in ("proportional_gain", "integral_gain"):
+            values = [self.real(value) for value in getattr(self.p, name)]
+            k = max([0, *(k for k in range(len(speeds)) if speeds[k] <= speed)])
+            if speed < speeds[0]:
+                found.append(values[0])
+            elif k == len(speeds) - 1:
+                found.append(values[k - 1] + self.real(1.0) * (values[k] - values[k - 1]))
+            else:
+                share = (speed - speeds[k]) / (speeds[k + 1] - speeds[k])
+                found.append(values[k] + share * (values[k + 1] - values[k]))
+        self.note("below the schedule", speed < speeds[0])
+        self.note("beyond the schedule", speed > speeds[-1])
+        return found[0], found[1]
+
+    def feedback_range(self, m: Measurement, feedforward: Any) -> tuple[Any, Any]:
+        """What feedback may add: free against the turn, a little where it makes the car turn more."""
+        low, high = self.actuator_range(m)
+        more = self.parameter("yaw_increasing_max")
+        if m.yaw_rate > 0.0 and low < feedforward - more:
+            low = clip(feedforward - more, low, high)
+            self.note("authority to the left", True)
+        if m.yaw_rate < 0.0 and high > feedforward + more:
+            high = clip(feedforward + more, low, high)
+            self.note("authority to the right", True)
+        return low - feedforward, high - feedforward
+
+    def update_grip(self, m: Measurement, reference: Any) -> None:
+        p = self.parameter
+        missing = m.yaw_rate - reference if reference < 0.0 else reference - m.yaw_rate
+        shortfall = missing * m.speed
+        grip = self.grip + p("grip_recovery") * self.period
+        if shortfall > p("grip_shortfall"):
+            grip = self.grip - p("grip_loss_rate") * self.period * (shortfall - p("grip_shortfall"))
+            self.note("grip lost", True)
+        least = p("friction_min") / self.friction_per_grip
+        self.note("grip at its least", grip < least)
+        self.note("grip recovers", self.grip < self.full_grip and grip > self.grip)
+        self.grip = clip(grip, least, self.full_grip)
+
+    def note(self, what: str, happens: Any) -> None:
+        if happens:
+            self.happened.add(what)
