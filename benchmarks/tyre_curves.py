@@ -1,8 +1,8 @@
 """Ways to compute a tyre's curve, sin(C atan(x - E (x - atan x))), in C: the generated table, and what one would take instead.
 
-Each is C with a function `float curve(float x)`, which takes any number: NaN gives 0, and what is larger than any slip counts as
-that. Polynomials are the best ones of their degree: coefficients by
-linear programming, the largest error on a dense grid made smallest.
+Each is C with a function `float curve(float x)`, which takes any number: NaN gives 0, and what is larger than any slip counts
+as that. Polynomials are the best ones of their degree: the coefficients, by linear programming, are those that make the
+largest error on a dense grid smallest.
 """
 
 from __future__ import annotations
@@ -94,7 +94,20 @@ def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes
 def _library(shape: Shape) -> dict[str, str | bytes]:
     with source_tree({"libm.zig": LIBM}) as tree:
         target = ["-target", TARGET[1], "-mcpu", TARGET[2].removeprefix("-mcpu=")]
-        zig(["build-obj", "libm.zig", "-fcompiler-rt", "-ffunction-sections", "-fdata-sections", "-O", "ReleaseFast", *target, "-femit-bin=libm.o"], tree)
+        zig(
+            [
+                "build-obj",
+                "libm.zig",
+                "-fcompiler-rt",
+                "-ffunction-sections",
+                "-fdata-sections",
+                "-O",
+                "ReleaseFast",
+                *target,
+                "-femit-bin=libm.o",
+            ],
+            tree,
+        )
         library = (tree / "libm.o").read_bytes()
     text = f"""#include <math.h>
 static float half(float x)

@@ -75,7 +75,7 @@ MAX_FILE_BYTES = 2**20
 
 
 RELAXATION_STEP_MAX = 2.5
-"""Distance that a wheel rolls in a step of the plant, over its relaxation length: the Runge-Kutta method is stable up to 2.79."""
+"""Of the way that a wheel rolls in a step of the plant over its relaxation length: Runge-Kutta is stable up to 2.79."""
 
 STEPS_MIN = 50
 """Steps that a CAN signal must have over the range that it has to carry; fewer are a slip in its factor."""
@@ -119,8 +119,13 @@ class Config(Section):
         if abs(samples - round(samples)) > 1e-9 * samples or round(samples) < 1:
             raise ValueError("controller.sampling_time_s must be a whole multiple of plant.sampling_time_s")
         relaxation = self.plant.relaxation_length_m
-        if relaxation and self.plant.sampling_time_s * self.controller.inputs.speed_max_km_h * KM_H > RELAXATION_STEP_MAX * relaxation:
-            raise ValueError("plant.sampling_time_s is too long for plant.relaxation_length_m; shorten it, or lengthen the relaxation")
+        if (
+            relaxation
+            and self.plant.sampling_time_s * self.controller.inputs.speed_max_km_h * KM_H > RELAXATION_STEP_MAX * relaxation
+        ):
+            raise ValueError(
+                "plant.sampling_time_s is too long for plant.relaxation_length_m; shorten it, or lengthen the relaxation"
+            )
         last_angle = self.grid.front_angle_max_deg
         if self.grid.front_angle_breakpoints_deg is not None:
             last_angle = self.grid.front_angle_breakpoints_deg[-1]

@@ -92,11 +92,13 @@ class Tuning(Section):
     inertia goes with the mass.
     """
 
-    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0]
-    actuator_lag_s: list[Annotated[float, Range(0.002, 1.0, "s")]] = [0.02, 0.05, 0.1]
-    mass_percent: list[Annotated[float, Range(-50.0, 100.0, "%")]] = [-20.0, 0.0, 20.0]
-    stiffness_percent: list[Annotated[float, Range(-60.0, 100.0, "%")]] = [-20.0, 0.0, 15.0]
-    relaxation_length_m: list[Annotated[float, Range(0.0, 2.0, "m")]] = [0.0, 0.3, 0.6]
+    speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
+        default_factory=lambda: [15.0, 20.0, 30.0, 42.5, 60.0, 80.0, 100.0, 120.0]
+    )
+    actuator_lag_s: list[Annotated[float, Range(0.002, 1.0, "s")]] = Field(default_factory=lambda: [0.02, 0.05, 0.1])
+    mass_percent: list[Annotated[float, Range(-50.0, 100.0, "%")]] = Field(default_factory=lambda: [-20.0, 0.0, 20.0])
+    stiffness_percent: list[Annotated[float, Range(-60.0, 100.0, "%")]] = Field(default_factory=lambda: [-20.0, 0.0, 15.0])
+    relaxation_length_m: list[Annotated[float, Range(0.0, 2.0, "m")]] = Field(default_factory=lambda: [0.0, 0.3, 0.6])
     delay_samples: int = Field(default=1, ge=0, le=20)
     gain_margin_db: Annotated[float, Range(1.0, 40.0, "dB")] = 8.0
     phase_margin_deg: Annotated[float, Range(5.0, 89.0, "deg")] = 45.0
@@ -130,21 +132,27 @@ class Controller(Section):
 class Limiter(Section):
     """The safety limiter, last in the chain whatever the controller computed: angle, rate, and angle against the front wheels.
 
-    Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In phase
-    the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with the front wheels straight
+    Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In
+    phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
     ahead the bound of the opposite phase holds to both sides.
     """
 
     rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 40.0
-    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = [60.0, 120.0]
-    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["off"] = [3.5, 1.5]
+    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
+        default_factory=lambda: [60.0, 120.0]
+    )
+    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["off"] = Field(
+        default_factory=lambda: [3.5, 1.5]
+    )
     in_phase_from_front_angle_deg: Annotated[float, Range(0.05, 20.0, "deg")] = 1.0
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
         speeds, angles = self.opposite_phase_speed_km_h, self.opposite_phase_max_deg
         if angles != "off" and len(angles) != len(speeds):
-            raise ValueError(f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed")
+            raise ValueError(
+                f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed"
+            )
         return self
 
     @property

@@ -1,20 +1,21 @@
-"""Commands that run the generated C: in software, and on a bus."""
+"""Commands that run the generated C on a bus, and what belongs to them."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from codegen import console
 from codegen.cli.base import example, file_type, json_option
+from codegen.cli.run_options import build_option, bus_option, clock_option, run_options
+from codegen.cli.sil_command import sil
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
@@ -23,54 +24,6 @@ if TYPE_CHECKING:
     from codegen.emit.text import Precision
     from hil_sim.bus import BusAddress
     from hil_sim.session import EcuKind, Setup
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-build_option = click.option(
-    "--build", "build_path", required=True, type=file_type, metavar="DIR", help="A folder made by codegen build."
-)
-bus_option = click.option(
-    "--bus", "bus", required=True, metavar="INTERFACE:CHANNEL", help="Any of python-can, e.g. socketcan:vcan0."
-)
-scenario_option = click.option(
-    "--scenario",
-    "scenario",
-    default="step-steer",
-    show_default=True,
-    metavar="NAME|FILE",
-    help="One of codegen scenarios, a recorded .csv, or a .toml of your own.",
-)
-clock_option = click.option(
-    "--lock-step/--real-time",
-    "lock_step",
-    default=False,
-    help="Simulated time, as fast as it goes, or by the clock (default).",
-)
-
-
-def sensor_options(command: Command) -> Command:
-    """--sensors and --seed."""
-    command = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and faults.")(
-        command
-    )
-    return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
-
-
-def result_options(command: Command) -> Command:
-    """--plot, --csv and --json."""
-    command = json_option(command)
-    command = click.option("--csv", type=file_type, metavar="CSV", help="Write the run, units in the column names.")(command)
-    return click.option("--plot", type=file_type, metavar="PNG", help="Draw the run beside the passive car.")(command)
-
-
-log_option = click.option("--log", type=file_type, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
-
-
-def run_options(command: Command) -> Command:
-    """All options of Choices."""
-    for option in (result_options, log_option, sensor_options, clock_option, scenario_option, bus_option):
-        command = option(command)
-    return command
 
 
 @dataclass(frozen=True)
@@ -112,55 +65,6 @@ class Choices:
             log=self.log,
             dbc=dbc,
         )
-
-
-@click.command(
-    short_help="Run the generated C in closed loop.",
-    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv"),
-)
-@build_option
-@click.option("--map", "map_path", type=file_type, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
-@scenario_option
-@click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
-@sensor_options
-@result_options
-def sil(
-    build_path: Path,
-    map_path: Path | None,
-    scenario: str,
-    through_can: bool,
-    sensors: bool,
-    seed: int,
-    plot: Path | None,
-    csv: Path | None,
-    as_json: bool,
-) -> None:
-    """Run the generated C in closed loop with the two-track plant, software in the loop."""
-    from codegen.cli.bench_report import Outputs, note_edited
-    from codegen.refmap import map as npz
-    from codegen.sil.software import load
-    from hil_sim.runs import run, run_through_can
-    from hil_sim.scenarios import find
-
-    outputs = Outputs(plot, csv, None, as_json)
-    outputs.check((map_path,))
-    if sensors and not through_can:
-        raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
-    config = npz.load(map_path).config if map_path is not None else None
-    if map_path is not None and config is None:
-        console.note(f"{map_path} brings no car; the build's own is taken")
-    software = load(build_path, config)
-    manoeuvre = find(scenario, software.config)
-    if not software.selftest():
-        raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
-    result = run_through_can(software, manoeuvre, sensors=sensors, seed=seed) if through_can else None
-    controlled = run(software, manoeuvre) if result is None else result.record
-    runs = {"controlled": controlled, "passive": run(software, manoeuvre, controlled=False)}
-    facts = {"build": str(build_path), "scenario": manoeuvre.name, "edited": list(software.edited)}
-    if sensors:
-        facts["sensors"] = f"seed {seed}"
-    note_edited(build_path, software.edited, quiet=as_json)
-    outputs.tell(str(build_path), software.config, manoeuvre, runs, result, facts)
 
 
 @click.command(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,57 +21,117 @@ if TYPE_CHECKING:
     from hil_sim.bench import BenchResult
     from hil_sim.scenarios import Scenario
 
-WITH_SUITE = ("build_path", "plot", "as_json", "suite", "folder")
-"""Options that go with --suite; the others are about one scenario."""
+    Record = npt.NDArray[np.float64]
+
+OF_A_SCENARIO = ("map_path", "scenario", "baselines", "through_can", "sensors", "seed", "csv")
+"""Parameters that do not go with --suite."""
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user chose for a scenario."""
+
+    build_path: Path
+    map_path: Path | None
+    scenario: str
+    baselines: bool
+    through_can: bool
+    sensors: bool
+    seed: int
+    plot: Path | None
+    csv: Path | None
+    as_json: bool
+
+    def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
+        """A recording of a controller; with what its bus did, where there is one."""
+        from hil_sim.runs import run, run_through_can
+
+        if not self.through_can:
+            return run(software, scenario), None
+        result = run_through_can(software, scenario, sensors=self.sensors, seed=self.seed)
+        return result.record, result
 
 
 @click.command(
     short_help="Run the generated C in closed loop.",
-    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv"),
+    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv\n  codegen sil --suite tracking"),
 )
 @click.option("--build", "build_path", type=file_type, metavar="DIR", help="A folder made by codegen build.")
 @click.option("--map", "map_path", type=file_type, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
-@click.option("--scenario", "scenario", metavar="NAME|FILE", show_default=DEFAULT_SCENARIO, help=SCENARIO_HELP)
-@click.option("--baselines", "baselines", is_flag=True, help="Show the paper's PI, feedforward and a proportional law beside.")
+@click.option("--scenario", "scenario", default=DEFAULT_SCENARIO, show_default=True, metavar="NAME|FILE", help=SCENARIO_HELP)
+@click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
 @click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
 @sensor_options
 @click.option(
     "--suite",
-    "suite",
     metavar="NAME",
-    help="The whole test set (tracking) instead of a scenario: of the build, or of the recommended preset made in memory.",
+    help="Instead of a scenario the whole test set, tracking; without --build, of the recommended preset.",
 )
-@click.option("-o", "--output", "folder", type=file_type, metavar="DIR", help="With --suite: all its pictures.")
+@click.option("-o", "--output", "folder", type=file_type, metavar="DIR", help="Of --suite: all its pictures.")
 @result_options
 @click.pass_context
-def sil(
-    context: click.Context,
-    build_path: Path | None,
-    map_path: Path | None,
-    scenario: str | None,
-    baselines: bool,
-    through_can: bool,
-    sensors: bool,
-    seed: int,
-    suite: str | None,
-    folder: Path | None,
-    plot: Path | None,
-    csv: Path | None,
-    as_json: bool,
-) -> None:
+def sil(context: click.Context, /, suite: str | None, folder: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with the two-track plant, software in the loop.
 
-    With --suite tracking, drive the controller and its baselines in every cell of the test set, and hold the figures against
-    what is asked; exit 1 where one is missed.
+    With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
+    is asked, and exit 1 where one is missed. --plot then draws an overview.
     """
     if suite is not None:
-        _refuse_with_suite(context)
         from codegen.cli.suite_command import SuiteOutputs, run_suite_command
 
-        run_suite_command(suite, build_path, SuiteOutputs(plot, folder, as_json))
+        _refuse_with_suite(context)
+        run_suite_command(suite, given["build_path"], SuiteOutputs(given["plot"], folder, given["as_json"]))
         return
-    if build_path is None:
-        raise CodegenError("no build is named", where="--build", remedy="make one with `codegen build`, or give --suite tracking")
+    if given["build_path"] is None:
+        raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or give --suite tracking")
     if folder is not None:
-        raise CodegenError("it is for the pictures of --suite", where="-o", remedy="name the picture of a run with --plot")
-    _one_scenario(build_path, map_path, scenario or DEFAULT_SCENARIO, baselines, through_can, sensors, seed, plot, csv, as_json)
+        raise CodegenError("it is for the pictures of --suite", where="-o", remedy="name the picture of a scenario with --plot")
+    _run_scenario(Choices(**given))
+
+
+def _refuse_with_suite(context: click.Context) -> None:
+    for option in context.command.params:
+        given = context.get_parameter_source(option.name or "") is click.core.ParameterSource.COMMANDLINE
+        if option.name in OF_A_SCENARIO and given:
+            remedy = "leave one of the two out"
+            raise CodegenError("it is about one scenario, and --suite has its own", where=option.opts[0], remedy=remedy)
+
+
+def _run_scenario(chosen: Choices) -> None:
+    from codegen.cli.bench_report import Outputs, note_edited
+    from codegen.refmap import map as npz
+    from codegen.sil.software import load
+    from hil_sim.runs import run
+    from hil_sim.scenarios import find
+
+    build_path = chosen.build_path
+    outputs = Outputs(chosen.plot, chosen.csv, None, chosen.as_json)
+    outputs.check((chosen.map_path,))
+    if chosen.sensors and not chosen.through_can:
+        raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
+    config = npz.load(chosen.map_path).config if chosen.map_path is not None else None
+    if chosen.map_path is not None and config is None:
+        console.note(f"{chosen.map_path} brings no car; the build's own is taken")
+    software = load(build_path, config)
+    scenario = find(chosen.scenario, software.config)
+    if not software.selftest():
+        raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
+    controlled, result = chosen.drive(software, scenario)
+    beside = _baselines(chosen, software, scenario) if chosen.baselines else {}
+    runs = {"controlled": controlled, **beside, "passive": run(software, scenario, controlled=False)}
+    facts = {"build": str(build_path), "scenario": scenario.name, "edited": list(software.edited)}
+    if chosen.sensors:
+        facts["sensors"] = f"seed {chosen.seed}"
+    note_edited(build_path, software.edited, quiet=chosen.as_json)
+    outputs.tell(str(build_path), software.config, scenario, runs, result, facts)
+
+
+def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:
+    """Name to recording of the baselines, made in memory for the build's car and driven on the car of `software`."""
+    from hil_sim.suite.candidate import of_folder
+
+    with console.progress("baselines") as steps:
+        line_up = of_folder(chosen.build_path).line_up(steps)
+    for text in line_up.notes:
+        console.note(text)
+    return {each.name: chosen.drive(each.around(software.config), scenario)[0] for each in line_up.baselines}

@@ -61,8 +61,9 @@ class WorstMembers:
 class Weakest:
     """The smallest margins of the configured car over speed, and the speeds (m/s) where they are.
 
-    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its limit of warning, and at which the
-    loop is unstable; None where there is none. The smallest margins need not be at the same speed: `speed` is that of the one nearer to its limit of warning, or farther below it.
+    They need not be at the same speed: `speed` is that of the one nearer to its limit of warning, or farther below it.
+    `warns_from` and `unstable_from` are the lowest speeds (m/s) at which a margin is below its limit of warning, and at which
+    the loop is unstable; None where there is none.
     """
 
     gain_margin_db: float

@@ -65,8 +65,8 @@ class Evidence:
         )
 
     def loss_rows(self) -> list[tuple[str, ...]]:
-        """For the README: speed, front angle, rear angle, and the largest sideslip after each kind of loss; the last angle of each
-        speed."""
+        """For the README, at the largest front angle of each speed: km/h, angles and sideslip in deg before the loss, and the
+        largest sideslip after each kind of loss."""
         loss = self.loss
         rows = []
         last = {float(speed): k for k, speed in enumerate(loss.speed)}

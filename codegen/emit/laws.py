@@ -19,6 +19,18 @@ from codegen.errors import BuildError
 from codegen.vehicle.single_track import SingleTrack
 
 
+def _no_parameters(_config: Config) -> tuple[Parameter, ...]:
+    return ()
+
+
+def _no_gains(_config: Config) -> Gains | None:
+    return None
+
+
+def _no_arrays(_config: Config, _prefix: str) -> tuple[tuple[str, int], ...]:
+    return ()
+
+
 @dataclass(frozen=True)
 class Law:
     """A kind of controller.
@@ -37,10 +49,10 @@ class Law:
     title: str
     parameters: Callable[[Config], tuple[Parameter, ...]]
     state: tuple[Field, ...] = ()
-    gains: Callable[[Config], Gains | None] = lambda config: None
+    gains: Callable[[Config], Gains | None] = _no_gains
     uses_rear_angle: bool = False
     uses_reference_model: bool = False
-    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = lambda config, prefix: ()
+    points: Callable[[Config, str], tuple[tuple[str, int], ...]] = _no_arrays
 
 
 def law_of(config: Config) -> Law:
@@ -129,7 +141,11 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter("trim_share", tracking.trim_max_percent / 100.0, "of the map's yaw rate: bound of the trim", 0.0, 0.2),
         Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, how fast the trim follows", 0.01, 20.0),
         Parameter(
-            "grip_shortfall", tracking.grip_shortfall_m_s2, "m/s^2 of missing lateral acceleration that is no loss of grip", 0.1, 20.0
+            "grip_shortfall",
+            tracking.grip_shortfall_m_s2,
+            "m/s^2 of missing lateral acceleration that is no loss of grip",
+            0.1,
+            20.0,
         ),
         Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, how fast the grip follows a larger one", 0.1, 50.0),
         Parameter("grip_recovery", tracking.grip_recovery_m_s3, "m/s^2 that the grip recovers in a second", 0.01, 100.0),
@@ -158,15 +174,14 @@ LAWS = {
             state=(
                 Field("real", "trim", "rad/s, towards the map's yaw rate"),
                 Field("real", "integral", "rad, of rear angle"),
+                Field("bool", "starting", "the next step sets the integral"),
                 Field("real", "front_angle", "rad, of the last sample"),
                 Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),
             ),
             gains=lambda config: gains_of(schedule_of(config)),
             uses_rear_angle=True,
             uses_reference_model=True,
-            points=lambda config, prefix: (
-                (f"{prefix.upper()}_SCHEDULE_POINTS", len(schedule_of(config).speed_km_h)),
-            ),
+            points=lambda config, prefix: ((f"{prefix.upper()}_SCHEDULE_POINTS", len(schedule_of(config).speed_km_h)),),
         ),
         Law(
             kind="pi",
@@ -178,7 +193,7 @@ LAWS = {
         Law(
             kind="feedforward",
             title="the optimum's own rear angle, without feedback",
-            parameters=lambda config: (),
+            parameters=_no_parameters,
             uses_rear_angle=True,
         ),
         Law(

@@ -64,7 +64,9 @@ def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -
             1.0,
         ),
         Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, beyond it a speed is none", 1.0, 200.0),
-        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5),
+        Parameter(
+            "front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5
+        ),
     )
     period = config.controller.sampling_time_s
     return LimiterView(

@@ -18,7 +18,6 @@ from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
 
 
-
 @dataclass(frozen=True)
 class AxisView:
     """One axis. Fields that do not apply to its kind are empty."""

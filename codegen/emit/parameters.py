@@ -75,9 +75,7 @@ def parameter_view(parameter: Parameter, precision: Precision, real: str) -> Par
         value = _braced(lines_of([literal(number, precision) for number in parameter.value]))
     else:
         value = literal(parameter.value, precision)
-    return ParameterView(
-        real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing
-    )
+    return ParameterView(real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing)
 
 
 def _braced(lines: tuple[str, ...]) -> str:

@@ -31,8 +31,8 @@ for the rounding of the target's precision."""
 SIDESLIP_MAX = math.radians(20.0)
 STEP_STABLE = 1.0
 """Largest product of step and fastest pole: Heun's method is stable up to 2."""
-ARGUMENT_MAX = 1e6
-"""The curve's argument where it has long reached its end."""
+ARGUMENT_MAX = 64.0
+"""Of the curve: beyond B alpha of any slip that a rolling wheel can have, its value is held."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class CurveView:
     title: str
     cells: int
     compression: str
+    cells_per_share: str
     lines: tuple[str, ...]
     error: float
     error_text: str
@@ -80,7 +81,7 @@ class ReferenceModelView:
 
 @dataclass(frozen=True)
 class Curve:
-    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), the end of x at infinity included.
+    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), from x = 0 to ARGUMENT_MAX.
 
     Attributes:
         compression: of the argument.
@@ -92,32 +93,47 @@ class Curve:
     values: FloatArray
     error: float
 
+    @property
+    def last_share(self) -> float:
+        """s at the end of the table."""
+        return _last_share(self.compression)
 
-def tabulate(tyre: MagicFormulaTyre) -> Curve:
-    """The smallest table whose interpolation keeps CURVE_ERROR_MAX, else the largest one there is."""
-    found = None
+
+def _last_share(compression: float) -> float:
+    return ARGUMENT_MAX / (ARGUMENT_MAX + compression)
+
+
+def tabulate(tyre: MagicFormulaTyre, where: str = "tyre") -> Curve:
+    """The smallest table whose interpolation keeps CURVE_ERROR_MAX. Raises BuildError where none does."""
     for cells in CELLS:
         found = min((_curve(tyre, cells, compression) for compression in COMPRESSIONS), key=lambda curve: curve.error)
         if found.error <= CURVE_ERROR_MAX:
-            break
-    assert found is not None
-    return found
+            return found
+    raise BuildError(
+        f"no table of {CELLS[-1]} cells follows the tyre's curve within {CURVE_ERROR_MAX:g} of its peak",
+        where=where,
+        remedy="check shape_factor_c and curvature_factor_e",
+    )
 
 
 def _curve(tyre: MagicFormulaTyre, cells: int, compression: float) -> Curve:
-    values = _shape(tyre, np.linspace(0.0, 1.0, cells + 1), compression)
-    places = np.linspace(0.0, 1.0, cells * ERROR_SAMPLES + 1)
-    error = np.abs(np.interp(places, np.linspace(0.0, 1.0, cells + 1), values) - _shape(tyre, places, compression)).max()
+    last = _last_share(compression)
+    points, places = (np.linspace(0.0, last, count) for count in (cells + 1, cells * ERROR_SAMPLES + 1))
+    values = _shape(tyre, points, compression)
+    error = np.abs(np.interp(places, points, values) - _shape(tyre, places, compression)).max()
     return Curve(compression, values, float(error) * ERROR_ALLOWANCE)
 
 
 def _shape(tyre: MagicFormulaTyre, places: FloatArray, compression: float) -> FloatArray:
-    with np.errstate(divide="ignore"):
-        x = np.minimum(compression * places / (1.0 - places), 1e12)
-    result: FloatArray = np.sin(
-        tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x)))
-    )
+    x = compression * places / (1.0 - places)
+    result: FloatArray = np.sin(tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x))))
     return result
+
+
+def rounded_up(value: float) -> str:
+    """Two digits, not below the value."""
+    exponent = math.floor(math.log10(value))
+    return f"{math.ceil(value / 10.0 ** (exponent - 1)) * 10.0 ** (exponent - 1):.1e}"
 
 
 def speed_min(config: Config) -> float:
@@ -173,14 +189,15 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
 
 
 def _curve_view(tyre: MagicFormulaTyre, name: str, precision: Precision) -> CurveView:
-    curve = tabulate(tyre)
+    curve = tabulate(tyre, f"tyre.{name}")
     return CurveView(
         name=name,
         NAME=name.upper(),
         title=f"{name.capitalize()} tyre",
         cells=curve.values.size - 1,
         compression=literal(curve.compression, precision),
+        cells_per_share=literal((curve.values.size - 1) / curve.last_share, precision),
         lines=lines_of([literal(float(value), precision) for value in curve.values]),
         error=curve.error,
-        error_text=f"{curve.error:.1e}",
+        error_text=rounded_up(curve.error),
     )

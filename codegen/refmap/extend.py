@@ -9,8 +9,8 @@ Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest 
   uncapped, so that the lookup meets the minimum of both exactly and not along a chord;
 - a speed without a feasible cell takes its neighbours'.
 
-The rear angle that goes with it follows the same rules: the optimum's own inside, and beyond an edge the edge's, which is what the
-linear car needs for the straight line of the third rule. A bare table brings no rear angles: they are delta_f - r/G then.
+The rear angle that goes with it follows the same rules: the optimum's own inside, and beyond an edge the edge's, which is what
+the linear car needs for the straight line of the third rule. A bare table brings no rear angles: they are delta_f - r/G then.
 
 Holding the last feasible yaw rate instead would, at 20 km/h, ask for less than the passive car does at larger angles, and
 steer the rear wheels with the front ones just where the driver wants to turn.
@@ -19,7 +19,6 @@ steer the rear wheels with the front ones just where the driver wants to turn.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -30,94 +29,13 @@ from codegen.refmap import exact
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.stack import layer_configs
+from codegen.refmap.total import RULE_TEXT, CapSteering, Rule, TotalMap
 from codegen.vehicle.single_track import SingleTrack
+
+__all__ = ["RULE_TEXT", "CapSteering", "Rule", "TotalMap", "extend"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-
-
-class Rule(StrEnum):
-    """Where a cell of the total map comes from; one letter, as in the manifest."""
-
-    SOLVED = "s"
-    ZERO = "z"
-    HOLD = "h"
-    PASSIVE_SLOPE = "p"
-    BETWEEN = "i"
-    NEIGHBOUR = "n"
-
-
-RULE_TEXT = {
-    Rule.SOLVED: "as in the map",
-    Rule.ZERO: "zero at zero speed or zero front angle",
-    Rule.HOLD: "beyond an edge set by grip: ay_cap / speed",
-    Rule.PASSIVE_SLOPE: "beyond an edge set by sideslip or rear angle, or beyond the last angle: on with the passive gain",
-    Rule.BETWEEN: "infeasible between feasible cells: interpolated over the front angle",
-    Rule.NEIGHBOUR: "no feasible cell at this speed: interpolated between the neighbouring speeds",
-}
-
-
-@dataclass(frozen=True)
-class CapSteering:
-    """Rear steering for the yaw rate that the cap takes away: the linear car turns by 1/G = L/vx + K vx rad less for each rad/s.
-
-    Attributes:
-        wheelbase: L, m. understeer_coefficient: K, s^2/m.
-        rear_arm: m, and rear_slip_per_lateral_acceleration: rad s^2/m, of the sideslip beta = delta_r + r (lr/vx - slip vx).
-        sideslip_max: rad; such steering ends where the steady sideslip would reach it.
-        rear_angle_max: rad.
-    """
-
-    wheelbase: float
-    understeer_coefficient: float
-    rear_arm: float
-    rear_slip_per_lateral_acceleration: float
-    sideslip_max: float
-    rear_angle_max: float
-
-    @classmethod
-    def from_config(cls, config: Config) -> CapSteering:
-        """Of the car and the limits of a configuration."""
-        car = SingleTrack.from_config(config)
-        return cls(
-            car.wheelbase,
-            car.understeer_coefficient,
-            car.rear_arm,
-            car.rear_slip_per_lateral_acceleration,
-            config.limits.sideslip_max,
-            min(config.limits.rear_angle_max, config.rear_actuator.angle_max),
-        )
-
-
-@dataclass(frozen=True)
-class TotalMap:
-    """A map over the whole domain of an ECU.
-
-    Attributes:
-        speed: (n,) m/s, from 0. front_angle: (m,) rad, from 0 to the mechanical stop or beyond.
-        yaw_rate: (n, m) rad/s, before the cap.
-        rear_angle: (n, m) rad, within the actuator's range.
-        rule: (n, m) of `Rule` letters.
-        lateral_acceleration_cap: ay_cap, m/s^2.
-        friction: the road friction that the map assumes.
-        steering: what the lookup needs where the cap takes yaw rate away.
-        layers: the total maps of lower frictions on the same axes, the lowest first.
-    """
-
-    speed: FloatArray
-    front_angle: FloatArray
-    yaw_rate: FloatArray
-    rear_angle: FloatArray
-    rule: npt.NDArray[np.str_]
-    lateral_acceleration_cap: float
-    friction: float
-    steering: CapSteering
-    layers: tuple[TotalMap, ...] = ()
-
-    @property
-    def stack(self) -> tuple[TotalMap, ...]:
-        """All total maps, the one of the lowest friction first, this one last."""
-        return (*self.layers, self)
 
 
 @dataclass(frozen=True)
@@ -141,49 +59,60 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     Raises:
         MapError: no cell is feasible, or the car of the configuration is unstable at a speed of the map.
     """
-    speed, front_angle = reference_map.speed, reference_map.front_angle
     config = reference_map.config or config
     if not reference_map.feasible.any():
         raise MapError("no cell is feasible", where="feasible", remedy="relax the limits or check the vehicle data")
-    gain = _passive_gain(config, speed)
-    cap = _lateral_acceleration_cap(reference_map)
-    yaw_rate, rule = _fill_inside(reference_map, reference_map.yaw_rate)
-    rear_angle, _ = _fill_inside(reference_map, _rear_angle(reference_map, gain))
-    edges = _edges(reference_map, yaw_rate, rear_angle, gain)
+    speed, front_angle = reference_map.speed, reference_map.front_angle
     stop = config.steering.front_angle_stop if front_angle_stop is None else front_angle_stop
     angles = np.concatenate([front_angle, [stop]]) if stop > front_angle[-1] * (1.0 + 1e-6) else front_angle
-    filled, rear = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
-    filled[:, : front_angle.size], rear[:, : front_angle.size] = yaw_rate, rear_angle
-    letters = np.full(filled.shape, Rule.PASSIVE_SLOPE.value)
-    letters[:, : front_angle.size] = rule
-    slope_line = edges.yaw_rate[:, np.newaxis] + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
-    hold = np.where(speed > 0.0, cap / np.maximum(speed, 1e-9), 0.0)[:, np.newaxis]
-    beyond = np.isnan(filled) & np.isfinite(edges.front_angle)[:, np.newaxis]
-    grip = edges.grip_limited[:, np.newaxis]
-    filled = np.where(beyond, np.where(grip, hold, slope_line), filled)
-    letters = np.where(beyond & grip, Rule.HOLD.value, letters)
-    rear = np.where(beyond, edges.rear_angle[:, np.newaxis], rear)
-    steering = CapSteering.from_config(config)
-    empty: BoolArray = np.any(np.isnan(filled), axis=1)
-    letters = np.where(empty[:, np.newaxis], Rule.NEIGHBOUR.value, letters)
-    filled, rear = (_from_neighbours(speed, values, empty) for values in (filled, rear))
-    rear = np.clip(rear, -steering.rear_angle_max, steering.rear_angle_max)
-    layers = tuple(
-        extend(layer.map, road, stop)
-        for layer, road in zip(reference_map.layers, layer_configs(reference_map, config), strict=True)
-    )
+    cap, steering = _lateral_acceleration_cap(reference_map), CapSteering.from_config(config)
+    filled = _beyond_the_edges(reference_map, angles, _passive_gain(config, speed), cap)
     zeros = _Zeros(speed, angles)
     return TotalMap(
         speed=zeros.speed,
         front_angle=zeros.front_angle,
-        yaw_rate=zeros.table(filled),
-        rear_angle=zeros.table(rear),
-        rule=zeros.rule(letters),
+        yaw_rate=zeros.table(filled.yaw_rate),
+        rear_angle=zeros.table(np.clip(filled.rear_angle, -steering.rear_angle_max, steering.rear_angle_max)),
+        rule=zeros.rule(filled.rule),
         lateral_acceleration_cap=cap,
         friction=config.road.friction,
         steering=steering,
-        layers=layers,
+        layers=tuple(
+            extend(layer.map, road, stop)
+            for layer, road in zip(reference_map.layers, layer_configs(reference_map, config), strict=True)
+        ),
     )
+
+
+@dataclass(frozen=True)
+class _Filled:
+    """Tables (n, k) over all angles, without a gap, and where each cell comes from."""
+
+    yaw_rate: FloatArray
+    rear_angle: FloatArray
+    rule: npt.NDArray[np.str_]
+
+
+def _beyond_the_edges(reference_map: ReferenceMap, angles: FloatArray, gain: FloatArray, cap: float) -> _Filled:
+    """The map on `angles` (k,), with `gain` (n,) of the passive car in 1/s and the largest lateral acceleration in m/s^2."""
+    speed, points = reference_map.speed, reference_map.front_angle.size
+    known_yaw_rate, known_rule = _fill_inside(reference_map, reference_map.yaw_rate)
+    known_rear_angle, _ = _fill_inside(reference_map, _rear_angle(reference_map, gain))
+    edges = _edges(reference_map, known_yaw_rate, known_rear_angle, gain)
+    yaw_rate, rear_angle = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
+    yaw_rate[:, :points], rear_angle[:, :points] = known_yaw_rate, known_rear_angle
+    rule = np.full(yaw_rate.shape, Rule.PASSIVE_SLOPE.value)
+    rule[:, :points] = known_rule
+    slope_line = edges.yaw_rate[:, np.newaxis] + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
+    hold = np.where(speed > 0.0, cap / np.maximum(speed, 1e-9), 0.0)[:, np.newaxis]
+    beyond = np.isnan(yaw_rate) & np.isfinite(edges.front_angle)[:, np.newaxis]
+    grip = edges.grip_limited[:, np.newaxis]
+    yaw_rate = np.where(beyond, np.where(grip, hold, slope_line), yaw_rate)
+    rear_angle = np.where(beyond, edges.rear_angle[:, np.newaxis], rear_angle)
+    rule = np.where(beyond & grip, Rule.HOLD.value, rule)
+    empty: BoolArray = np.any(np.isnan(yaw_rate), axis=1)
+    rule = np.where(empty[:, np.newaxis], Rule.NEIGHBOUR.value, rule)
+    return _Filled(_from_neighbours(speed, yaw_rate, empty), _from_neighbours(speed, rear_angle, empty), rule)
 
 
 def _rear_angle(reference_map: ReferenceMap, gain: FloatArray) -> FloatArray:
@@ -272,7 +201,8 @@ def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray, rear_angle: FloatA
 def _end_of_cells(reference_map: ReferenceMap, problem: SteadyTurnProblem) -> exact.Edge:
     """The edge of the continuous problem. A passive-safe map ends where the passive car does, with the optimum's own values
     there: mostly below what grip allows, so that the slope goes on from them."""
-    assert reference_map.config is not None and reference_map.case is not None  # a solved map has both
+    assert reference_map.config is not None  # a solved map has both
+    assert reference_map.case is not None
     speed = reference_map.speed
     if not reference_map.config.case(reference_map.case).passive_safe or problem.rear_angle_max == 0.0:
         return exact.edge(problem, speed)

@@ -181,7 +181,9 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
     metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
     tracking = metrics.pop(TRACKING)
-    return Reproduction(folder, tuple(_table(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs)
+    return Reproduction(
+        folder, tuple(_table(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs
+    )
 
 
 def _table(config: Config) -> list[TableRow]:

@@ -12,7 +12,6 @@ from codegen.report.style import (
     GREY,
     ORANGE,
     PURPLE,
-    SKY,
     VERMILION,
     WHITE,
     plain,
@@ -25,10 +24,10 @@ COLOURS = {
     "tracking": BLUE,
     "pi": VERMILION,
     "feedforward": GREEN,
-    "proportional": ORANGE,
+    "proportional": PURPLE,
     "passive": BLACK,
 }
-MORE_COLOURS = (PURPLE, SKY)
+MORE_COLOURS = (ORANGE, GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P", "*")
 LIMIT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
 WARNING: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}

@@ -1,6 +1,6 @@
 """That every loop of the generated C ends after a number of rounds that is known when it is compiled.
 
-With that, and without recursion, there is a largest number of instructions that a call can take. The rule, over the syntax tree:
+With that, and without recursion, there is a largest number of instructions that a call can take. The rule, on the syntax tree:
 
 - the only loop is `for (i = constant; i < constant; i++)`, or likewise downwards or with another constant step;
 - its counter is not written in its body;
@@ -187,9 +187,7 @@ def _is_name(node: Any, name: str) -> bool:
 
 def _writes(node: Any, name: str) -> bool:
     assigned = (_is_name(each.lvalue, name) for each in _all(node, c_ast.Assignment))
-    changed = (
-        each.op in ("p++", "p--", "++", "--", "&") and _is_name(each.expr, name) for each in _all(node, c_ast.UnaryOp)
-    )
+    changed = (each.op in ("p++", "p--", "++", "--", "&") and _is_name(each.expr, name) for each in _all(node, c_ast.UnaryOp))
     return any(assigned) or any(changed)
 
 

@@ -112,7 +112,7 @@ def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict
 
 @contextlib.contextmanager
 def source_tree(sources: Mapping[str, str | bytes]) -> Iterator[Path]:
-    """The sources and the bare headers in a folder, alone in one that may be filled beside it. Raises BuildError: a full disk."""
+    """The sources and the bare headers in a folder; its parent is for what is made of them. Raises BuildError: a full disk."""
     try:
         with tempfile.TemporaryDirectory(prefix="ars-cross-") as scratch:
             tree = Path(scratch, "tree")

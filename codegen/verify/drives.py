@@ -1,4 +1,4 @@
-"""What a controller is driven with to find its longest step: recordings of the closed loop, and samples drawn to reach every path.
+"""What a controller is driven with to find its longest step: recordings of the closed loop, and samples drawn from everywhere.
 
 A drive is an array (samples, 6), see `on_target.Drive`. The same configuration and seed give the same drives.
 """
@@ -52,7 +52,7 @@ class Ground:
         speeds = [
             *(controller.enable_speed_km_h, controller.disable_speed_km_h, controller.fail_safe.hold_above_km_h),
             *config.limiter.opposite_phase_speed_km_h,
-            *((schedule.speed_km_h if schedule else ())),
+            *(schedule.speed_km_h if schedule else ()),
             controller.inputs.speed_max_km_h,
         ]
         return cls(
@@ -123,7 +123,9 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     plausible = np.minimum(turn, 0.0) - margin + generator.random(count) * (np.abs(turn) + 2.0 * margin)
     yaw_rate_max = math.radians(inputs.yaw_rate_max_deg_s)
     anything = generator.uniform(-yaw_rate_max, yaw_rate_max, count)
-    yaw_rate = np.where(generator.random(count) < 0.97, np.clip(plausible / vehicle.wheelbase, -yaw_rate_max, yaw_rate_max), anything)
+    yaw_rate = np.where(
+        generator.random(count) < 0.97, np.clip(plausible / vehicle.wheelbase, -yaw_rate_max, yaw_rate_max), anything
+    )
     steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
     rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
     friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))
@@ -146,7 +148,8 @@ def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random
         ],
     )
     # The largest itself is accepted by the C in its own precision.
-    return np.minimum(found, float(np.nextafter(np.float32(largest), np.float32(0.0))))
+    result: FloatArray = np.minimum(found, float(np.nextafter(np.float32(largest), np.float32(0.0))))
+    return result
 
 
 def _with_gaps(drive: Drive, gap: tuple[float, float], generator: np.random.Generator) -> Drive:

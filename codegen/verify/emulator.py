@@ -36,7 +36,7 @@ FPU_ON = 0x4000_0000
 
 @dataclass(frozen=True)
 class Function:
-    """A function of the image: its code from `start` to before `end`, and the 16-bit words in between that are no code."""
+    """A function of the image: its code, and the constants that stand among it, from `start` to before `end`."""
 
     name: str
     start: int
@@ -76,18 +76,19 @@ class CortexM4:
         self.functions = _functions(symbols)
         self._addresses = {symbol.name: int(symbol["st_value"]) for symbol in symbols if symbol.name}
         self._trace: list[int] = []
-        self._hook: Any = None
         self._known: dict[int, int] = {}
 
     def _load(self, elf: Any) -> None:
-        for segment in elf.iter_segments():
-            if segment["p_type"] == "PT_LOAD" and segment["p_memsz"]:
-                start, size = int(segment["p_vaddr"]), int(segment["p_memsz"])
-                first, last = start // PAGE, (start + size - 1) // PAGE
-                for page in range(first, last + 1):  # two segments may share one
-                    if not any(low <= page * PAGE <= high for low, high, _ in self._core.mem_regions()):
-                        self._core.mem_map(page * PAGE, PAGE)
-                self._core.mem_write(start, segment.data())
+        segments = [each for each in elf.iter_segments() if each["p_type"] == "PT_LOAD" and each["p_memsz"]]
+        mapped = 0
+        for segment in sorted(segments, key=lambda each: int(each["p_vaddr"])):
+            start = int(segment["p_vaddr"])
+            end = -(-(start + int(segment["p_memsz"])) // PAGE) * PAGE
+            first = max(start // PAGE * PAGE, mapped)  # two segments may share a page
+            if end > first:
+                self._core.mem_map(first, end - first)
+                mapped = end
+            self._core.mem_write(start, segment.data())
 
     def call(self, name: str, *arguments: int) -> int:
         """Call a function with up to four words; what it leaves in r0.
@@ -96,7 +97,9 @@ class CortexM4:
             BuildError: the code goes where there is no memory, or does not come back.
         """
         core, arm = self._core, self._arm
-        for register, value in zip((arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3), arguments, strict=False):
+        for register, value in zip(
+            (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3), arguments, strict=False
+        ):
             core.reg_write(register, value)
         core.reg_write(arm.UC_ARM_REG_SP, STACK_TOP)
         core.reg_write(arm.UC_ARM_REG_LR, RETURN | 1)
@@ -115,9 +118,11 @@ class CortexM4:
         # Blocks that were translated before do not tell.
         self._core.ctl_flush_tb()
         append = self._trace.append
-        hook = self._core.hook_add(
-            self._unicorn.UC_HOOK_BLOCK, lambda core, address, size, data: append((address << SIZE_BITS) | size)
-        )
+
+        def entered(core: Any, address: int, size: int, data: Any) -> None:  # noqa: ARG001 - as the emulator calls it
+            append((address << SIZE_BITS) | size)
+
+        hook = self._core.hook_add(self._unicorn.UC_HOOK_BLOCK, entered)
         try:
             work()
         finally:

@@ -55,7 +55,10 @@ def drive_of(measurements: Sequence[Measurement]) -> Drive:
 
 def measurements_of(drive: Drive) -> list[Measurement]:
     """The same, back."""
-    return [Measurement(*(float(value) for value in row[:-1]), inhibit=bool(row[-1])) for row in drive]
+    return [
+        Measurement(speed, front_angle, yaw_rate, rear_angle, friction, bool(inhibit))
+        for speed, front_angle, yaw_rate, rear_angle, friction, inhibit in drive.tolist()
+    ]
 
 
 class Target:

@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable
 from multiprocessing.pool import AsyncResult, Pool
+from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -21,16 +22,24 @@ class Background:
 
     def __init__(self) -> None:
         self._pool: Pool | None = None
+        self._processes: list[BaseProcess] = []
 
     def __enter__(self) -> Self:
         """Nothing is started yet."""
         return self
 
+    @property
+    def processes(self) -> tuple[BaseProcess, ...]:
+        """Those that run the calls."""
+        return tuple(self._processes)
+
     def call(self, function: Callable[..., Result], *arguments: Any) -> AsyncResult[Result]:
         """Call a function soon; `get` of what is returned waits for its result."""
         if self._pool is None:
             # Not forked: threads of this process may hold locks.
+            before = set(multiprocessing.active_children())
             self._pool = multiprocessing.get_context("spawn").Pool(os.cpu_count(), _leave_interrupts_to_parent)
+            self._processes = [each for each in multiprocessing.active_children() if each not in before]
         return self._pool.apply_async(function, arguments)
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

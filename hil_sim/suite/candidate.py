@@ -158,13 +158,3 @@ def _entry(manifest: Any, folder: Path, *keys: str) -> Any:
             raise BuildError(f"its manifest has no {'.'.join(keys)}", where=folder, remedy="build it again")
         manifest = manifest[key]
     return manifest
-
-
-def baselines_of(folder: Path) -> dict[str, Subject]:
-    """The baselines for a build, on its map: name to subject. Raises as `of_folder` and `Candidate.line_up`."""
-    candidate = of_folder(folder)
-    reference_map = candidate.reference_map()
-    return {
-        name: of_config(name, reference_map, config, candidate.precision)
-        for name, config in baseline_configs(candidate.config).items()
-    }

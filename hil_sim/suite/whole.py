@@ -65,7 +65,7 @@ def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = u
         counted = background.call(count, generated.files, generated.manifest) if count is not None else None
         with stage("driving") as steps:
             result = run_suite(
-                line_up.tested, line_up.baselines, line_up.case, progress=lambda _, done, total: steps(done, total)
+                line_up.tested, line_up.baselines, line_up.case, progress=lambda _, done, total: steps(done + 1, total)
             )
         outside, notes = _collect(driven, counted, stage)
     return Whole(result.with_outside(outside), generated.edited, (*line_up.notes, *notes))
@@ -87,4 +87,5 @@ def _collect(
                 instructions = counted.get()
             except CodegenError as error:
                 notes.append(f"the instructions of a step were not counted: {error}")
+        steps(len(driven) + 1, len(driven) + 1)
     return Outside(cells, instructions), notes

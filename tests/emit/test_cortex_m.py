@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import os
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ import pytest
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import SymbolTableSection
 
-from codegen.config import Config, parse
+from codegen.config import Config, Kind, Schedule, parse
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.text import Precision
 from codegen.emit.write import Folder, write_folder
@@ -36,8 +35,8 @@ WARNINGS = (
     ),
     *("-Wmissing-prototypes", "-Werror"),
 )
-HEADED = ("map", "controller", "dynamics", "e2e", "can", "task")
-"""Sources with a header of their name."""
+HEADED = ("map", "limiter", "controller", "dynamics", "e2e", "can", "task", "reference_model")
+"""Sources with a header of their name; the last is one of the kind "tracking" alone."""
 PARTS = (*HEADED, "selftest")
 
 EVEN = {"speed_points": 21, "front_angle_points": 20}
@@ -47,15 +46,21 @@ UNEVEN = {
 }
 GRIDS: dict[str, dict[str, Any]] = {"even": EVEN, "uneven": UNEVEN}
 
-Variant = tuple[Precision, str, str]
-"""Precision, prefix, grid."""
+SCHEDULE = Schedule(speed_km_h=[15.0, 60.0, 120.0], proportional_gain_s=[0.01, 0.1, 0.14], integral_gain=[1.8, 0.9, 0.4])
 
-# Every pair of choices once.
+Variant = tuple[Precision, str, str, Kind]
+"""Precision, prefix, grid, kind of controller."""
+
+# Every pair of choices at least once.
 VARIANTS: tuple[Variant, ...] = (
-    ("single", "ars", "even"),
-    ("single", "rws_2", "uneven"),
-    ("double", "ars", "uneven"),
-    ("double", "rws_2", "even"),
+    ("single", "ars", "even", "tracking"),
+    ("single", "rws_2", "uneven", "pi"),
+    ("single", "ars", "uneven", "feedforward"),
+    ("single", "rws_2", "even", "proportional"),
+    ("double", "rws_2", "uneven", "tracking"),
+    ("double", "ars", "even", "pi"),
+    ("double", "rws_2", "even", "feedforward"),
+    ("double", "ars", "uneven", "proportional"),
 )
 SINGLE = tuple(variant for variant in VARIANTS if variant[0] == "single")
 
@@ -69,17 +74,23 @@ single_variants = pytest.mark.parametrize("variant", SINGLE, ids=named)
 
 
 @functools.cache
-def configuration(grid: str) -> Config:
-    return parse({"grid": GRIDS[grid]}, "test")
+def configuration(grid: str, kind: Kind) -> Config:
+    controller = {"kind": kind, "tracking": {"schedule": SCHEDULE.model_dump()}}
+    return parse({"grid": GRIDS[grid], "controller": controller}, "test")
 
 
 @functools.cache
 def made(variant: Variant, name: str = "4ws2", map_hash: str = "0" * 64) -> Folder:
     """A build in memory."""
-    precision, prefix, grid = variant
-    config = configuration(grid)
+    precision, prefix, grid, kind = variant
+    config = configuration(grid, kind)
     options = BuildOptions(name, prefix, precision)
     return build(solve_case(config, "4ws-2"), config, options, BuildInputs("4ws2.npz", map_hash, "map"))
+
+
+def parts_of(variant: Variant) -> tuple[str, ...]:
+    """The sources that a build has."""
+    return PARTS if variant[3] == "tracking" else tuple(part for part in PARTS if part != "reference_model")
 
 
 def laid_out(folder: Folder, at: Path) -> Path:
@@ -160,7 +171,7 @@ def cross_compiled(cross: Cross, variant: Variant, folder: Path, *flags: str) ->
         part: cross.compile(
             folder / "build" / "src" / f"{variant[1]}_{part}.c", folder / "build" / "include", folder / f"{part}.o", *flags
         )
-        for part in PARTS
+        for part in parts_of(variant)
     }
 
 
@@ -196,7 +207,7 @@ def test_single_precision_needs_no_double_and_no_library(
     cross: Cross, tmp_path: Path, variant: Variant, optimisation: str
 ) -> None:
     objects = cross_compiled(cross, variant, tmp_path, optimisation)
-    assert strangers(objects) == {part: set() for part in PARTS}
+    assert strangers(objects) == {part: set() for part in parts_of(variant)}
 
 
 @single_variants
@@ -241,6 +252,9 @@ def sound(cross: Cross, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
         ("controller", "return ((double)x > 0.1) ? 1.0f : 0.0f;", "__aeabi_dcmpgt"),
         ("controller", "return (float)((double)x + (double)(int)x);", "__aeabi_i2d"),
         ("map", "return sinf(x);", "sinf"),  # the map calls no library at all, in single precision neither
+        ("limiter", "return (float)((double)x * 0.1);", "__aeabi_dmul"),
+        ("reference_model", "return (float)((double)x * 0.1);", "__aeabi_dmul"),
+        ("reference_model", "return atanf(x);", "atanf"),  # its tyre curves are tables
     ],
 )
 def test_a_planted_fault_is_found(
@@ -273,20 +287,20 @@ def test_a_forgotten_suffix_is_found(cross: Cross, sound: tuple[Path, dict[str, 
 
 def test_double_precision_is_exempt_and_seen(cross: Cross, tmp_path: Path) -> None:
     """A double build needs the soft-float helpers by nature: the same search finds them in every part that computes."""
-    found = strangers(cross_compiled(cross, ("double", "ars", "uneven"), tmp_path, "-O2"))
-    for part in ("map", "controller", "dynamics", "can", "selftest"):
+    found = strangers(cross_compiled(cross, ("double", "ars", "uneven", "tracking"), tmp_path, "-O2"))
+    for part in ("map", "limiter", "controller", "dynamics", "can", "reference_model", "selftest"):
         assert any(name.startswith("__aeabi_d") for name in found[part])
 
 
 # --- the host: strict warnings, C++, mixed builds ------------------------------------------------------------------
 
 
-def host_compiled(folder: Path, prefix: str, objects: Path, *flags: str) -> list[Path]:
+def host_compiled(folder: Path, variant: Variant, objects: Path, *flags: str) -> list[Path]:
     """Object files of all parts by gcc; fails the test on any warning."""
-    gcc = tool("gcc")
+    gcc, prefix = tool("gcc"), variant[1]
     objects.mkdir(exist_ok=True)
     found = []
-    for part in PARTS:
+    for part in parts_of(variant):
         at = objects / f"{prefix}_{part}.o"
         source = folder / "src" / f"{prefix}_{part}.c"
         succeeded(run([gcc, *WARNINGS, *flags, "-ffp-contract=off", "-I", folder / "include", "-c", source, "-o", at]))
@@ -298,7 +312,7 @@ def host_compiled(folder: Path, prefix: str, objects: Path, *flags: str) -> list
 @all_variants
 def test_sources_and_example_compile_without_a_warning_and_run(tmp_path: Path, variant: Variant, optimisation: str) -> None:
     folder = laid_out(made(variant), tmp_path / "build")
-    objects = host_compiled(folder, variant[1], tmp_path / "objects", optimisation)
+    objects = host_compiled(folder, variant, tmp_path / "objects", optimisation)
     program = tmp_path / "example"
     source = folder / "example" / "example_main.c"
     succeeded(run([tool("gcc"), *WARNINGS, optimisation, "-I", folder / "include", source, *objects, "-o", program, "-lm"]))
@@ -327,7 +341,7 @@ def test_the_warnings_are_on(tmp_path: Path) -> None:
 def test_each_header_stands_alone(tmp_path: Path, variant: Variant) -> None:
     folder = laid_out(made(variant), tmp_path / "build")
     headers = sorted((folder / "include").iterdir())
-    assert {header.name for header in headers} >= {f"{variant[1]}_{part}.h" for part in HEADED}
+    assert {header.name for header in headers} >= {f"{variant[1]}_{part}.h" for part in parts_of(variant) if part in HEADED}
     for header in headers:
         source = tmp_path / f"{header.stem}_alone.c"
         source.write_text(
@@ -341,7 +355,7 @@ def test_headers_serve_cpp(tmp_path: Path, variant: Variant) -> None:
     """Compiled as C++11 and linked with the C objects."""
     compiler, prefix = tool("g++"), variant[1]
     folder = laid_out(made(variant), tmp_path / "build")
-    objects = host_compiled(folder, prefix, tmp_path / "objects", "-O1")
+    objects = host_compiled(folder, variant, tmp_path / "objects", "-O1")
     includes = "".join(f'#include "{header.name}"\n' for header in sorted((folder / "include").iterdir()))
     source = tmp_path / "main.cpp"
     source.write_text(
@@ -356,15 +370,16 @@ def test_headers_serve_cpp(tmp_path: Path, variant: Variant) -> None:
 
 def test_two_builds_live_in_one_program(tmp_path: Path) -> None:
     """Each under its prefix: no name of one collides with the other's."""
-    objects, includes, body = [], [], []
-    for variant in VARIANTS[:2]:
+    objects, includes, body, parts = [], [], [], []
+    for variant in (VARIANTS[0], VARIANTS[3]):
         prefix = variant[1]
         folder = laid_out(made(variant), tmp_path / prefix)
-        objects += host_compiled(folder, prefix, tmp_path / "objects", "-O1")
+        objects += host_compiled(folder, variant, tmp_path / "objects", "-O1")
         includes += ["-I", str(folder / "include")]
         body.append(prefix)
+        parts += [f"{prefix}_{part}" for part in parts_of(variant) if part in HEADED]
     source = tmp_path / "main.c"
-    headers = "".join(f'#include "{prefix}_{part}.h"\n' for prefix, part in itertools.product(body, HEADED))
+    headers = "".join(f'#include "{part}.h"\n' for part in parts)
     calls = " && ".join(f"{prefix}_selftest()" for prefix in body)
     source.write_text(f"{headers}\nint main(void)\n{{\n    return ({calls}) ? 0 : 1;\n}}\n")
     program = tmp_path / "program"
@@ -375,12 +390,12 @@ def test_two_builds_live_in_one_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("part", HEADED)
 @pytest.mark.parametrize("difference", ["map", "grid", "name", "precision"])
 def test_header_and_source_of_two_builds_do_not_compile(tmp_path: Path, part: str, difference: str) -> None:
-    base: Variant = ("single", "ars", "even")
+    base: Variant = ("single", "ars", "even", "tracking")
     other = {
         "map": lambda: made(base, map_hash="1" * 64),
-        "grid": lambda: made(("single", "ars", "uneven")),
+        "grid": lambda: made(("single", "ars", "uneven", "tracking")),
         "name": lambda: made(base, name="other"),
-        "precision": lambda: made(("double", "ars", "even")),
+        "precision": lambda: made(("double", "ars", "even", "tracking")),
     }[difference]()
     folder = laid_out(made(base), tmp_path / "build")
     gcc = tool("gcc")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from codegen.config import Config, parse
+from codegen.config import Config, Kind, parse
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
@@ -21,28 +21,33 @@ from codegen.refmap.solve import solve_case
 from hil_sim import native
 from hil_sim.ecu_process import EcuProcess
 from tests.can.interfaces import has_socketcan
-from tests.emit.test_cortex_m import WARNINGS, run, succeeded, tool
+from tests.emit.test_cortex_m import SCHEDULE, WARNINGS, run, succeeded, tool
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="SocketCAN is a part of Linux")
 pytestmark = on_linux
 
-Variant = tuple[Precision, str, float]
-"""Precision, prefix, sampling time in s."""
+Variant = tuple[Precision, str, float, Kind]
+"""Precision, prefix, sampling time in s, kind of controller."""
 
-VARIANTS: tuple[Variant, ...] = (("single", "ars", 0.01), ("double", "rws_2", 0.005), ("single", "rear", 0.0125))
+VARIANTS: tuple[Variant, ...] = (
+    ("single", "ars", 0.01, "tracking"),
+    ("double", "rws_2", 0.005, "pi"),
+    ("single", "rear", 0.0125, "feedforward"),
+)
 all_variants = pytest.mark.parametrize("variant", VARIANTS, ids=str)
 
 
 @functools.cache
-def configuration(sampling_time: float) -> Config:
-    controller: dict[str, Any] = {"sampling_time_s": sampling_time}
+def configuration(sampling_time: float, kind: Kind) -> Config:
+    tracking = {"schedule": SCHEDULE.model_dump()}
+    controller: dict[str, Any] = {"kind": kind, "sampling_time_s": sampling_time, "tracking": tracking}
     return parse({"controller": controller, "plant": {"sampling_time_s": 0.0005}, "grid": {"speed_points": 5}}, "test")
 
 
 @functools.cache
 def made(variant: Variant) -> Folder:
-    precision, prefix, sampling_time = variant
-    config = configuration(sampling_time)
+    precision, prefix, sampling_time, kind = variant
+    config = configuration(sampling_time, kind)
     return build(
         solve_case(config, "4ws-2"),
         config,

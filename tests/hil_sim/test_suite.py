@@ -26,7 +26,7 @@ from hil_sim.suite import plants, price, subjects
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL, conditions
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
-from hil_sim.suite.price import rise_times, sine_tracking
+from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
@@ -488,7 +488,18 @@ def test_the_papers_pi_on_c1(suite: Any) -> None:
     assert overshoots == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
     assert [suite.c1["pi"][lag.name].share_of_reference for lag in LAGS] == pytest.approx([1.0] * 3, abs=1e-4)
     assert suite.c1["passive"]["lag-50"].overshoot_percent < 0.01
-    assert suite.c1_records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
+
+
+def test_recordings_for_pictures_are_those_that_were_judged(suite: Any) -> None:
+    """The paper's step first, then cells of high speed; each with what the map asks for."""
+    shown = suite.shown
+    assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 100.0, 120.0]
+    assert shown[0].cell == c1(CONFIG)
+    assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
+    for each in shown[1:]:
+        place = suite.cells.index(each.cell)
+        for name in ("pi", "passive"):
+            assert judge(each.records[name], each.cell, "nominal", each.map_yaw_rate) == suite.results[name]["nominal"][place]
 
 
 def test_the_papers_pi_over_all_cells(suite: Any) -> None:
@@ -528,6 +539,33 @@ def test_rise_times_leave_spins_out() -> None:
     assert rise_times("x", [result(1.0, spun_at_s=1.0, settled=False, **SPUN)])[0].mean_s is None
 
 
+def test_rise_times_are_compared_where_both_stay_on_the_road() -> None:
+    spin = result(0.75, spun_at_s=1.0, settled=False, **SPUN)
+    (row,) = compare_rise([result(0.5, rise_time_s=0.4), spin, result(1.0)], [result(0.5), result(0.75, rise_time_s=9.0), spin])
+    assert (row.speed_km_h, row.cells, row.mean_s, row.other_mean_s) == (60.0, 1, 0.4, 0.3)
+    assert row.difference_s == pytest.approx(0.1)
+    assert compare_rise([spin], [result(0.75)]) == ()
+
+
+def test_margins_that_nothing_uses_up_are_no_numbers_in_json() -> None:
+    """JSON has no infinity. A PI without integral part may never cross unit gain."""
+    loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
+    row = next(row for row in requirements(replace(good(), margins=loop)) if row.figure == "phase margin")
+    assert (row.measured, row.passed) == (math.inf, True)
+    text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
+    assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
+
+
+def test_what_is_measured_elsewhere_may_come_later(suite: Any) -> None:
+    assert suite.instructions is None
+    later = suite.with_outside(Outside({"pi": (result(1.0, overshoot_percent=3.5),)}, 1501))
+    rows = {row.figure: row for row in later.requirements if row.subject_matter in ("third party's plant", "Cortex-M4F")}
+    assert rows["overshoot"].measured == 3.5
+    assert rows["instructions of the worst step"].passed is False
+    assert {row for row in later.requirements if row not in suite.requirements} == set(rows.values())
+    assert later.to_dict()["instructions"] == 1501
+
+
 def test_suite_as_json(suite: Any) -> None:
     data = json.loads(json.dumps(suite.to_dict(), allow_nan=False))
     assert data["tested"] == "pi"
@@ -564,6 +602,8 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert [point.phase_margin_deg for point in found.points] == pytest.approx([82.0, 43.0, 24.0], abs=0.6)
     assert [point.gain_margin_db for point in found.points] == pytest.approx([30.0, 12.0, 7.8], abs=0.6)
     assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
+    own, worst = ([point.phase_margin_deg for point in points] for points in (found.configured, found.points))
+    assert own == pytest.approx(worst, rel=1e-9)  # a family of one
     assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
 
 

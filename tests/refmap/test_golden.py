@@ -62,7 +62,9 @@ def test_they_were_solved_from_the_presets(committed: ReferenceMap, name: str, p
     assert committed.config is not None
     tracking = committed.config.controller.tracking.model_copy(update={"schedule": None})
     controller = committed.config.controller.model_copy(update={"tracking": tracking})
-    assert committed.config.model_copy(update={"controller": controller}) == (paper if name == "4ws2" else preset("recommended"))
+    assert committed.config.model_copy(update={"controller": controller}) == (
+        paper if name == "4ws2" else preset("recommended")
+    )
     assert committed.case == "4ws-2"
     assert committed.meta["configuration"] == committed.config.model_dump(mode="json")
     assert committed.meta["method"] == "exact"

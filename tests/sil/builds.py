@@ -39,7 +39,12 @@ def _of_kind(kind: Kind) -> Config:
     return Config.model_validate(data)
 
 
-CONFIGS: dict[Kind, Config] = {"pi": CONFIG} | {kind: _of_kind(kind) for kind in ("tracking", "feedforward", "proportional")}
+CONFIGS: dict[Kind, Config] = {
+    "pi": CONFIG,
+    "tracking": _of_kind("tracking"),
+    "feedforward": _of_kind("feedforward"),
+    "proportional": _of_kind("proportional"),
+}
 """By kind; the PI is the paper's, without rate limit and limiter."""
 TRACKING_CONFIG, FEEDFORWARD_CONFIG = CONFIGS["tracking"], CONFIGS["feedforward"]
 PRECISIONS: tuple[Precision, ...] = ("single", "double")

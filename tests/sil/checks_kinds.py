@@ -35,7 +35,8 @@ def parameters_of(built: Built, changes: Mapping[str, Any] | None = None) -> Any
 
 def open_limiter(built: Built) -> dict[str, Any]:
     """A limiter that only bounds the angle."""
-    limiter = built.software.parameters().limiter
+    parameters = built.software.parameters()  # owns the limiter's
+    limiter = parameters.limiter
     return {"rear_rate_max": 1000.0, "opposite_phase_max": [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))}
 
 
@@ -80,6 +81,7 @@ EXTREMES: dict[str, Mapping[str, Any]] = {
     "as built": {},
     "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
     "slow": {"rear_rate_max": 0.01, "rear_angle_error_max": 1e-4},
+    "forgiving": {"grip_shortfall": 20.0, "grip_recovery": 100.0, "trim_share": 0.2, "trim_rate": 20.0},
     "wide inputs": {"yaw_rate_tolerance": 20.0, "front_angle_max": 1.5, "speed_max": 200.0, "yaw_rate_max": 20.0},
 }
 
@@ -118,7 +120,9 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
         assert abs(state.model.rear_angle) <= parameters.rear_angle_max
         assert abs(state.trim) <= 1.001 * parameters.trim_share * float(built.total.yaw_rate.max())
         gain = max(parameters.proportional_gain)
-        assert abs(state.integral) <= 1.01 * (2.0 * parameters.rear_angle_max + gain * (parameters.yaw_rate_max + 20.0 + largest))
+        assert abs(state.integral) <= 1.01 * (
+            2.0 * parameters.rear_angle_max + gain * (parameters.yaw_rate_max + 20.0 + largest)
+        )
         assert 0.0 < state.grip <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
         assert abs(state.front_angle) <= parameters.front_angle_max
 

@@ -1,4 +1,5 @@
-"""What must hold of the generated limiter. Each check takes the units of a build and raises AssertionError where it does not."""
+"""What must hold of the generated limiter. Each check takes the units of a build and raises AssertionError where it does not
+hold."""
 
 from __future__ import annotations
 
@@ -93,7 +94,9 @@ def check_limiter_always_bounded(units: Units, count: int = 50_000) -> None:
         states *= np.array([1.0, parameters.speed_max, parameters.front_angle_max])
         states[::2, 0] *= parameters.rear_angle_max
         states = states.astype(real)
-        states[::11] = np.where(np.isfinite(states[::11]), rng.choice(special[np.isfinite(special) & (np.abs(special) < 1.0)], 3), 0)
+        states[::11] = np.where(
+            np.isfinite(states[::11]), rng.choice(special[np.isfinite(special) & (np.abs(special) < 1.0)], 3), 0
+        )
         states[:, 1] = np.abs(states[:, 1])
         inputs = np.stack([any_numbers(rng, real, count, special) for _ in range(3)], axis=1)
         angles = units.limiter_from(parameters, states, rng.random(count) < 0.9, inputs)
@@ -108,7 +111,9 @@ def check_limiter_always_bounded(units: Units, count: int = 50_000) -> None:
         assert (moved[~inside] <= np.maximum(from_outside - bound, travel) + from_outside * 2.0 * units.eps).all()
 
 
-def steady(units: Units, parameters: Any, speed: float, front: float, demand: float, start: float = 0.0, count: int = 200) -> RealArray:
+def steady(
+    units: Units, parameters: Any, speed: float, front: float, demand: float, start: float = 0.0, count: int = 200
+) -> RealArray:
     """Angles (count,) while nothing changes."""
     return units.limiter(parameters, np.array([[speed, front, demand]] * count), start)
 

@@ -1,5 +1,5 @@
 """What must hold of the generated reference model. Each check takes the units of a build and raises AssertionError where it
-does not."""
+does not hold."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import root
 
-from codegen.emit.reference_model_view import tabulate
+from codegen.emit.reference_model_view import ARGUMENT_MAX, tabulate
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from tests.sil.checks_lookup import RealArray, special_values
@@ -126,8 +126,11 @@ def check_model_physics(units: Units) -> None:
     model = ModelReferenceModel(config, np.float64)
     tyres = AxleTyres.from_config(config)
     after = units.model_from(states, inputs).astype(np.float64)
-    moved = np.clip(float(model.share) * (np.clip(inputs[:, 2], -model.rear_angle_max, model.rear_angle_max) - states[:, 2]),
-                    -model.travel, model.travel)
+    moved = np.clip(
+        float(model.share) * (np.clip(inputs[:, 2], -model.rear_angle_max, model.rear_angle_max) - states[:, 2]),
+        -model.travel,
+        model.travel,
+    )
     assert np.abs(after[:, 2] - (states[:, 2] + moved)).max() <= 4.0 * units.eps * model.rear_angle_max
     u = np.stack(
         [
@@ -137,8 +140,9 @@ def check_model_physics(units: Units) -> None:
             np.clip(inputs[:, 3], 0.0, model.friction),
         ]
     )
-    exact = exact_step(config, states[:, :2].T, u, [TableCurve.of(tyre, np.float64) for tyre in (tyres.front, tyres.rear)],
-                       float(model.period))
+    exact = exact_step(
+        config, states[:, :2].T, u, [TableCurve.of(tyre, np.float64) for tyre in (tyres.front, tyres.rear)], float(model.period)
+    )
     bounds = limits(units)[0][:2, np.newaxis].astype(np.float64)
     exact = np.clip(exact, -bounds, bounds)
     largest = 9.81 * 0.9 * np.stack([3.0 / u[0], np.full(count, 3.0)])
@@ -150,7 +154,8 @@ def check_model_physics(units: Units) -> None:
 def settled(units: Units, speed: float, front: float, rear: float, friction: float, samples: int = 3000) -> RealArray:
     """The state (3,) after half a minute of the same inputs, from a start straight ahead."""
     start = units.model_start(np.array([[speed, 0.0, 0.0]]))[0]
-    return units.model(start, np.array([[speed, front, rear, friction]] * samples))[-1]
+    last: RealArray = units.model(start, np.array([[speed, front, rear, friction]] * samples))[-1]
+    return last
 
 
 def _steady_turn(units: Units, u: RealArray) -> tuple[RealArray, RealArray]:
@@ -162,13 +167,14 @@ def _steady_turn(units: Units, u: RealArray) -> tuple[RealArray, RealArray]:
             lambda argument, tyre=tyre, error=error: magic_formula(tyre, argument) + error
             for tyre, error in zip((tyres.front, tyres.rear), wrong, strict=True)
         ]
-        return exact_slope(units.config, np.reshape(x, (2, 1)), u[:, np.newaxis], curves)[:, 0]
+        result: RealArray = exact_slope(units.config, np.reshape(x, (2, 1)), u[:, np.newaxis], curves)[:, 0]
+        return result
 
     turn = root(slope, [0.0, 0.0], tol=1e-13).x
     jacobian = np.stack([(slope(turn + d) - slope(turn - d)) / 2e-6 for d in 1e-6 * np.eye(2)], axis=1)
     errors = np.diag([tabulate(tyre).error for tyre in (tyres.front, tyres.rear)])
-    moved = sum(np.abs(np.linalg.solve(jacobian, slope(turn, tuple(error)) - slope(turn))) for error in errors)
-    return turn, moved
+    moved = [np.abs(np.linalg.solve(jacobian, slope(turn, tuple(error)) - slope(turn))) for error in errors]
+    return turn, np.sum(moved, axis=0)
 
 
 def check_model_settles(units: Units) -> None:
@@ -201,7 +207,7 @@ def check_model_stable_when_slow(units: Units) -> None:
 
 
 def check_model_actuator(units: Units) -> None:
-    """Its rear angle follows the command as a first-order lag of actuator and one sample, not faster than the actuator's rate."""
+    """Its rear angle follows the command as a first-order lag of actuator and one sample, no faster than the actuator."""
     actuator, period = units.config.rear_actuator, units.config.controller.sampling_time_s
     travel = math.radians(actuator.rate_max_deg_s) * period
     small = 0.4 * travel
@@ -216,13 +222,13 @@ def check_model_actuator(units: Units) -> None:
 
 
 def check_curves(units: Units, count: int = 400_000) -> None:
-    """Each curve is off by at most what is stated, everywhere; it is odd, ends where the formula ends, and takes any number.
+    """Each curve is off by at most what is stated, as far as the table goes; it is odd, held beyond, and takes any number.
 
     Rounding: the position rounds by three units of the number of cells, worth at most a cell's rise each; the interpolation and
     the stored corners by four units of 1.
     """
     tyres = AxleTyres.from_config(units.config)
-    x = np.concatenate([np.linspace(0.0, 30.0, count), np.geomspace(1e-6, 1e6, count)]).astype(units.real)
+    x = np.concatenate([np.linspace(0.0, 30.0, count), np.geomspace(1e-6, ARGUMENT_MAX, count)]).astype(units.real)
     for tyre, values, mirrored in zip((tyres.front, tyres.rear), units.curves(x), units.curves(-x), strict=True):
         table = tabulate(tyre)
         rise = float(np.abs(np.diff(table.values)).max())
@@ -231,6 +237,9 @@ def check_curves(units: Units, count: int = 400_000) -> None:
         assert error.max() <= table.error + rounding
         assert error.max() >= 0.9 * table.error, "the bound is not far above the error"
         assert np.array_equal(values, -mirrored)
+    beyond = np.array([ARGUMENT_MAX, 2.0 * ARGUMENT_MAX, 1e6, np.inf], dtype=units.real)
+    for values in units.curves(beyond):
+        assert (values == values[0]).all(), "held"
     special = special_values(units.real)
     for values in units.curves(special):
         assert np.isfinite(values).all()

@@ -28,25 +28,25 @@ IN_THE_LOOKUP = (
     Fault(
         "transposed map",
         checks_lookup.check_same_bits,
-        "const float *const slower = &yaw_rate_table[row.cell][column.cell];\n"
-        "    const float *const faster = &yaw_rate_table[row.cell + 1u][column.cell];",
-        "const float *const slower = &yaw_rate_table[column.cell][row.cell];\n"
-        "    const float *const faster = &yaw_rate_table[column.cell + 1u][row.cell];",
+        "const float *const slower = &table[place->row.cell][place->column.cell];\n"
+        "    const float *const faster = &table[place->row.cell + 1u][place->column.cell];",
+        "const float *const slower = &table[place->column.cell][place->row.cell];\n"
+        "    const float *const faster = &table[place->column.cell + 1u][place->row.cell];",
     ),
-    Fault("row not interpolated", checks_lookup.check_error_bound, "[row.cell + 1u]", "[row.cell]"),
-    Fault("cap missing", checks_lookup.check_cap, "yaw_rate = lateral_acceleration / forward_speed;", "yaw_rate = yaw_rate;"),
-    Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * forward_speed) >", "(yaw_rate * speed_top) >"),
+    Fault("row not interpolated", checks_lookup.check_error_bound, "[place->row.cell + 1u]", "[place->row.cell]"),
+    Fault("cap missing", checks_lookup.check_cap, "result = place->lateral_acceleration / place->speed;", ""),
+    Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * place->speed) >", "(yaw_rate * speed_top) >"),
     Fault(
         "cap a millionth too high",
         checks_lookup.check_cap,
-        "return with_sign_of(front_angle, speed, lateral_acceleration);",
-        "return with_sign_of(front_angle, speed, lateral_acceleration * 1.000001f);",
+        "place->lateral_acceleration = lateral_acceleration_cap;",
+        "place->lateral_acceleration = lateral_acceleration_cap * 1.000001f;",
     ),
     Fault(
         "cap two millionths too low",
         checks_lookup.check_cap_is_reached,
-        "return with_sign_of(front_angle, speed, lateral_acceleration);",
-        "return with_sign_of(front_angle, speed, lateral_acceleration * 0.999998f);",
+        "place->lateral_acceleration = lateral_acceleration_cap;",
+        "place->lateral_acceleration = lateral_acceleration_cap * 0.999998f;",
     ),
     Fault(
         "symmetry lost",
@@ -81,15 +81,22 @@ IN_THE_LOOKUP = (
 IN_THE_LAW = (
     Fault(
         "command not clamped",
-        checks_control.check_command_within_limit,
+        checks_control.check_law_within_limit,
         "self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "",
+    ),
+    Fault(
+        "neither clamp nor limiter",
+        checks_control.check_command_within_limit,
+        "self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);\n"
+        "    limit(self, parameters, measurement);",
         "",
     ),
     Fault(
         "wrong sign",
         checks_control.check_sign,
-        "const float error = self->yaw_rate_reference - measurement->yaw_rate;\n    const float proportional",
-        "const float error = measurement->yaw_rate - self->yaw_rate_reference;\n    const float proportional",
+        "return self->yaw_rate_reference - measurement->yaw_rate;",
+        "return measurement->yaw_rate - self->yaw_rate_reference;",
     ),
     Fault(
         "wrong sign of the integral",
@@ -172,7 +179,9 @@ IN_THE_LAW = (
         "if (!measurement->inhibit) {\n            integral = demand",
         "if (true) {\n            integral = demand",
     ),
-    Fault("friction below its minimum", checks_control.check_friction, "friction = parameters->friction_min;", ""),
+    Fault(
+        "friction below its minimum", checks_control.check_friction, "? parameters->friction_min :", "? measurement->friction :"
+    ),
     Fault(
         "status does not tell of the limit",
         checks_control.check_saturation,
@@ -322,5 +331,8 @@ IN_THE_SUPERVISION = (
     ),
 )
 
-FAULTS = {"src/ars_map.c": IN_THE_LOOKUP, "src/ars_controller.c": (*IN_THE_LAW, *IN_THE_SUPERVISION)}
-"""By the file that they are planted in."""
+FAULTS: dict[str, tuple[Fault, ...]] = {
+    "src/ars_map.c": IN_THE_LOOKUP,
+    "src/ars_controller.c": (*IN_THE_LAW, *IN_THE_SUPERVISION),
+}
+"""By the file that they are planted in, of the paper's build."""

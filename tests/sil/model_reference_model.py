@@ -8,7 +8,7 @@ instructions of the same CasADi function are walked here in the build's number t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,7 @@ from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 FloatArray = npt.NDArray[np.float64]
 SIDESLIP_MAX = math.radians(20.0)
-ARGUMENT_MAX = 1e6
+ARGUMENT_MAX = 64.0
 
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ADD: lambda a, b: a + b,
@@ -71,18 +71,19 @@ class TableCurve:
 
     values: Any
     compression: Any
+    cells_per_share: Any
 
     @classmethod
     def of(cls, tyre: MagicFormulaTyre, real: Any) -> TableCurve:
         """The table that a build has."""
         curve = tabulate(tyre)
-        return cls(curve.values.astype(real), real(curve.compression))
+        return cls(curve.values.astype(real), real(curve.compression), real((curve.values.size - 1) / curve.last_share))
 
     def __call__(self, x: Any) -> Any:
         real = self.values.dtype.type
         cells = self.values.size - 1
         magnitude = np.abs(within(x, real(ARGUMENT_MAX)))
-        position = magnitude / (magnitude + self.compression) * real(cells)
+        position = magnitude / (magnitude + self.compression) * self.cells_per_share
         cell = np.minimum(position.astype(np.int64), cells - 1)
         value = self.values[cell] + (position - cell.astype(real)) * (self.values[cell + 1] - self.values[cell])
         return np.where(x < 0.0, -value, value)
@@ -121,7 +122,7 @@ class ModelReferenceModel:
         shapes = [curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)]
         return walk(self.functions.derivative, [x, u, shapes], self.real)
 
-    def step(self, state: Sequence[Any], inputs: Sequence[Any]) -> tuple[Any, Any, Any]:
+    def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
         """One sampling time later, by Heun's method; the rear wheels stand in the middle of their way."""
         sideslip, yaw_rate, rear_angle = state
         speed, front, commanded, friction = inputs

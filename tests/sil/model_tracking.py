@@ -30,11 +30,9 @@ class Sample:
 
 
 class ModelTracking(ModelController):
-    """Feedforward, reference model, scheduled feedback of bounded authority. `happened` collects what the drive has made it do."""
+    """Feedforward, reference model, scheduled feedback of bounded authority. `happened` tells what a drive has made it do."""
 
-    def __init__(
-        self, parameters: Any, total: TotalMap, config: Config, real: Any, angle: float
-    ) -> None:
+    def __init__(self, parameters: Any, total: TotalMap, config: Config, real: Any, angle: float) -> None:
         actuator_max = float(real(config.rear_actuator.angle_max))
         self.lookup = Lookup.from_map(total, real)
         super().__init__(parameters, self.lookup, config.controller.sampling_time_s, actuator_max, real, angle)

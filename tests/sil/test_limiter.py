@@ -1,4 +1,4 @@
-"""The generated safety limiter: what it guarantees whatever computed the demand, against an independent model, and used alone."""
+"""The generated safety limiter: what it guarantees whatever computed the demand, against an independent model, and alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
+from elftools.elf.sections import SymbolTableSection
 from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.config import Config
-from codegen.sil.compile import find_compiler
+from codegen.sil.toolchain import compiler_command
 from tests.sil import builds, checks_limiter, units
 from tests.sil.checks_limiter import CHANGES
 from tests.sil.units import Units
@@ -92,11 +93,10 @@ def test_parameters_are_judged_one_by_one(limiter: Units) -> None:
 def test_the_defaults_are_those_of_the_configuration() -> None:
     """The checks here set the parameters from the configuration; the generated defaults are the same numbers."""
     for kind in ("pi", "tracking"):
-        software = builds.of_kind(kind).software
-        generated = software.parameters().limiter
+        parameters = builds.of_kind(kind).software.parameters()
         own = units.make(builds.paper_map(), builds.CONFIGS[kind], "single", ("limiter",)).limiter_parameters()
         for name in dir(own):
-            have, want = getattr(generated, name), getattr(own, name)
+            have, want = getattr(parameters.limiter, name), getattr(own, name)
             assert (have == want) if isinstance(want, float) else (list(have) == list(want)), name
 
 
@@ -105,8 +105,8 @@ MAIN = """
 #include "ars_limiter.h"
 
 static const ars_limiter_parameters_t parameters = {
-    .rear_angle_max = 0.06f, .rear_rate_max = 0.7f, .opposite_phase_speed = { 16.0f, 33.0f }, .opposite_phase_max = { 0.06f, 0.026f },
-    .in_phase_from_front_angle = 0.017f, .speed_max = 110.0f, .front_angle_max = 0.78f
+    .rear_angle_max = 0.06f, .rear_rate_max = 0.7f, .opposite_phase_speed = { 16.0f, 33.0f },
+    .opposite_phase_max = { 0.06f, 0.026f }, .in_phase_from_front_angle = 0.017f, .speed_max = 110.0f, .front_angle_max = 0.78f
 };
 
 int main(void)
@@ -134,12 +134,13 @@ def test_it_works_alone_in_front_of_any_other_controller(tmp_path: Path) -> None
         (tmp_path / Path(name).name).write_bytes(files[name])
     (tmp_path / "main.c").write_text(MAIN)
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-    alone = [*find_compiler(), *flags]
+    alone = [*compiler_command(), *flags]
     subprocess.run([*alone, "-ffreestanding", "-c", "ars_limiter.c", "-o", "limiter.o"], cwd=tmp_path, check=True)
     subprocess.run([*alone, "main.c", "limiter.o", "-o", "limiter"], cwd=tmp_path, check=True)
     with (tmp_path / "limiter.o").open("rb") as stream:
-        symbols = ELFFile(stream).get_section_by_name(".symtab").iter_symbols()
-        assert {symbol.name for symbol in symbols if symbol["st_shndx"] == "SHN_UNDEF"} <= {""}
+        table = ELFFile(stream).get_section_by_name(".symtab")
+        assert isinstance(table, SymbolTableSection)
+        assert {symbol.name for symbol in table.iter_symbols() if symbol["st_shndx"] == "SHN_UNDEF"} <= {""}
     parameters = units.tracking().limiter_parameters(
         rear_angle_max=0.06,
         rear_rate_max=0.7,

@@ -80,7 +80,11 @@ class TestSelftest:
     def test_one_number_of_a_layer_is_off(self, stacked: builds.Built, name: str, layer: int) -> None:
         text = stacked.folder.files[MAP_C].decode("ascii")
         head, table = re.split(rf"(?<=static const float {name})", text, maxsplit=1)
-        start = table.index("/* friction", table.index("{")) if layer == 0 else [m.start() for m in re.finditer("/\\* friction", table)][layer]
+        start = (
+            table.index("/* friction", table.index("{"))
+            if layer == 0
+            else [m.start() for m in re.finditer("/\\* friction", table)][layer]
+        )
         number = next(match for match in re.finditer(r"-?\d\.\d{5,}f", table[start:]))
         wrong = literal(stacked.next(float(number[0].rstrip("f")), 10.0), "single")
         changed = head + table[:start] + table[start:].replace(number[0], wrong, 1)

@@ -15,7 +15,12 @@ from tests.sil.units import Units
 def odd_car() -> Config:
     """Another car: tyres with shifts, a falling curve in front and one that never falls behind, slow sampling."""
     data = builds.TRACKING_CONFIG.model_dump()
-    data["tyre"]["front"] |= {"shape_factor_c": 1.9, "curvature_factor_e": 0.3, "horizontal_shift_deg": 0.2, "vertical_shift_n": 90.0}
+    data["tyre"]["front"] |= {
+        "shape_factor_c": 1.9,
+        "curvature_factor_e": 0.3,
+        "horizontal_shift_deg": 0.2,
+        "vertical_shift_n": 90.0,
+    }
     data["tyre"]["rear"] |= {"shape_factor_c": 0.9, "curvature_factor_e": -3.0, "peak_factor_p1": 1.2}
     data["vehicle"] |= {"mass_kg": 1100.0, "yaw_inertia_kg_m2": 1300.0, "cg_to_front_axle_m": 1.0, "cg_to_rear_axle_m": 1.4}
     data["tyre"]["front"]["cornering_stiffness_n_per_rad"] = 45_000.0

@@ -112,8 +112,15 @@ class TestParameters:
 
     @staticmethod
     def valid(built: Built, **changes: Any) -> bool:
+        """The limiter's angle goes down with the controller's, which it may not exceed."""
         software = built.software
-        return bool(software.function("parameters_valid")(software.parameters(**changes)))
+        parameters = software.parameters(**changes)
+        limiter = parameters.limiter
+        if parameters.rear_angle_max < limiter.rear_angle_max:
+            limiter.rear_angle_max = parameters.rear_angle_max
+            for k in range(len(limiter.opposite_phase_max)):
+                limiter.opposite_phase_max[k] = parameters.rear_angle_max
+        return bool(software.function("parameters_valid")(parameters))
 
     @staticmethod
     def ranges(built: Built) -> dict[str, tuple[float, float]]:
@@ -130,9 +137,7 @@ class TestParameters:
         fields = dict(ffi.typeof("ars_parameters_t").fields)
         numbers = {name for name, field in fields.items() if field.type.cname in ("float", "double")}
         assert numbers == set(self.ranges(either))
-        assert fields.keys() - numbers == {
-            *("implausible_samples_max", "degraded_samples_max", "recovery_samples", "limiter")
-        }
+        assert fields.keys() - numbers == {*("implausible_samples_max", "degraded_samples_max", "recovery_samples", "limiter")}
 
     def test_each_is_taken_to_the_ends_of_its_range_and_refused_beyond(self, either: Built) -> None:
         for name, (low, high) in self.ranges(either).items():
@@ -154,9 +159,19 @@ class TestParameters:
         assert self.valid(either, recovery_samples=1)
         assert not self.valid(either, recovery_samples=0), "a fail-safe that ends at once"
 
+    def test_the_limiter_does_not_reach_beyond_the_controller(self, either: Built) -> None:
+        software = either.software
+        parameters = software.parameters()
+        limiter = parameters.limiter
+        limiter.rear_angle_max = either.next(parameters.rear_angle_max, 1.0)
+        assert not software.function("parameters_valid")(parameters)
+        limiter.rear_angle_max = parameters.rear_angle_max
+        assert software.function("parameters_valid")(parameters)
+
     def test_the_limiter_s_are_judged_with_them(self, either: Built) -> None:
         software = either.software
-        for name in dir(software.parameters().limiter):
+        parameters = software.parameters()
+        for name in dir(parameters.limiter):
             parameters = software.parameters()
             good = getattr(parameters.limiter, name)
             bad = math.nan if isinstance(good, float) else [math.nan] * len(list(good))

@@ -11,7 +11,7 @@ from codegen.config import Kind
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement, Status
 from codegen.vehicle.single_track import SingleTrack
-from tests.sil import builds, checks_kinds, checks_tracking
+from tests.sil import builds, checks_kinds, checks_reference, checks_tracking, units
 from tests.sil.builds import Built
 
 KINDS: tuple[Kind, ...] = ("tracking", "feedforward", "proportional")
@@ -35,6 +35,17 @@ def tracking(request: pytest.FixtureRequest) -> Built:
 @pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
 def test_every_sample_is_that_of_the_independent_model(kind: Kind, precision: Precision, changes: dict[str, float]) -> None:
     checks_kinds.check_kind_same_as_model(builds.of_kind(kind, precision), changes, 1500, 7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["stack", "rough stack"])
+def test_a_stack_of_maps_behind_every_kind(kind: Kind, name: str) -> None:
+    """The estimate of the friction goes through the layers, in the model as in the C."""
+    for precision in builds.PRECISIONS:
+        built = builds.make(units.MAPS[name](), builds.CONFIGS[kind], precision)
+        assert built.software.selftest()
+        checks_kinds.check_kind_same_as_model(built, {}, 1500, 3)
+        checks_kinds.check_kind_always_bounded(built, 5_000, 4)
 
 
 @pytest.mark.parametrize("kind", ["feedforward", "proportional"])
@@ -81,19 +92,19 @@ def test_the_rate_limit_does_not_wind_the_integral_up(tracking: Built) -> None:
 
 
 def test_the_reference_is_drawn_to_the_map_s(tracking: Built) -> None:
-    checks_tracking.check_trim(tracking)
+    checks_reference.check_trim(tracking)
 
 
 def test_the_reference_is_bounded_by_the_road(tracking: Built) -> None:
-    checks_tracking.check_road_limit(tracking)
+    checks_reference.check_road_limit(tracking)
 
 
 def test_the_grip_follows_what_the_car_reaches(tracking: Built) -> None:
-    checks_tracking.check_grip(tracking)
+    checks_reference.check_grip(tracking)
 
 
 def test_an_estimate_of_friction_is_taken(tracking: Built) -> None:
-    checks_tracking.check_estimate(tracking)
+    checks_reference.check_estimate(tracking)
 
 
 def test_inhibit_holds_integral_and_grip(tracking: Built) -> None:
@@ -165,5 +176,3 @@ class TestBaselines:
         travel = software.parameters().rear_rate_max * 0.01
         assert np.abs(np.abs(steps) - travel).max() < 1e-8
         assert {command.status for command in commands} == {Status.LIMITED}
-
-

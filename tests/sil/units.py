@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, c_type, numpy_type
@@ -25,92 +24,10 @@ from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from tests.sil import builds
+from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 RealArray = npt.NDArray[Any]
 UNITS = ("map", "limiter", "reference_model")
-
-DECLARATIONS = {
-    "map": """
-void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction, REAL *reference, uint32_t count);
-""",
-    "limiter": """
-void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const REAL *inputs, REAL *angles, uint32_t count);
-void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters, const REAL *inputs,
-                        REAL *angles, uint32_t count);
-""",
-    "reference_model": """
-void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count);
-void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count);
-void probe_model_start(const REAL *inputs, REAL *states, uint32_t count);
-void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count);
-""",
-}
-DEFINITIONS = {
-    "map": """
-void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction, REAL *reference, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        const ars_map_reference_t found = ars_map_reference(speed[k], front_angle[k], friction[k]);
-        reference[4u * k] = found.yaw_rate;
-        reference[4u * k + 1u] = found.rear_angle;
-        reference[4u * k + 2u] = found.lateral_acceleration_max;
-        reference[4u * k + 3u] = ars_map_yaw_rate_on_road(speed[k], front_angle[k], friction[k]);
-    }
-}
-""",
-    "limiter": """
-void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const REAL *inputs, REAL *angles, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_limiter_input_t input;
-        memcpy(&input, &inputs[3u * k], sizeof(input));
-        angles[k] = ars_limiter_step(self, parameters, &input);
-    }
-}
-void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters, const REAL *inputs,
-                        REAL *angles, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_limiter_t self = { states[3u * k], states[3u * k + 1u], states[3u * k + 2u], known[k] != 0u };
-        probe_limiter(&self, parameters, &inputs[3u * k], &angles[k], 1u);
-    }
-}
-""",
-    "reference_model": """
-void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_reference_model_input_t input;
-        memcpy(&input, &inputs[4u * k], sizeof(input));
-        ars_reference_model_step(self, &input);
-        memcpy(&states[3u * k], self, sizeof(*self));
-    }
-}
-void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_reference_model_t self;
-        memcpy(&self, &from[3u * k], sizeof(self));
-        probe_model(&self, &inputs[4u * k], &states[3u * k], 1u);
-    }
-}
-void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_reference_model_t self;
-        ars_reference_model_start(&self, inputs[3u * k], inputs[3u * k + 1u], inputs[3u * k + 2u]);
-        memcpy(&states[3u * k], &self, sizeof(self));
-    }
-}
-void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        front[k] = ars_reference_model_front_curve(x[k]);
-        rear[k] = ars_reference_model_rear_curve(x[k]);
-    }
-}
-""",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +77,11 @@ class Units:
         source = '#include "probe.h"\n#include <string.h>\n' + "".join(DEFINITIONS[unit] for unit in self.only)
         probe = {"probe/probe.h": header.replace("REAL", real), "probe/probe.c": source.replace("REAL", real)}
         return compile_library(
-            "ars_units", {**sources, **probe}, [*public, "probe/probe.h"], include_folders=("include", "probe"), flags=self.flags
+            "ars_units",
+            {**sources, **probe},
+            [*public, "probe/probe.h"],
+            include_folders=("include", "probe"),
+            flags=self.flags,
         )
 
     def _in(self, array: Any) -> Any:
@@ -208,7 +129,7 @@ class Units:
         return angles
 
     def limiter_from(self, parameters: Any, states: Any, known: Any, inputs: Any) -> RealArray:
-        """Angles (n,) after one step each from states (n, 3) of angle, speed, front angle, with or without a known speed (n,)."""
+        """Angles (n,) after one step each from states (n, 3) of angle, speed, front angle; speed known (n,) or not."""
         angles, pointer = self._out(len(inputs))
         flags = self.library.ffi.from_buffer("uint8_t[]", np.ascontiguousarray(known, dtype=np.uint8))
         self.library.lib.probe_limiter_from(self._in(states), flags, parameters, self._in(inputs), pointer, len(inputs))
@@ -241,9 +162,7 @@ class Units:
         return front, rear
 
 
-def make(
-    reference_map: ReferenceMap, config: Config, precision: Precision = "single", only: tuple[str, ...] = UNITS
-) -> Units:
+def make(reference_map: ReferenceMap, config: Config, precision: Precision = "single", only: tuple[str, ...] = UNITS) -> Units:
     """Render; compile when first called."""
     return Units(builds.render(reference_map, config, precision), extend(reference_map, config), config, only)
 
@@ -252,13 +171,6 @@ def make(
 def tracking(precision: Precision = "single") -> Units:
     """The units of `builds.tracking`."""
     return make(builds.paper_map(), builds.TRACKING_CONFIG, precision)
-
-
-@functools.cache
-def altered(path: str, old: str, new: str) -> Units:
-    """Those of `tracking` with one place of their C changed. Raises LookupError: see `builds.altered`."""
-    original = tracking()
-    return replace(original, folder=builds.altered_folder(original.folder, path, old, new), flags=builds.QUICK_FLAGS)
 
 
 FRICTIONS = (0.3, 0.5, 0.7, 0.9)
@@ -301,3 +213,13 @@ MAPS: dict[str, Callable[[], ReferenceMap]] = {
 def of_map(name: str, precision: Precision) -> Units:
     """The map unit of one of MAPS, with the tables of the optimum's rear angle."""
     return make(MAPS[name](), builds.FEEDFORWARD_CONFIG, precision, ("map",))
+
+
+@functools.cache
+def altered(name: str, path: str, old: str, new: str) -> Units:
+    """Units with one place of their C changed: those of `tracking`, or of one of MAPS. Raises LookupError: see
+    `builds.altered_folder`."""
+    original = tracking() if name == "tracking" else of_map(name, "single")
+    unit = path.removeprefix("src/ars_").removesuffix(".c")
+    folder = builds.altered_folder(original.folder, path, old, new)
+    return replace(original, folder=folder, only=(unit,), flags=builds.QUICK_FLAGS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 
@@ -13,7 +14,7 @@ from codegen.emit.folder import Folder
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.software import Measurement, Status
 from codegen.verify import cortex_m
-from codegen.verify.cortex_m import compare_with_host, count_steps, worst_step, worst_step_instructions
+from codegen.verify.cortex_m import InstructionCounts, compare_with_host, count_steps, worst_step, worst_step_instructions
 from codegen.verify.drives import Ground, drawn, recorded
 from codegen.verify.on_target import drive_of
 from tests.verify import builds
@@ -22,17 +23,22 @@ STEP_MAX = 1_500
 """Instructions: at 100 MHz and two cycles each, a third of a percent of the period of 10 ms."""
 
 NOPS = 400
-"""Instructions that are planted: so many that a step with them is the longest of its status.
+"""Instructions that are planted: so many that a step with them is the longest of its status."""
 
 TURN = Measurement(15.0, 0.07, 0.3, friction=0.8)
 LOST = Measurement(math.nan, 0.07, 0.3)
 
 
+@functools.cache
+def longest(kind: Kind = "tracking", grid: str = "even", layers: bool = False) -> InstructionCounts:
+    folder = builds.made(kind, grid, layers)
+    return worst_step(folder.files, folder.manifest, builds.compiled(kind, grid, layers))
+
+
 @pytest.mark.parametrize("layers", [False, True], ids=["one map", "4 frictions"])
 @pytest.mark.parametrize("grid", builds.GRIDS)
 def test_the_longest_step_of_the_recommended_controller(grid: str, layers: bool) -> None:
-    folder = builds.made("tracking", grid, layers)
-    found = worst_step(folder.files, folder.manifest, builds.compiled("tracking", grid, layers))
+    found = longest("tracking", grid, layers)
     assert found.worst <= STEP_MAX, found
     assert found.mean < found.worst
     assert set(found.worst_by_status) == set(Status)
@@ -42,8 +48,7 @@ def test_the_longest_step_of_the_recommended_controller(grid: str, layers: bool)
 
 @pytest.mark.parametrize("kind", builds.KINDS[1:])
 def test_the_longest_step_of_the_others(kind: Kind) -> None:
-    folder = builds.made(kind)
-    found = worst_step(folder.files, folder.manifest, builds.compiled(kind))
+    found = longest(kind)
     assert found.worst <= STEP_MAX / 2  # they have no reference model
     assert set(found.worst_by_status) == set(Status)
 
@@ -129,9 +134,8 @@ def test_drives_longer_than_the_targets_memory_are_run_in_parts(folder: Folder, 
     ],
 )
 def test_the_search_finds_what_is_rare(where: str, found: tuple[Status, ...]) -> None:
-    folder, software = builds.made("pi"), builds.compiled("pi")
-    before = worst_step(folder.files, folder.manifest, software)
-    after = worst_step(nops_in(folder, where), folder.manifest, software)
+    folder, before = builds.made("pi"), longest("pi")
+    after = worst_step(nops_in(folder, where), folder.manifest, builds.compiled("pi"))
     # What is rare need not be met in what was the longest step before, but it must not be missed.
     longer = [status for status in found if after.worst_by_status[status] >= before.worst_by_status[status] + NOPS // 2]
     assert longer
@@ -147,7 +151,7 @@ def test_the_search_goes_to_the_last_cell_of_the_schedule() -> None:
 def test_the_number_alone(folder: Folder) -> None:
     """As the suite takes it, and the same each time."""
     number = worst_step_instructions(folder.files, folder.manifest)
-    assert number == worst_step(folder.files, folder.manifest, builds.compiled("pi")).worst
+    assert number == longest("pi").worst
 
 
 def test_optimisation_counts(folder: Folder) -> None:

@@ -29,7 +29,9 @@ def test_a_recording_holds_what_the_controller_measured() -> None:
     for scenario, drive in zip(SCENARIOS.values(), drives, strict=True):
         record = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES)).run(scenario.inputs(software.config))
         commands = software.controller().run(measurements_of(drive))
-        assert [command.rear_angle for command in commands] == record[:, RECORD_COLUMNS.index("rear_angle_command_rad")].tolist()
+        assert [command.rear_angle for command in commands] == record[
+            :, RECORD_COLUMNS.index("rear_angle_command_rad")
+        ].tolist()
 
 
 def test_measurements_go_into_an_array_and_back() -> None:

@@ -138,13 +138,15 @@ def test_arithmetic_is_that_of_single_precision() -> None:
 )
 def test_code_that_goes_astray(body: str) -> None:
     core = core_of(f"int stray(void);\nint stray(void)\n{{\n    {body}\n}}\n", entries=("stray",))
-    with pytest.raises(BuildError, match="^stray: the code on the Cortex-M4F ended at 0x"):
+    with pytest.raises(BuildError, match=r"^stray: the code on the Cortex-M4F ended at 0x"):
         core.call("stray")
 
 
 def test_code_that_does_not_return(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emulator, "CALL_SECONDS", 0.05)
-    core = core_of("void stay(void);\nvoid stay(void)\n{\n    for (;;) {\n        __asm__ volatile(\"\");\n    }\n}\n", entries=("stay",))
+    core = core_of(
+        'void stay(void);\nvoid stay(void)\n{\n    for (;;) {\n        __asm__ volatile("");\n    }\n}\n', entries=("stay",)
+    )
     with pytest.raises(BuildError, match=r"^stay: the code on the Cortex-M4F did not return within 0\.05 s$"):
         core.call("stay")
 

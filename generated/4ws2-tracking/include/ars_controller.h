@@ -95,6 +95,7 @@ typedef struct {
     ars_reference_model_t model;        /* of the car */
     float trim;                         /* rad/s, towards the map's yaw rate */
     float integral;                     /* rad, of rear angle */
+    bool starting;                      /* the next step sets the integral */
     float front_angle;                  /* rad, of the last sample */
     float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
     float rear_angle;                   /* rad, last command */

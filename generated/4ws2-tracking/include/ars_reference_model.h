@@ -42,8 +42,8 @@ void ars_reference_model_start(ars_reference_model_t *self, float speed, float y
 void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input);
 
 /*
- * Curve sin(C atan(x - E (x - atan x))) of the front and the rear tyre, interpolated in x / (|x| + const). Between the
- * table's points it is off by at most 2.6e-04 in front and 2.6e-04 at the rear, of a curve whose peak is at most 1.
+ * Curve sin(C atan(x - E (x - atan x))) of the front and the rear tyre, interpolated in x / (|x| + const); beyond
+ * |x| = 64.0f held. Between the table's points it is off by at most 2.6e-04 in front and 2.6e-04 at the rear, of a curve whose peak is at most 1.
  */
 float ars_reference_model_front_curve(float x);
 float ars_reference_model_rear_curve(float x);

@@ -276,6 +276,7 @@ ARS_SECTION_CODE static void law_init(ars_controller_t *self)
     ars_reference_model_start(&self->model, 0.0f, 0.0f, self->rear_angle);
     self->trim = 0.0f;
     self->integral = 0.0f;
+    self->starting = false;
     self->front_angle = 0.0f;
     self->grip = grip_max;
 }
@@ -303,15 +304,15 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     return reference;
 }
 
-/* Bumpless: the model starts from the measured motion, and with this integral the first demand is the angle that is commanded
- * now. */
+/* Bumpless: the model starts from the measured motion, and the step that follows sets the integral. */
 ARS_SECTION_CODE static void law_start(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
+    (void)parameters;
     self->front_angle = measurement->front_angle;
     self->trim = 0.0f;
     ars_reference_model_start(&self->model, measurement->speed, measurement->yaw_rate, self->rear_angle);
-    self->integral = self->rear_angle - reference_ahead(self, parameters, measurement).rear_angle;
+    self->starting = true;
 }
 
 /* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
@@ -379,12 +380,17 @@ ARS_SECTION_CODE static bool law_step(
     const range_t range = feedback_range(parameters, measurement, map.rear_angle);
     const float proportional = gains.proportional * error;
     const float step = parameters->rear_rate_max * sampling_time;
-    float integral = self->integral;
+    float integral;
     float feedback;
     float demand;
     float command;
     bool limited;
 
+    if (self->starting) {
+        self->integral = self->rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
+        self->starting = false;
+    }
+    integral = self->integral;
     if (!measurement->inhibit) {
         integral -= (gains.integral * sampling_time) * error;
     }
@@ -468,8 +474,8 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
         && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
         && is_within(parameters->friction_min, 0.01f, 1.0f)
-        && is_within(parameters->enable_speed, 0.0f, 100.0f)
-        && is_within(parameters->disable_speed, 0.0f, 100.0f)
+        && is_within(parameters->enable_speed, 0.01f, 100.0f)
+        && is_within(parameters->disable_speed, 0.01f, 100.0f)
         && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
         && is_within(parameters->speed_max, 1.0f, 200.0f)
         && is_within(parameters->front_angle_max, 0.01f, 1.5f)
@@ -487,6 +493,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->degraded_samples_max < UINT16_MAX)
         && (parameters->recovery_samples > 0u)
         && are_valid_arrays(parameters)
+        && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_limiter_parameters_valid(&parameters->limiter);
 }
 

@@ -109,7 +109,7 @@ ARS_SECTION_CODE float ars_limiter_step(
         const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
         const float high = (self->front_angle > 0.0f) ? in_phase : bound;
 
-        if ((input->demand >= 0.0f) || (input->demand < 0.0f)) { /* false for NaN */
+        if ((input->demand >= low) || (input->demand <= high)) { /* false for NaN */
             target = input->demand;
         }
         target = clamp(target, low, high);

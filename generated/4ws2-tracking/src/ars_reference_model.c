@@ -39,34 +39,36 @@ ARS_SECTION_CONST static const float actuator_step_max = 0.0052359877f;
 ARS_SECTION_CONST static const float rear_arm = 1.566f;
 ARS_SECTION_CONST static const float rear_slip_per_lateral_acceleration = 0.0048840423f;
 
-/* Front tyre: even steps of x / (x + front_compression) from 0 to 1. */
+/* Front tyre: even steps of x / (x + front_compression), front_cells_per_share of them from 0 to 1. */
 enum { FRONT_CELLS = 64 };
 ARS_SECTION_CONST static const float front_compression = 1.0f;
+ARS_SECTION_CONST static const float front_cells_per_share = 65.0f;
 ARS_SECTION_CONST static const float front_curve[FRONT_CELLS + 1] = {
-    0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
-    0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
-    0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
-    0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
-    0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
-    0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
-    0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
-    0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
-    0.8910065f
+    0.0f, 0.020310277f, 0.041251197f, 0.06283723f, 0.08508172f, 0.10799656f, 0.13159183f, 0.1558753f,
+    0.18085197f, 0.20652343f, 0.23288725f, 0.2599361f, 0.28765696f, 0.3160302f, 0.34502852f, 0.37461582f,
+    0.4047461f, 0.43536225f, 0.46639505f, 0.49776205f, 0.5293668f, 0.56109816f, 0.5928305f, 0.6244235f,
+    0.6557235f, 0.6865649f, 0.71677256f, 0.7461649f, 0.774558f, 0.80176985f, 0.8276256f, 0.85196245f,
+    0.8746349f, 0.8955195f, 0.9145186f, 0.93156326f, 0.9466151f, 0.9596666f, 0.9707401f, 0.97988576f,
+    0.9871784f, 0.9927138f, 0.9966042f, 0.99897397f, 0.9999554f, 0.9996846f, 0.9982976f, 0.99592805f,
+    0.9927042f, 0.9887474f, 0.9841707f, 0.97907776f, 0.9735632f, 0.96771175f, 0.9615991f, 0.95529175f,
+    0.948848f, 0.9423183f, 0.93574613f, 0.9291683f, 0.92261606f, 0.9161155f, 0.9096883f, 0.9033521f,
+    0.8971211f
 };
 
-/* Rear tyre: even steps of x / (x + rear_compression) from 0 to 1. */
+/* Rear tyre: even steps of x / (x + rear_compression), rear_cells_per_share of them from 0 to 1. */
 enum { REAR_CELLS = 64 };
 ARS_SECTION_CONST static const float rear_compression = 1.0f;
+ARS_SECTION_CONST static const float rear_cells_per_share = 65.0f;
 ARS_SECTION_CONST static const float rear_curve[REAR_CELLS + 1] = {
-    0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
-    0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
-    0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
-    0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
-    0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
-    0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
-    0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
-    0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
-    0.8910065f
+    0.0f, 0.020310277f, 0.041251197f, 0.06283723f, 0.08508172f, 0.10799656f, 0.13159183f, 0.1558753f,
+    0.18085197f, 0.20652343f, 0.23288725f, 0.2599361f, 0.28765696f, 0.3160302f, 0.34502852f, 0.37461582f,
+    0.4047461f, 0.43536225f, 0.46639505f, 0.49776205f, 0.5293668f, 0.56109816f, 0.5928305f, 0.6244235f,
+    0.6557235f, 0.6865649f, 0.71677256f, 0.7461649f, 0.774558f, 0.80176985f, 0.8276256f, 0.85196245f,
+    0.8746349f, 0.8955195f, 0.9145186f, 0.93156326f, 0.9466151f, 0.9596666f, 0.9707401f, 0.97988576f,
+    0.9871784f, 0.9927138f, 0.9966042f, 0.99897397f, 0.9999554f, 0.9996846f, 0.9982976f, 0.99592805f,
+    0.9927042f, 0.9887474f, 0.9841707f, 0.97907776f, 0.9735632f, 0.96771175f, 0.9615991f, 0.95529175f,
+    0.948848f, 0.9423183f, 0.93574613f, 0.9291683f, 0.92261606f, 0.9161155f, 0.9096883f, 0.9033521f,
+    0.8971211f
 };
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
@@ -94,10 +96,11 @@ ARS_SECTION_CODE static float bounded(float value, float limit)
 }
 
 /* An odd function from its half for positive x. */
-ARS_SECTION_CODE static float curve_at(const float curve[], uint32_t cells, float compression, float x)
+ARS_SECTION_CODE static float curve_at(
+    const float curve[], uint32_t cells, float compression, float cells_per_share, float x)
 {
     const float magnitude = (x < 0.0f) ? -x : x;
-    const float position = (magnitude / (magnitude + compression)) * (float)cells;
+    const float position = (magnitude / (magnitude + compression)) * cells_per_share;
     uint32_t cell = (uint32_t)position;
     float value;
 
@@ -110,12 +113,14 @@ ARS_SECTION_CODE static float curve_at(const float curve[], uint32_t cells, floa
 
 ARS_SECTION_CODE float ars_reference_model_front_curve(float x)
 {
-    return curve_at(front_curve, (uint32_t)FRONT_CELLS, front_compression, bounded(x, 1.0e+06f));
+    return curve_at(
+        front_curve, (uint32_t)FRONT_CELLS, front_compression, front_cells_per_share, bounded(x, 64.0f));
 }
 
 ARS_SECTION_CODE float ars_reference_model_rear_curve(float x)
 {
-    return curve_at(rear_curve, (uint32_t)REAR_CELLS, rear_compression, bounded(x, 1.0e+06f));
+    return curve_at(
+        rear_curve, (uint32_t)REAR_CELLS, rear_compression, rear_cells_per_share, bounded(x, 64.0f));
 }
 
 /* Arguments of both curves. */

@@ -309,8 +309,8 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
         && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
         && is_within(parameters->friction_min, 0.01f, 1.0f)
-        && is_within(parameters->enable_speed, 0.0f, 100.0f)
-        && is_within(parameters->disable_speed, 0.0f, 100.0f)
+        && is_within(parameters->enable_speed, 0.01f, 100.0f)
+        && is_within(parameters->disable_speed, 0.01f, 100.0f)
         && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
         && is_within(parameters->speed_max, 1.0f, 200.0f)
         && is_within(parameters->front_angle_max, 0.01f, 1.5f)
@@ -327,6 +327,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->implausible_samples_max < UINT16_MAX)
         && (parameters->degraded_samples_max < UINT16_MAX)
         && (parameters->recovery_samples > 0u)
+        && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_limiter_parameters_valid(&parameters->limiter);
 }
 

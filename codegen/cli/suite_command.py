@@ -1,0 +1,102 @@
+"""The whole test set at the command line: tables, pictures, and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from codegen import console
+from codegen.errors import CheckFailed, CodegenError, suggestion
+
+if TYPE_CHECKING:
+    from hil_sim.suite.tracking import SuiteResult
+
+SUITES = ("tracking",)
+TOLD = 3
+"""Missed figures that fit on the line of the error; all of them are in the table."""
+
+
+@dataclass(frozen=True)
+class SuiteOutputs:
+    """Where the user wants the results: an overview, a folder for all pictures."""
+
+    plot: Path | None
+    folder: Path | None
+    as_json: bool
+
+    def check(self) -> None:
+        """Refuse, before anything runs, what could not be written. Raises CodegenError."""
+        from codegen.emit.outputs import check_output
+        from codegen.files import make_folder
+
+        check_output(self.plot, ".png")
+        if self.folder is not None:
+            make_folder(self.folder)
+            check_output(self.folder / "overview.png", ".png")
+
+    def draw(self, result: SuiteResult) -> list[Path]:
+        """Write the pictures; returns their paths."""
+        from codegen.report import suite_plots
+        from codegen.report.style import save
+
+        if self.plot is None and self.folder is None:
+            return []
+        written = []
+        if self.plot is not None:
+            save(suite_plots.overview_figure(result), self.plot)
+            written.append(self.plot)
+        if self.folder is not None:
+            for name, figure in suite_plots.figures(result).items():
+                save(figure, self.folder / f"{name}.png")
+                written.append(self.folder / f"{name}.png")
+        return written
+
+
+def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs) -> None:
+    """Drive, print, draw, and judge.
+
+    Raises:
+        CheckFailed: something that is asked was missed; everything is printed and written before.
+        CodegenError: an unknown suite, or what cannot be solved, tuned, built, compiled or written.
+    """
+    from codegen.report.suite_tables import failures, sections
+    from codegen.verify.cortex_m import worst_step_instructions
+    from hil_sim.suite.candidate import of_folder, recommended
+    from hil_sim.suite.whole import run_whole
+
+    if suite not in SUITES:
+        raise CodegenError(
+            f"there is no suite {suite!r}", where="--suite", remedy=f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
+        )
+    outputs.check()
+    candidate = recommended() if build_path is None else of_folder(build_path)
+    whole = run_whole(candidate, worst_step_instructions, console.progress)
+    result, written = whole.result, outputs.draw(whole.result)
+    missed = failures(result.requirements)
+    if outputs.as_json:
+        facts = {"build": None if build_path is None else str(build_path), "candidate": candidate.title}
+        notes = {"edited": list(whole.edited), "notes": list(whole.notes), "pictures": [str(path) for path in written]}
+        console.print_json({**facts, **result.to_dict(), **notes})
+    else:
+        _say(f"suite {suite}: {candidate.title}", sections(result), written)
+        for path in whole.edited:
+            console.note(f"{path} was changed after the build; it was tested as it is")
+        for text in whole.notes:
+            console.note(text)
+    if missed:
+        more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
+        told = "1 figure is" if len(missed) == 1 else f"{len(missed)} figures are"
+        what = f"{told} not as asked: {'; '.join(missed[:TOLD])}{more}"
+        raise CheckFailed(what, where=build_path or "", remedy="see the first table")
+
+
+def _say(title: str, sections: Iterable[tuple[str, str]], written: Sequence[Path]) -> None:
+    console.say(title)
+    for heading, text in sections:
+        console.say(f"\n{heading}\n\n{text}")
+    if written:
+        console.say("")
+    for path in written:
+        console.say(f"plot: {path}")

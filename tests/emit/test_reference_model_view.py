@@ -1,0 +1,165 @@
+"""The reference model's view: the table of a tyre's curve and its stated error, the slowest speed, what is printed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen.config import Config
+from codegen.emit.reference_model_view import (
+    ARGUMENT_MAX,
+    CELLS,
+    COMPRESSIONS,
+    CURVE_ERROR_MAX,
+    Curve,
+    reference_model_view,
+    speed_min,
+    tabulate,
+)
+from codegen.errors import BuildError
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+from tests.sil import builds, units
+from tests.sil.model_reference_model import magic_formula
+
+CONFIG = builds.TRACKING_CONFIG
+NUMBER = r"-?\d+\.?\d*(?:e[+-]?\d+)?"
+SHAPES = [(c, e) for c in (0.5, 1.0, 1.3, 1.65, 2.0, 2.5) for e in (-20.0, -3.0, -0.5, 0.0, 0.5, 0.9, 0.99, 0.999, 1.0)]
+"""Shape and curvature factors over all that a configuration may have."""
+
+
+def tyre(shape_factor: float = 1.3, curvature_factor: float = -0.5) -> MagicFormulaTyre:
+    """The paper's front tyre with another curve."""
+    front = AxleTyres.from_config(CONFIG).front
+    return dataclasses.replace(front, shape_factor=shape_factor, curvature_factor=curvature_factor)
+
+
+def interpolated(curve: Curve, x: Any) -> Any:
+    """The table's curve at x, zero or above."""
+    places = np.linspace(0.0, curve.last_share, curve.values.size)
+    return np.interp(x / (x + curve.compression), places, curve.values)
+
+
+def largest_error(curve: Curve, of: MagicFormulaTyre) -> float:
+    """Found on points that lie elsewhere than those of the search: even ones, and geometric ones out to the end."""
+    x = np.concatenate([np.linspace(0.0, 40.0, 300_007), np.geomspace(1e-5, ARGUMENT_MAX, 200_003)])
+    return float(np.abs(interpolated(curve, x) - magic_formula(of, x)).max())
+
+
+def changed(**tables: dict[str, Any]) -> Config:
+    """The configuration with some keys of its tables changed."""
+    data = CONFIG.model_dump()
+    for name, values in tables.items():
+        data[name].update(values)
+    for message in ("vehicle_motion", "vehicle_conditions", "rear_steer_command"):
+        data["can"][message]["cycle_time_ms"] = 1e3 * data["controller"]["sampling_time_s"]
+    return Config.model_validate(data)
+
+
+@pytest.mark.parametrize(("c", "e"), SHAPES)
+def test_the_stated_error_holds_and_is_not_far_above(c: float, e: float) -> None:
+    curve = tabulate(tyre(c, e))
+    error = largest_error(curve, tyre(c, e))
+    assert error <= curve.error
+    assert curve.error <= 1.05 * error
+
+
+@pytest.mark.parametrize(("c", "e"), SHAPES)
+def test_the_table_holds_the_formula_s_values(c: float, e: float) -> None:
+    curve = tabulate(tyre(c, e))
+    places = np.linspace(0.0, curve.last_share, curve.values.size)
+    x = curve.compression * places / (1.0 - places)
+    assert x[-1] == pytest.approx(ARGUMENT_MAX, rel=1e-12)
+    assert np.abs(curve.values - magic_formula(tyre(c, e), x)).max() < 1e-12
+    assert curve.values[0] == 0.0
+
+
+@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (1.65, 0.5), (0.5, 0.0), (2.5, -20.0)])
+def test_no_smaller_table_would_do(c: float, e: float) -> None:
+    curve = tabulate(tyre(c, e))
+    assert curve.error <= CURVE_ERROR_MAX
+    assert curve.compression in COMPRESSIONS
+    smaller = [cells for cells in CELLS if cells < curve.values.size - 1]
+    for cells in smaller[-1:]:
+        for compression in COMPRESSIONS:
+            places = np.linspace(0.0, ARGUMENT_MAX / (ARGUMENT_MAX + compression), cells + 1)
+            values = magic_formula(tyre(c, e), compression * places / (1.0 - places))
+            assert largest_error(Curve(compression, values, 0.0), tyre(c, e)) > 0.95 * CURVE_ERROR_MAX
+
+
+def test_a_curve_that_no_table_keeps_is_refused() -> None:
+    """Steeper than any tyre of a configuration: told with its place, not built."""
+    with pytest.raises(BuildError, match=r"tyre\.front: no table of 512 cells follows the tyre's curve within 0\.001"):
+        tabulate(tyre(1.3, -1e6), "tyre.front")
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (0.5, 0.5), (1.0, -1.0), (1.65, 0.0)])
+def test_the_text_never_states_less_than_the_error(c: float, e: float, precision: Any) -> None:
+    view = reference_model_view(
+        changed(tyre={"front": {**CONFIG.tyre.front.model_dump(), "shape_factor_c": c, "curvature_factor_e": e}}), precision
+    )
+    for curve in (view.front, view.rear):
+        assert float(curve.error_text) >= curve.error
+        assert float(curve.error_text) <= 1.1 * curve.error
+
+
+def test_header_and_view_say_the_same() -> None:
+    header = units.tracking().folder.files["include/ars_reference_model.h"].decode("ascii")
+    view = reference_model_view(CONFIG, "single")
+    text = " ".join(header.replace("*", " ").split())
+    (stated,) = re.findall(rf"off by at most ({NUMBER}) in front and ({NUMBER}) at the rear", text)
+    assert stated == (view.front.error_text, view.rear.error_text)
+    (bounds,) = re.findall(rf"at most ({NUMBER}) rad of sideslip and ({NUMBER}) rad/s", text)
+    assert float(bounds[0]) == pytest.approx(math.radians(20.0), rel=5e-3)
+    assert float(bounds[1]) == pytest.approx(math.radians(CONFIG.controller.inputs.yaw_rate_max_deg_s), rel=5e-3)
+    (slowest,) = re.findall(rf"below ({NUMBER}) m/s it counts as that", text)
+    assert float(slowest) == pytest.approx(speed_min(CONFIG), rel=5e-3)
+    assert f"a friction that is none as {CONFIG.road.friction:g}" in text
+
+
+def test_the_printed_table_is_the_curve() -> None:
+    source = units.tracking().folder.files["src/ars_reference_model.c"].decode("ascii")
+    for name, of in (("front", AxleTyres.from_config(CONFIG).front), ("rear", AxleTyres.from_config(CONFIG).rear)):
+        (body,) = re.findall(rf"{name}_curve\[\w+ \+ 1\] = \{{(.*?)\}};", source, flags=re.DOTALL)
+        numbers = np.array([float(text) for text in re.findall(rf"({NUMBER})f", body)], dtype=np.float32)
+        assert np.array_equal(numbers, tabulate(of).values.astype(np.float32))
+        (cells,) = re.findall(rf"enum {{ {name.upper()}_CELLS = (\d+) }};", source)
+        assert int(cells) == numbers.size - 1
+
+
+def test_the_slowest_speed_keeps_a_step_within_the_fastest_pole() -> None:
+    """Poles of the linear car, found as eigenvalues: at that speed the fastest decays in about one step, where Heun's method,
+    stable up to two, has room for both poles together."""
+    for period in (0.002, 0.01, 0.02):
+        config = changed(controller={"sampling_time_s": period, "enable_speed_km_h": 60.0})
+        vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+        front, rear = 2.0 * tyres.front.cornering_stiffness, 2.0 * tyres.rear.cornering_stiffness
+        lf, lr, v = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m, speed_min(config)
+        matrix = np.array(
+            [
+                [-(front + rear) / (vehicle.mass_kg * v), (lr * rear - lf * front) / (vehicle.mass_kg * v * v) - 1.0],
+                [
+                    (lr * rear - lf * front) / vehicle.yaw_inertia_kg_m2,
+                    -(lf**2 * front + lr**2 * rear) / (vehicle.yaw_inertia_kg_m2 * v),
+                ],
+            ]
+        )
+        fastest = np.abs(np.linalg.eigvals(matrix)).max() * period
+        assert 0.8 < fastest < 1.3
+
+
+def test_a_sampling_time_that_is_too_long_is_told_with_the_remedy() -> None:
+    config = changed(controller={"sampling_time_s": 0.05})
+    with pytest.raises(BuildError) as caught:
+        reference_model_view(config, "single")
+    error = caught.value
+    assert error.where == "controller.sampling_time_s"
+    assert "enable_speed" in str(error.remedy)
+    assert f"{speed_min(config) * 3.6:.1f} km/h" in error.what
+    enough = changed(controller={"sampling_time_s": 0.05, "enable_speed_km_h": speed_min(config) * 3.6 + 0.1})
+    reference_model_view(enough, "single")

@@ -1,0 +1,88 @@
+"""C loops over the units of a build, for `units`: REAL stands for the build's number type."""
+
+from __future__ import annotations
+
+DECLARATIONS = {
+    "map": """
+void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction, REAL *reference, uint32_t count);
+""",
+    "limiter": """
+void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const REAL *inputs, REAL *angles,
+                   uint32_t count);
+void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters,
+                        const REAL *inputs, REAL *angles, uint32_t count);
+""",
+    "reference_model": """
+void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count);
+void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count);
+void probe_model_start(const REAL *inputs, REAL *states, uint32_t count);
+void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count);
+""",
+}
+DEFINITIONS = {
+    "map": """
+void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction, REAL *reference, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        const ars_map_reference_t found = ars_map_reference(speed[k], front_angle[k], friction[k]);
+        reference[4u * k] = found.yaw_rate;
+        reference[4u * k + 1u] = found.rear_angle;
+        reference[4u * k + 2u] = found.lateral_acceleration_max;
+        reference[4u * k + 3u] = ars_map_yaw_rate_on_road(speed[k], front_angle[k], friction[k]);
+    }
+}
+""",
+    "limiter": """
+void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const REAL *inputs, REAL *angles,
+                   uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        ars_limiter_input_t input;
+        memcpy(&input, &inputs[3u * k], sizeof(input));
+        angles[k] = ars_limiter_step(self, parameters, &input);
+    }
+}
+void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters,
+                        const REAL *inputs, REAL *angles, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        ars_limiter_t self = { states[3u * k], states[3u * k + 1u], states[3u * k + 2u], known[k] != 0u };
+        probe_limiter(&self, parameters, &inputs[3u * k], &angles[k], 1u);
+    }
+}
+""",
+    "reference_model": """
+void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        ars_reference_model_input_t input;
+        memcpy(&input, &inputs[4u * k], sizeof(input));
+        ars_reference_model_step(self, &input);
+        memcpy(&states[3u * k], self, sizeof(*self));
+    }
+}
+void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        ars_reference_model_t self;
+        memcpy(&self, &from[3u * k], sizeof(self));
+        probe_model(&self, &inputs[4u * k], &states[3u * k], 1u);
+    }
+}
+void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        ars_reference_model_t self;
+        ars_reference_model_start(&self, inputs[3u * k], inputs[3u * k + 1u], inputs[3u * k + 2u]);
+        memcpy(&states[3u * k], &self, sizeof(self));
+    }
+}
+void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count)
+{
+    for (uint32_t k = 0u; k < count; k++) {
+        front[k] = ars_reference_model_front_curve(x[k]);
+        rear[k] = ars_reference_model_rear_curve(x[k]);
+    }
+}
+""",
+}
