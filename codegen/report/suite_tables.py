@@ -306,6 +306,6 @@ def sets_text(result: SuiteResult) -> str:
     lines = [
         f"Gains (`codegen tune`): {result.design_set}.",
         f"Structure: {STRUCTURE_SET}.",
-        f"Test: {_cells_text(result)}. No gain and no other parameter was chosen on them.",
+        f"Test: {_cells_text(result)}. No gain was chosen on them, nor anything on the third party's car.",
     ]
     return "\n".join(map(_wrapped, lines))

@@ -475,12 +475,12 @@ def test_run_shows_its_columns_in_degrees_and_si(runs: Runs) -> None:
     columns = ("yaw_rate_rad_s", "sideslip_rad", "rear_angle_rad", "front_angle_rad", "lateral_acceleration_m_s2")
     run = runs["C1"]
     for axes, name in zip(figure.axes, columns, strict=True):
-        line = line_of(axes, "C1 (4WS-2 map)")
+        line = line_of(axes, "C1 (4WS-2 map, PI)")
         time, values = (np.asarray(data) for data in line.get_data())
         expected = np.interp(time, run[:, 0], run[:, RECORD_COLUMNS.index(name)])
         assert np.allclose(values, expected if name.endswith("m_s2") else np.degrees(expected), rtol=1e-9, atol=1e-12)
         assert line.get_color() == style.BLUE
-    assert names(figure) == ["C1 (4WS-2 map)", "C2 (FWS map)", "passive car", "reference, command"]
+    assert names(figure) == ["C1 (4WS-2 map, PI)", "C2 (FWS map, PI)", "passive car", "reference, command"]
     assert max(line_of(figure.axes[0], "passive car").get_ydata()) > 20.0  # deg/s; the paper's car at its step
 
 
