@@ -40,6 +40,7 @@ class Law:
         parameters: its own, of a configuration.
         state: its own.
         gains: of its feedback over speed, for the margins; None where it has none.
+        scheduled: its gains are those of controller.tracking.schedule, which `codegen tune` writes.
         uses_rear_angle: it looks the optimum's own rear angle up.
         uses_reference_model: it needs the unit `<prefix>_reference_model`.
         points: name and size of the arrays among its parameters.
@@ -50,6 +51,7 @@ class Law:
     parameters: Callable[[Config], tuple[Parameter, ...]]
     state: tuple[Field, ...] = ()
     gains: Callable[[Config], Gains | None] = _no_gains
+    scheduled: bool = False
     uses_rear_angle: bool = False
     uses_reference_model: bool = False
     points: Callable[[Config, str], tuple[tuple[str, int], ...]] = _no_arrays
@@ -60,6 +62,11 @@ def law_of(config: Config) -> Law:
     law = LAWS[config.controller.kind]
     law.parameters(config)
     return law
+
+
+def is_untuned(config: Config) -> bool:
+    """Whether `codegen tune` has to come before a build of this configuration."""
+    return LAWS[config.controller.kind].scheduled and config.controller.tracking.schedule is None
 
 
 def _lead_over_actuator(config: Config) -> Parameter:
@@ -179,6 +186,7 @@ LAWS = {
                 Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),
             ),
             gains=lambda config: gains_of(schedule_of(config)),
+            scheduled=True,
             uses_rear_angle=True,
             uses_reference_model=True,
             points=lambda config, prefix: ((f"{prefix.upper()}_SCHEDULE_POINTS", len(schedule_of(config).speed_km_h)),),

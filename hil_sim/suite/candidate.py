@@ -10,6 +10,7 @@ from typing import Any
 from codegen import config as configuration
 from codegen.config import Case, Config
 from codegen.emit.folder import read_manifest
+from codegen.emit.laws import LAWS, is_untuned
 from codegen.emit.text import Precision
 from codegen.errors import BuildError, ConfigError, within
 from codegen.refmap.map import ReferenceMap
@@ -60,8 +61,9 @@ class Candidate:
         """Name to configuration of all that are driven, this one first; those that follow the reference are not tuned yet."""
         own = self.config.controller.kind
         found = {self.name: self.config}
-        if own != "tracking":
-            found["tracking"] = recommended_config(self.config)
+        best = recommended_config(self.config)
+        if best.controller.kind != own:
+            found[best.controller.kind] = best
         for name, config in baseline_configs(self.config).items():
             if not _same_controller(config, self.config):
                 found[f"{name} (paper)" if name == own else name] = config
@@ -82,7 +84,7 @@ class Candidate:
         reference_map = self.reference_map()
         configs, notes = self.contenders(), []
         for name, config in configs.items():
-            if config.controller.kind != "tracking" or (name == self.name and self.folder is not None):
+            if not LAWS[config.controller.kind].scheduled or (name == self.name and self.folder is not None):
                 continue
             try:
                 configs[name] = tuned(config, steps)
@@ -90,7 +92,7 @@ class Candidate:
                 if name == self.name:
                     raise
                 notes.append(f"{name} is not shown beside: {error}")
-        left_out = {name for name, config in configs.items() if _untuned(config)}
+        left_out = {name for name, config in configs.items() if is_untuned(config)}
         subjects = [of_config(name, reference_map, configs[name], self.precision) for name in configs if name not in left_out]
         tested = subjects[0] if self.folder is None else replace(subjects[0], around=around_folder(self.folder))
         return LineUp(tested, tuple(subjects[1:]), self.config.case(self.case), tuple(notes))
@@ -111,10 +113,6 @@ class LineUp:
         build = self.tested.around
         assert isinstance(build, Build)
         return build
-
-
-def _untuned(config: Config) -> bool:
-    return config.controller.kind == "tracking" and config.controller.tracking.schedule is None
 
 
 def _same_controller(one: Config, other: Config) -> bool:

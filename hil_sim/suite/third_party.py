@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from codegen.config import KM_H, Config
+from codegen.emit.laws import LAWS
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
 from codegen.sil.software import Software
@@ -73,7 +74,7 @@ class Job:
         reference_map = solve_case(config, self.case)
         if not self.controlled:
             config = baseline_configs(config)["pi"]  # any controller: it is not asked, only its map
-        elif config.controller.kind == "tracking":
+        elif LAWS[config.controller.kind].scheduled:
             config = tuned(config)
         software = of_config(CONDITION, reference_map, config).around(config)
         return third_party_cells(reference_map, config, software, controlled=self.controlled)

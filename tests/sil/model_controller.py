@@ -172,7 +172,7 @@ class ModelController:
 
     def reachable(self, demand: Any) -> Any:
         """The demand, as far as the rate limit lets the command go in a sample."""
-        travel = self.parameter("rear_rate_max") * self.period
+        travel = min(self.parameter("rear_rate_max"), self.real(self.p.limiter.rear_rate_max)) * self.period
         return clip(demand, self.angle - travel, self.angle + travel)
 
 

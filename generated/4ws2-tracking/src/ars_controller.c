@@ -228,6 +228,16 @@ ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters,
     return (measurement->friction < parameters->friction_min) ? parameters->friction_min : measurement->friction;
 }
 
+/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
+ * did not know of it would run away from the command. */
+ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
+{
+    const float own = parameters->rear_rate_max;
+    const float behind = parameters->limiter.rear_rate_max;
+
+    return ((own < behind) ? own : behind) * sampling_time;
+}
+
 /* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
  * angle, a little ahead of the front wheels; the error is taken to what the car can do with it, by the reference model. The
  * integral is kept in rad of rear angle, sign included. */
@@ -379,7 +389,7 @@ ARS_SECTION_CODE static bool law_step(
     const gains_t gains = gains_at(parameters, measurement->speed);
     const range_t range = feedback_range(parameters, measurement, map.rear_angle);
     const float proportional = gains.proportional * error;
-    const float step = parameters->rear_rate_max * sampling_time;
+    const float step = command_step(parameters);
     float integral;
     float feedback;
     float demand;

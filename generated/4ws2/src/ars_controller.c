@@ -210,6 +210,16 @@ ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters,
     return (measurement->friction < parameters->friction_min) ? parameters->friction_min : measurement->friction;
 }
 
+/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
+ * did not know of it would run away from the command. */
+ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
+{
+    const float own = parameters->rear_rate_max;
+    const float behind = parameters->limiter.rear_rate_max;
+
+    return ((own < behind) ? own : behind) * sampling_time;
+}
+
 /* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
 ARS_SECTION_CODE static void law_init(ars_controller_t *self)
 {
@@ -239,7 +249,7 @@ ARS_SECTION_CODE static bool law_step(
 {
     const float error = reference_error(self, parameters, measurement);
     const float proportional = parameters->proportional_gain * error;
-    const float step = parameters->rear_rate_max * sampling_time;
+    const float step = command_step(parameters);
     float integral = self->integral;
     float low = -parameters->rear_angle_max;
     float high = parameters->rear_angle_max;
