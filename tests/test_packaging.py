@@ -59,7 +59,7 @@ def test_the_wheel_has_presets_and_templates_byte_for_byte(wheel: zipfile.ZipFil
     for name in templates:
         assert wheel.read(f"codegen/_templates/{name}") == (ROOT / "templates" / name).read_bytes()
     presets = sources("codegen/presets", "*.toml")
-    assert "paper.toml" in presets
+    assert {"paper-controller.toml", "recommended-controller.toml"} <= set(presets)
     for name in presets:
         assert wheel.read(f"codegen/presets/{name}") == (ROOT / "codegen/presets" / name).read_bytes()
 
