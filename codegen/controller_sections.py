@@ -74,14 +74,17 @@ class Tracking(Section):
     rate towards the map's. The grip_* keys are the limit that follows the lateral acceleration which the car really reaches.
     """
 
-    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.035
+    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.032
+    lead_smoothing_s: Annotated[float, Range(0.002, 0.2, "s")] = 0.015
     lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
     yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
     trim_max_percent: Annotated[float, Range(0.0, 20.0, "%")] = 1.0
     trim_time_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
     grip_shortfall_m_s2: Annotated[float, Range(0.1, 20.0, "m/s^2")] = 0.5
     grip_loss_time_s: Annotated[float, Range(0.02, 10.0, "s")] = 0.1
+    grip_memory_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
     grip_recovery_m_s3: Annotated[float, Range(0.01, 100.0, "m/s^3")] = 0.5
+    grip_recovery_idle_m_s3: Annotated[float, Range(0.01, 100.0, "m/s^3")] = 4.0
     schedule: Schedule | None = None
 
 
@@ -134,22 +137,22 @@ class Limiter(Section):
 
     Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In
     phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
-    ahead the bound of the opposite phase holds to both sides.
+    ahead the bound of the opposite phase holds to both sides. "from-car" takes the angle that alone makes the linear car turn with
+    `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2.
     """
 
-    rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 40.0
+    rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 30.0
     opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
-        default_factory=lambda: [60.0, 120.0]
+        default_factory=lambda: [40.0, 50.0, 60.0, 75.0, 90.0, 110.0, 140.0, 180.0, 250.0, 400.0]
     )
-    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["off"] = Field(
-        default_factory=lambda: [3.5, 1.5]
-    )
+    opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["from-car", "off"] = "from-car"
+    opposite_phase_lateral_acceleration_m_s2: Annotated[float, Range(0.5, 10.0, "m/s^2")] = 4.0
     in_phase_from_front_angle_deg: Annotated[float, Range(0.05, 20.0, "deg")] = 1.0
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
         speeds, angles = self.opposite_phase_speed_km_h, self.opposite_phase_max_deg
-        if angles != "off" and len(angles) != len(speeds):
+        if not isinstance(angles, str) and len(angles) != len(speeds):
             raise ValueError(
                 f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed"
             )

@@ -73,8 +73,8 @@ def test_the_papers_preset_differs_in_its_controller_alone() -> None:
     assert found == {
         "controller.kind": ("tracking", "pi"),
         "controller.rear_rate_max_deg_s": (25.0, "off"),
-        "limiter.rear_rate_max_deg_s": (40.0, "off"),
-        "limiter.opposite_phase_max_deg": ([3.5, 1.5], "off"),
+        "limiter.rear_rate_max_deg_s": (30.0, "off"),
+        "limiter.opposite_phase_max_deg": ("from-car", "off"),
     }
 
 

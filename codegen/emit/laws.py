@@ -137,6 +137,13 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             points,
         ),
         Parameter("lead_time", tracking.lead_s, "s, how far the front angle that enters the map is looked ahead", 0.0, 0.2),
+        Parameter(
+            "lead_smoothing",
+            1.0 - math.exp(-config.controller.sampling_time_s / tracking.lead_smoothing_s),
+            "share of a new rate of the front angle that counts at once",
+            0.01,
+            1.0,
+        ),
         Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of that", 0.0, 0.5),
         Parameter(
             "yaw_increasing_max",
@@ -155,7 +162,13 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             20.0,
         ),
         Parameter("grip_loss_rate", 1.0 / tracking.grip_loss_time_s, "1/s, how fast the grip follows a larger one", 0.1, 50.0),
-        Parameter("grip_recovery", tracking.grip_recovery_m_s3, "m/s^2 that the grip recovers in a second", 0.01, 100.0),
+        Parameter("grip_forgetting", 1.0 / tracking.grip_memory_s, "1/s, how fast what was reached is forgotten", 0.01, 50.0),
+        Parameter(
+            "grip_recovery", tracking.grip_recovery_m_s3, "m/s^2 that the grip recovers in a second of a turn", 0.01, 100.0
+        ),
+        Parameter(
+            "grip_recovery_idle", tracking.grip_recovery_idle_m_s3, "m/s^2 where less than half of it is asked for", 0.01, 100.0
+        ),
         _lead_over_actuator(config),
     )
 
@@ -183,6 +196,9 @@ LAWS = {
                 Field("real", "integral", "rad, of rear angle"),
                 Field("bool", "starting", "the next step sets the integral"),
                 Field("real", "front_angle", "rad, of the last sample"),
+                Field("real", "front_rate", "rad/s, smoothed"),
+                Field("real", "yaw_rate", "rad/s, of the last sample"),
+                Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
                 Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),
             ),
             gains=lambda config: gains_of(schedule_of(config)),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from codegen.config import KM_H, Config
 from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_view
 from codegen.emit.text import Precision, literal
+from codegen.vehicle.single_track import SingleTrack
 
 POINTS = "LIMITER_POINTS"
 
@@ -22,13 +23,27 @@ class LimiterView:
     period_text: str
 
 
+def _opposite_phase_max(config: Config) -> list[float]:
+    """rad at each breakpoint."""
+    limiter = config.limiter
+    bounds = limiter.opposite_phase_max_deg
+    if bounds == "off":
+        return [math.inf] * len(limiter.opposite_phase_speed_km_h)
+    if bounds == "from-car":
+        car, wanted = SingleTrack.from_config(config), limiter.opposite_phase_lateral_acceleration_m_s2
+        squares = [(speed * KM_H) ** 2 for speed in limiter.opposite_phase_speed_km_h]
+        # An oversteering car reaches it with less and less, beyond its critical speed with none.
+        return [max(wanted * (car.wheelbase + car.understeer_coefficient * square) / square, 0.0) for square in squares]
+    return [math.radians(angle) for angle in bounds]
+
+
 def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
     """The view of a configuration's limiter."""
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
     rate, bounds = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg
     points = len(limiter.opposite_phase_speed_km_h)
     off = bounds == "off"
-    angles = [angle_max] * points if bounds == "off" else [min(math.radians(angle), angle_max) for angle in bounds]
+    angles = [min(angle, angle_max) for angle in _opposite_phase_max(config)]
     name = f"{prefix.upper()}_{POINTS}"
     parameters = (
         Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),

@@ -31,11 +31,16 @@ SCHEDULE = {
 """Of the size that `codegen tune` gives; fixed, so that no test here depends on the design."""
 
 
+LIMITER = {"rear_rate_max_deg_s": 40.0, "opposite_phase_speed_km_h": [60.0, 120.0], "opposite_phase_max_deg": [3.5, 1.5]}
+"""Plain figures, so that a test can say what it expects."""
+
+
 def _of_kind(kind: Kind) -> Config:
     """The recommended configuration, limiter and rate limit on, with another kind of controller."""
     data = configuration.preset("recommended").model_dump()
     data["controller"]["kind"] = kind
     data["controller"]["tracking"]["schedule"] = SCHEDULE
+    data["limiter"].update(LIMITER)
     return Config.model_validate(data)
 
 

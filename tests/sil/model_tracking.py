@@ -12,7 +12,7 @@ from codegen.config import Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
-from codegen.sil.software import Measurement
+from codegen.sil.software import Measurement, Status
 from tests.sil.checks_map_reference import road_lateral_acceleration
 from tests.sil.model_controller import ModelController
 from tests.sil.model_limiter import clip
@@ -43,7 +43,8 @@ class ModelTracking(ModelController):
         self.friction_per_grip = real(total.friction / total.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
-        self.trim = self.integral = self.last_front = real(0.0)
+        self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
+        self.starting = False
         self.happened: set[str] = set()
 
     def car_state(self, speed: Any, yaw_rate: Any) -> Any:
@@ -52,15 +53,21 @@ class ModelTracking(ModelController):
 
     def start(self, m: Measurement) -> None:
         self.happened.add("start")
-        self.last_front, self.trim = m.front_angle, self.real(0.0)
+        zero = self.real(0.0)
+        self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
         self.state = self.car_state(m.speed, m.yaw_rate)
-        self.integral = self.angle - self.look(m).rear_angle
+        self.starting = True
+        if self.status is Status.STANDBY:
+            self.reached, self.grip = zero, self.full_grip
 
     def look(self, m: Measurement) -> Sample:
         """The map where the front wheels will be after the lead time, on the road that is known or seen."""
         p = self.parameter
         most = p("lead_angle_max")
-        lead = clip(p("lead_time") * ((m.front_angle - self.last_front) / self.period), -most, most)
+        rate = (m.front_angle - self.last_front) / self.period
+        self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
+        self.last_front = m.front_angle
+        lead = clip(p("lead_time") * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = seen if math.isnan(estimated) else min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
@@ -76,12 +83,15 @@ class ModelTracking(ModelController):
         error = reference - m.yaw_rate
         gain, integral_gain = self.gains(m.speed)
         low, high = self.feedback_range(m, sample.rear_angle)
+        if self.starting:
+            self.integral, self.starting = self.angle - sample.rear_angle, False
         integral = self.integral if m.inhibit else self.integral - integral_gain * self.period * error
         feedback = integral - gain * error
         limited = not low <= feedback <= high
-        feedback = clip(feedback, low, high)
         if limited and not m.inhibit:
-            integral = feedback + gain * error
+            deeper = integral > self.integral if feedback > high else integral < self.integral
+            integral = clip(self.integral if deeper else integral, low, high)
+        feedback = clip(feedback, low, high)
         demand = sample.rear_angle + feedback
         reachable = self.reachable(demand)
         if reachable != demand:
@@ -94,7 +104,7 @@ class ModelTracking(ModelController):
         self.integral, self.angle = integral, reachable
         if not m.inhibit:
             self.update_grip(m, reference)
-        self.last_front = m.front_angle
+        self.last_yaw_rate = m.yaw_rate
         inputs = (m.speed, m.front_angle, sample.rear_angle, sample.friction)
         with np.errstate(all="ignore"):
             after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
@@ -132,22 +142,28 @@ class ModelTracking(ModelController):
         """What feedback may add: free against the turn, a little where it makes the car turn more."""
         low, high = self.actuator_range(m)
         more = self.parameter("yaw_increasing_max")
-        if m.yaw_rate > 0.0 and low < feedforward - more:
+        two = (m.yaw_rate, self.last_yaw_rate)
+        if max(two) > 0.0 and low < feedforward - more:
             low = clip(feedforward - more, low, high)
             self.note("authority to the left", True)
-        if m.yaw_rate < 0.0 and high > feedforward + more:
+        if min(two) < 0.0 and high > feedforward + more:
             high = clip(feedforward + more, low, high)
             self.note("authority to the right", True)
         return low - feedforward, high - feedforward
 
     def update_grip(self, m: Measurement, reference: Any) -> None:
         p = self.parameter
-        missing = m.yaw_rate - reference if reference < 0.0 else reference - m.yaw_rate
-        shortfall = missing * m.speed
-        grip = self.grip + p("grip_recovery") * self.period
-        if shortfall > p("grip_shortfall"):
-            grip = self.grip - p("grip_loss_rate") * self.period * (shortfall - p("grip_shortfall"))
+        side = self.real(1.0 if reference > 0.0 else -1.0)
+        asked, turning = side * reference * m.speed, side * m.yaw_rate * m.speed
+        idle = asked < self.real(0.5) * self.grip
+        self.note("idle", idle)
+        self.reached = max(abs(turning), self.reached - p("grip_forgetting") * self.period * self.reached)
+        grip = self.grip + p("grip_recovery_idle" if idle else "grip_recovery") * self.period
+        if turning > 0.0 and asked - turning > p("grip_shortfall"):
+            grip = self.grip - p("grip_loss_rate") * self.period * (asked - turning - p("grip_shortfall"))
             self.note("grip lost", True)
+        self.note("grip held by what was reached", grip < self.reached)
+        grip = max(grip, self.reached)
         least = p("friction_min") / self.friction_per_grip
         self.note("grip at its least", grip < least)
         self.note("grip recovers", self.grip < self.full_grip and grip > self.grip)

@@ -86,7 +86,7 @@ def test_the_default_rate_limit_is_25_deg_s_and_the_paper_has_none() -> None:
         text = builds.render(builds.paper_map(), config).files["src/ars_controller.c"].decode("ascii")
         return re.findall(r"\.rear_rate_max = ([^,]*),", text)
 
-    assert rates(Config(controller=Controller(kind="pi"))) == [literal(math.radians(rate), "single") for rate in (25.0, 40.0)]
+    assert rates(Config(controller=Controller(kind="pi"))) == [literal(math.radians(rate), "single") for rate in (25.0, 30.0)]
     assert rates(builds.CONFIG) == ["1000.0f", "1000.0f"], "of the controller, and of the limiter behind it"
 
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xF76ECFC0u
+#define ARS_CAN_BUILD 0x77FC0724u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -24,7 +24,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xF76ECFC0u
+#define ARS_CONTROLLER_BUILD 0x77FC0724u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -60,13 +60,16 @@ typedef struct {
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
     float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
     float lead_time;                    /* s, how far the front angle that enters the map is looked ahead */
+    float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
     float lead_angle_max;               /* rad, bound of that */
     float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
     float trim_share;                   /* of the map's yaw rate: bound of the trim */
     float trim_rate;                    /* 1/s, how fast the trim follows */
     float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
     float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
-    float grip_recovery;                /* m/s^2 that the grip recovers in a second */
+    float grip_forgetting;              /* 1/s, how fast what was reached is forgotten */
+    float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
+    float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
     float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
     float rear_angle_max;               /* rad, bound on the command */
     float rear_rate_max;                /* rad/s, bound on the command's rate */
@@ -97,6 +100,9 @@ typedef struct {
     float integral;                     /* rad, of rear angle */
     bool starting;                      /* the next step sets the integral */
     float front_angle;                  /* rad, of the last sample */
+    float front_rate;                   /* rad/s, smoothed */
+    float yaw_rate;                     /* rad/s, of the last sample */
+    float reached;                      /* m/s^2 of lateral acceleration, lately */
     float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */

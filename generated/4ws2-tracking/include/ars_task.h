@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0xF76ECFC0u
+#define ARS_TASK_BUILD 0x77FC0724u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {

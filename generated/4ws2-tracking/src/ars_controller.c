@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF76ECFC0u
+#if ARS_CONTROLLER_BUILD != 0x77FC0724u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xF76ECFC0u
+#if ARS_MAP_BUILD != 0x77FC0724u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -42,14 +42,17 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f,
         0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
     },
-    .lead_time = 0.035f,
+    .lead_time = 0.032f,
+    .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.02617994f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.01f,
     .trim_rate = 1.0f,
     .grip_shortfall = 0.5f,
     .grip_loss_rate = 10.0f,
+    .grip_forgetting = 1.0f,
     .grip_recovery = 0.5f,
+    .grip_recovery_idle = 4.0f,
     .rear_angle_error_max = 0.034906585f,
     .rear_angle_max = 0.061086524f,
     .rear_rate_max = 0.43633232f,
@@ -72,9 +75,15 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .recovery_samples = 10u,
     .limiter = {
         .rear_angle_max = 0.061086524f,
-        .rear_rate_max = 0.6981317f,
-        .opposite_phase_speed = { 16.666666f, 33.333332f },
-        .opposite_phase_max = { 0.061086524f, 0.02617994f },
+        .rear_rate_max = 0.5235988f,
+        .opposite_phase_speed = {
+            11.111111f, 13.888889f, 16.666666f, 20.833334f, 25.0f, 30.555555f, 38.88889f, 50.0f,
+            69.44444f, 111.111115f
+        },
+        .opposite_phase_max = {
+            0.061086524f, 0.061086524f, 0.04516386f, 0.028886098f, 0.02004386f, 0.013400553f, 0.008252839f,
+            0.004971859f, 0.0025523005f, 0.0009652188f
+        },
         .in_phase_from_front_angle = 0.017453292f,
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f
@@ -288,6 +297,9 @@ ARS_SECTION_CODE static void law_init(ars_controller_t *self)
     self->integral = 0.0f;
     self->starting = false;
     self->front_angle = 0.0f;
+    self->front_rate = 0.0f;
+    self->yaw_rate = 0.0f;
+    self->reached = 0.0f;
     self->grip = grip_max;
 }
 
@@ -301,15 +313,19 @@ ARS_SECTION_CODE static float friction_now(
     return (estimated < seen) ? estimated : seen; /* NaN: no estimate */
 }
 
-/* The map a little ahead of the front wheels, by their rate. */
+/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
-    const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     const float rate = (measurement->front_angle - self->front_angle) / sampling_time;
-    const float lead = clamp(parameters->lead_time * rate, -parameters->lead_angle_max, parameters->lead_angle_max);
-    ars_map_reference_t reference = ars_map_reference(
-        measurement->speed, measurement->front_angle + lead, friction_now(self, parameters, measurement));
+    ars_map_reference_t reference;
+    float lead;
 
+    self->front_angle = measurement->front_angle;
+    self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
+    lead = clamp(parameters->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
+    reference = ars_map_reference(
+        measurement->speed, measurement->front_angle + lead, friction_now(self, parameters, measurement));
     reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     return reference;
 }
@@ -320,9 +336,15 @@ ARS_SECTION_CODE static void law_start(
 {
     (void)parameters;
     self->front_angle = measurement->front_angle;
+    self->front_rate = 0.0f;
+    self->yaw_rate = measurement->yaw_rate;
     self->trim = 0.0f;
     ars_reference_model_start(&self->model, measurement->speed, measurement->yaw_rate, self->rear_angle);
     self->starting = true;
+    if (self->status == ARS_STATUS_STANDBY) { /* what was known of the road is old */
+        self->reached = 0.0f;
+        self->grip = grip_max;
+    }
 }
 
 /* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
@@ -338,10 +360,13 @@ ARS_SECTION_CODE static float reachable_yaw_rate(
     return clamp(self->model.yaw_rate + self->trim, -limit, limit);
 }
 
-/* Feedback may add a little where it makes the car turn more; against the turn it is free. */
+/* Feedback may add a little where it makes the car turn more; against the turn it is free. Which way it turns is asked of two
+ * samples, so that one wrong sign opens neither side. */
 ARS_SECTION_CODE static range_t feedback_range(
-    const ars_parameters_t *parameters, const ars_measurement_t *measurement, float feedforward)
+    const ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, float feedforward)
 {
+    const bool turns_left = (measurement->yaw_rate > 0.0f) || (self->yaw_rate > 0.0f);
+    const bool turns_right = (measurement->yaw_rate < 0.0f) || (self->yaw_rate < 0.0f);
     range_t range = { -parameters->rear_angle_max, parameters->rear_angle_max };
 
     /* Where the actuator is measured, the demand may run ahead of it by so much and no more: a stuck or slow actuator must
@@ -350,10 +375,10 @@ ARS_SECTION_CODE static range_t feedback_range(
         range.low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, range.low, range.high);
         range.high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, range.low, range.high);
     }
-    if ((measurement->yaw_rate > 0.0f) && (range.low < (feedforward - parameters->yaw_increasing_max))) {
+    if (turns_left && (range.low < (feedforward - parameters->yaw_increasing_max))) {
         range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
     }
-    if ((measurement->yaw_rate < 0.0f) && (range.high > (feedforward + parameters->yaw_increasing_max))) {
+    if (turns_right && (range.high > (feedforward + parameters->yaw_increasing_max))) {
         range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
     }
     range.low -= feedforward;
@@ -361,17 +386,27 @@ ARS_SECTION_CODE static range_t feedback_range(
     return range;
 }
 
-/* The grip follows the lateral acceleration that the car really reaches: down where much of it is missing, slowly up again. */
+/* The grip follows the lateral acceleration that the car really reaches: down where much of it is missing in the turn that is
+ * asked for, but never below what was reached lately; slowly up again. */
 ARS_SECTION_CODE static void update_grip(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const float reference = self->yaw_rate_reference;
-    const float missing = (reference < 0.0f) ? (measurement->yaw_rate - reference) : (reference - measurement->yaw_rate);
-    const float shortfall = missing * measurement->speed;
-    float grip = self->grip + (parameters->grip_recovery * sampling_time);
+    const bool leftwards = self->yaw_rate_reference > 0.0f;
+    const float asked = (leftwards ? self->yaw_rate_reference : -self->yaw_rate_reference) * measurement->speed;
+    const float turning = (leftwards ? measurement->yaw_rate : -measurement->yaw_rate) * measurement->speed;
+    const float magnitude = (turning < 0.0f) ? -turning : turning;
+    const float shortfall = asked - turning;
+    const float remembered = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
+    /* A turn that asks for little says nothing of the road: what was found out in the last one is then forgotten sooner. */
+    const float recovery = (asked < (0.5f * self->grip)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
+    float grip = self->grip + (recovery * sampling_time);
 
-    if (shortfall > parameters->grip_shortfall) {
+    self->reached = (magnitude > remembered) ? magnitude : remembered;
+    if ((turning > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* one that comes from another turn does not slip */
         grip = self->grip - ((parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall));
+    }
+    if (grip < self->reached) {
+        grip = self->reached;
     }
     self->grip = clamp(grip, parameters->friction_min / friction_per_grip, grip_max);
 }
@@ -387,7 +422,7 @@ ARS_SECTION_CODE static bool law_step(
     const float reference = reachable_yaw_rate(self, parameters, &map, measurement->speed);
     const float error = reference - measurement->yaw_rate;
     const gains_t gains = gains_at(parameters, measurement->speed);
-    const range_t range = feedback_range(parameters, measurement, map.rear_angle);
+    const range_t range = feedback_range(self, parameters, measurement, map.rear_angle);
     const float proportional = gains.proportional * error;
     const float step = command_step(parameters);
     float integral;
@@ -406,12 +441,16 @@ ARS_SECTION_CODE static bool law_step(
     }
     feedback = integral - proportional;
     limited = (feedback > range.high) || (feedback < range.low);
-    if (limited) {
-        feedback = clamp(feedback, range.low, range.high);
-        if (!measurement->inhibit) {
-            integral = feedback + proportional; /* the integral that gives just the limit: it leaves it in one sample */
+    if (limited && !measurement->inhibit) {
+        /* The integral moves no farther into the limit, and lies within it itself; what is proportional to one sample's error
+         * is not kept. */
+        if (((feedback > range.high) && (integral > self->integral))
+            || ((feedback < range.low) && (integral < self->integral))) {
+            integral = self->integral;
         }
+        integral = clamp(integral, range.low, range.high);
     }
+    feedback = clamp(feedback, range.low, range.high);
 
     demand = map.rear_angle + feedback;
     command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
@@ -429,7 +468,7 @@ ARS_SECTION_CODE static bool law_step(
     if (!measurement->inhibit) {
         update_grip(self, parameters, measurement);
     }
-    self->front_angle = measurement->front_angle;
+    self->yaw_rate = measurement->yaw_rate;
     ars_reference_model_step(&self->model, &input);
     return limited;
 }
@@ -473,13 +512,16 @@ ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
     return is_within(parameters->lead_time, 0.0f, 0.2f)
+        && is_within(parameters->lead_smoothing, 0.01f, 1.0f)
         && is_within(parameters->lead_angle_max, 0.0f, 0.5f)
         && is_within(parameters->yaw_increasing_max, 0.0f, 1.0f)
         && is_within(parameters->trim_share, 0.0f, 0.2f)
         && is_within(parameters->trim_rate, 0.01f, 20.0f)
         && is_within(parameters->grip_shortfall, 0.1f, 20.0f)
         && is_within(parameters->grip_loss_rate, 0.1f, 50.0f)
+        && is_within(parameters->grip_forgetting, 0.01f, 50.0f)
         && is_within(parameters->grip_recovery, 0.01f, 100.0f)
+        && is_within(parameters->grip_recovery_idle, 0.01f, 100.0f)
         && is_within(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
         && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
         && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xF76ECFC0u
+#if ARS_E2E_BUILD != 0x77FC0724u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

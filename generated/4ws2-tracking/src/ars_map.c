@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0xF76ECFC0u
+#if ARS_MAP_BUILD != 0x77FC0724u
 #error "ars_map.h and this source come from different builds"
 #endif
 
