@@ -291,4 +291,4 @@ def _first_fault(error: ValidationError, where: object) -> ConfigError:
 
 def _is_union_label(part: int | str) -> bool:
     # pydantic names the branch of a union ("float", "literal['off']", "function-after[...]") inside the path.
-    return isinstance(part, str) and bool(re.match(r"(function-|literal\[|float\Z|\[key\]\Z|constrained-)", part))
+    return isinstance(part, str) and bool(re.match(r"(function-|literal\[|list\[|float\Z|\[key\]\Z|constrained-)", part))

@@ -137,13 +137,13 @@ class Limiter(Section):
 
     Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In
     phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
-    ahead the bound of the opposite phase holds to both sides. "from-car" takes the angle that alone makes the linear car turn with
-    `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2.
+    ahead the bound of the opposite phase holds to both sides. "from-car" takes the angle that alone makes the linear car turn
+    with `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2.
     """
 
     rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 30.0
     opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
-        default_factory=lambda: [40.0, 50.0, 60.0, 75.0, 90.0, 110.0, 140.0, 180.0, 250.0, 400.0]
+        default_factory=lambda: [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
     )
     opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["from-car", "off"] = "from-car"
     opposite_phase_lateral_acceleration_m_s2: Annotated[float, Range(0.5, 10.0, "m/s^2")] = 4.0

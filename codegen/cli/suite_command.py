@@ -29,15 +29,19 @@ class SuiteOutputs:
     def check(self) -> None:
         """Refuse, before anything runs, what could not be written. Raises CodegenError."""
         from codegen.emit.outputs import check_output
-        from codegen.files import make_folder
 
         check_output(self.plot, ".png")
-        if self.folder is not None:
-            make_folder(self.folder)
-            check_output(self.folder / "overview.png", ".png")
+        if self.folder is None:
+            return
+        if self.folder.exists() and not self.folder.is_dir():
+            raise CodegenError("not a folder", where=self.folder, remedy="name a folder for the pictures")
+        # It is made when there is something to put into it.
+        place = self.folder if self.folder.is_dir() else self.folder.resolve().parent
+        check_output(place / "overview.png", ".png")
 
     def draw(self, result: SuiteResult) -> list[Path]:
         """Write the pictures; returns their paths."""
+        from codegen.files import make_folder
         from codegen.report import suite_plots
         from codegen.report.style import save
 
@@ -48,6 +52,7 @@ class SuiteOutputs:
             save(suite_plots.overview_figure(result), self.plot)
             written.append(self.plot)
         if self.folder is not None:
+            make_folder(self.folder)
             for name, figure in suite_plots.figures(result).items():
                 save(figure, self.folder / f"{name}.png")
                 written.append(self.folder / f"{name}.png")

@@ -121,9 +121,10 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
 
     tuning = config.tuning
     console.say(
-        f"{output}: {made.family_size} cars, {tuning.delay_samples} samples of delay; each car keeps at least "
+        f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; asked for: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
-        f"{tuning.sensitivity_max:g}"
+        f"{tuning.sensitivity_max:g}. Up to the grid's last speed every car keeps that; beyond, those of the column cars: the "
+        "configured one and those that are stable there with their rear wheels held"
     )
     rows = [
         (

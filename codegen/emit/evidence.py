@@ -57,7 +57,8 @@ class Evidence:
         if self.margins is None:
             return "no feedback, so no margins"
         if self.margins.unstable_from is not None:
-            return f"**unstable from {self.margins.unstable_from / KM_H:.0f} km/h**, little margin before"
+            little, none = _km_h(self.margins.warns_from), _km_h(self.margins.unstable_from)
+            return f"little margin from {little:.0f} km/h, **unstable from {none:.0f} km/h**"
         gain, phase = self.margins.gain_margin_db, self.margins.phase_margin_deg
         return (
             f"{gain:.1f} dB at {self.margins.gain_margin_speed / KM_H:.0f} km/h, "

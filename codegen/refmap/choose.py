@@ -9,7 +9,7 @@ from codegen import config as configuration
 from codegen.config import Config, Controller
 from codegen.refmap.map import ReferenceMap
 
-PRESET_NOTE = "the map brings no configuration: the paper's car and the default controller are taken"
+PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's PI, with a rate limit, are taken"
 
 
 @dataclass(frozen=True)

@@ -63,9 +63,9 @@ def _grips(controller: Controller, measurements: list[Measurement]) -> tuple[npt
 
 
 def check_grip(built: Built) -> None:
-    """Where much lateral acceleration is missing in the turn that is asked for, the grip goes down by what exceeds the shortfall,
-    to what was reached lately and to the smallest friction that is believed; else it recovers, slowly in a turn and sooner
-    without one, up to the map's. ESC or ABS hold it. The map is asked for no more than that."""
+    """Where much lateral acceleration is missing in the turn that is asked for, the grip goes down by what exceeds it, to what
+    was reached lately and to the smallest friction that is believed; else it recovers, sooner where little is asked for, up
+    to the map's. ESC or ABS hold it. The map is asked for no more than that."""
     cap = built.total.lateral_acceleration_cap
     for side in BOTH:
         controller = controller_of(built, grip_shortfall=0.5, **no_gains(built))

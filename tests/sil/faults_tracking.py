@@ -132,9 +132,15 @@ IN_THE_FEEDBACK = (
     ),
     Fault(
         "no anti-windup",
-        checks_tracking.check_tracking_anti_windup,
+        checks_tracking.check_tracking_same_as_model,
         "integral = clamp(integral, range.low, range.high);",
         "",
+    ),
+    Fault(
+        "the integral runs on at any limit",
+        checks_tracking.check_tracking_anti_windup,
+        "if (limited && !measurement->inhibit) {",
+        "if (false) {",
     ),
     Fault(
         "no saturation in the law",
@@ -227,14 +233,14 @@ IN_THE_REFERENCE = (
     Fault(
         "the model driven by the command, not by the feedforward",
         checks_tracking.check_tracking_same_as_model,
-        "measurement->speed, measurement->front_angle, map.rear_angle, friction_now",
-        "measurement->speed, measurement->front_angle, self->rear_angle, friction_now",
+        "measurement->speed, measurement->front_angle, map.rear_angle, friction }",
+        "measurement->speed, measurement->front_angle, self->rear_angle, friction }",
     ),
     Fault(
         "the model on the road of the map",
         checks_tracking.check_tracking_same_as_model,
-        "map.rear_angle, friction_now(self, parameters, measurement)\n",
-        "map.rear_angle, 0.9f\n",
+        "map.rear_angle, friction };",
+        "map.rear_angle, 0.9f };",
     ),
     Fault(
         "grip lost to the left only",

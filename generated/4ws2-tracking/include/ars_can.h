@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x77FC0724u
+#define ARS_CAN_BUILD 0xA7652821u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -24,7 +24,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x77FC0724u
+#define ARS_CONTROLLER_BUILD 0xA7652821u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x77FC0724u
+#define ARS_DYNAMICS_BUILD 0xA7652821u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x77FC0724u
+#define ARS_E2E_BUILD 0xA7652821u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

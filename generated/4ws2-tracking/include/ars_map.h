@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x77FC0724u
+#define ARS_MAP_BUILD 0xA7652821u
 
 /* Breakpoints of the table. */
 enum {

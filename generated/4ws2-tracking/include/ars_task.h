@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x77FC0724u
+#define ARS_TASK_BUILD 0xA7652821u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {

@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x77FC0724u
+#if ARS_CONTROLLER_BUILD != 0xA7652821u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x77FC0724u
+#if ARS_MAP_BUILD != 0xA7652821u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -76,14 +76,8 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .limiter = {
         .rear_angle_max = 0.061086524f,
         .rear_rate_max = 0.5235988f,
-        .opposite_phase_speed = {
-            11.111111f, 13.888889f, 16.666666f, 20.833334f, 25.0f, 30.555555f, 38.88889f, 50.0f,
-            69.44444f, 111.111115f
-        },
-        .opposite_phase_max = {
-            0.061086524f, 0.061086524f, 0.04516386f, 0.028886098f, 0.02004386f, 0.013400553f, 0.008252839f,
-            0.004971859f, 0.0025523005f, 0.0009652188f
-        },
+        .opposite_phase_speed = { 13.888889f, 17.222221f, 22.222221f, 30.555555f, 44.444443f, 111.111115f },
+        .opposite_phase_max = { 0.061086524f, 0.04229375f, 0.02538186f, 0.013400553f, 0.0063063586f, 0.0009652188f },
         .in_phase_from_front_angle = 0.017453292f,
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f
@@ -315,7 +309,7 @@ ARS_SECTION_CODE static float friction_now(
 
 /* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, float friction)
 {
     const float rate = (measurement->front_angle - self->front_angle) / sampling_time;
     ars_map_reference_t reference;
@@ -324,8 +318,7 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     self->front_angle = measurement->front_angle;
     self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
     lead = clamp(parameters->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
-    reference = ars_map_reference(
-        measurement->speed, measurement->front_angle + lead, friction_now(self, parameters, measurement));
+    reference = ars_map_reference(measurement->speed, measurement->front_angle + lead, friction);
     reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     return reference;
 }
@@ -415,10 +408,9 @@ ARS_SECTION_CODE static void update_grip(
 ARS_SECTION_CODE static bool law_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const ars_map_reference_t map = reference_ahead(self, parameters, measurement);
-    const ars_reference_model_input_t input = {
-        measurement->speed, measurement->front_angle, map.rear_angle, friction_now(self, parameters, measurement)
-    };
+    const float friction = friction_now(self, parameters, measurement);
+    const ars_map_reference_t map = reference_ahead(self, parameters, measurement, friction);
+    const ars_reference_model_input_t input = { measurement->speed, measurement->front_angle, map.rear_angle, friction };
     const float reference = reachable_yaw_rate(self, parameters, &map, measurement->speed);
     const float error = reference - measurement->yaw_rate;
     const gains_t gains = gains_at(parameters, measurement->speed);

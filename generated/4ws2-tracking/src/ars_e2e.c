@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x77FC0724u
+#if ARS_E2E_BUILD != 0xA7652821u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

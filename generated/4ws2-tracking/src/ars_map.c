@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x77FC0724u
+#if ARS_MAP_BUILD != 0xA7652821u
 #error "ars_map.h and this source come from different builds"
 #endif
 

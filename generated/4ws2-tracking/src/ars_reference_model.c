@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0x77FC0724u
+#if ARS_REFERENCE_MODEL_BUILD != 0xA7652821u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 

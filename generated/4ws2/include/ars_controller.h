@@ -23,7 +23,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x8E994F56u
+#define ARS_CONTROLLER_BUILD 0x78B6AAA8u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

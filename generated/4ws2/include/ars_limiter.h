@@ -22,9 +22,9 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x8E994F56u
+#define ARS_LIMITER_BUILD 0x78B6AAA8u
 
-enum { ARS_LIMITER_POINTS = 10 };
+enum { ARS_LIMITER_POINTS = 6 };
 
 /* Everything that calibration may change. Ask ars_limiter_parameters_valid() after each change. */
 typedef struct {

@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x8E994F56u
+#define ARS_MAP_BUILD 0x78B6AAA8u
 
 /* Breakpoints of the table. */
 enum {

@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x8E994F56u
+#define ARS_TASK_BUILD 0x78B6AAA8u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {

@@ -46,13 +46,13 @@
 #include "ars_controller.h"
 #include "ars_task.h"
 
-#if ARS_CAN_BUILD != 0x8E994F56u
+#if ARS_CAN_BUILD != 0x78B6AAA8u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x8E994F56u
+#if ARS_CONTROLLER_BUILD != 0x78B6AAA8u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x8E994F56u
+#if ARS_TASK_BUILD != 0x78B6AAA8u
 #error "ars_task.h and this source come from different builds"
 #endif
 

@@ -12,7 +12,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x8E994F56u
+#if ARS_CAN_BUILD != 0x78B6AAA8u
 #error "ars_can.h and this source come from different builds"
 #endif
 

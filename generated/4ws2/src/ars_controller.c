@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x8E994F56u
+#if ARS_CONTROLLER_BUILD != 0x78B6AAA8u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x8E994F56u
+#if ARS_MAP_BUILD != 0x78B6AAA8u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -55,14 +55,8 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .limiter = {
         .rear_angle_max = 0.061086524f,
         .rear_rate_max = 1000.0f,
-        .opposite_phase_speed = {
-            11.111111f, 13.888889f, 16.666666f, 20.833334f, 25.0f, 30.555555f, 38.88889f, 50.0f,
-            69.44444f, 111.111115f
-        },
-        .opposite_phase_max = {
-            0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f,
-            0.061086524f, 0.061086524f
-        },
+        .opposite_phase_speed = { 13.888889f, 17.222221f, 22.222221f, 30.555555f, 44.444443f, 111.111115f },
+        .opposite_phase_max = { 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f },
         .in_phase_from_front_angle = 0.017453292f,
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f

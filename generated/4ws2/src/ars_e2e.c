@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x8E994F56u
+#if ARS_E2E_BUILD != 0x78B6AAA8u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
