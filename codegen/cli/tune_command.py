@@ -123,8 +123,11 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     console.say(
         f"{output}: {made.family_size} cars, delay of {tuning.delay_samples} samples; asked for: at least "
         f"{tuning.gain_margin_db:g} dB, {tuning.phase_margin_deg:g} deg, and a peak sensitivity of at most "
-        f"{tuning.sensitivity_max:g}. Up to the grid's last speed every car keeps that; beyond, those of the column cars: the "
-        "configured one and those that are stable there with their rear wheels held"
+        f"{tuning.sensitivity_max:g}"
+    )
+    console.say(
+        "up to the grid's last speed every car keeps that; beyond it those counted in the table: the configured one, and those "
+        "that are stable there with their rear wheels held"
     )
     rows = [
         (

@@ -109,7 +109,7 @@ def test_a_bare_map_builds_with_the_papers_car_and_says_so(run: Run, tmp_path: P
     np.savez("mine.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 3.2, angle), 5.0 / speed[:, np.newaxis]))
     answer = run("build", "--map", "mine.npz")
     assert answer.code == 0
-    assert "the default controller" in answer.err
+    assert "the paper's PI" in answer.err
     # The default controller: with its rate limit of 25 deg/s, which the paper's has not.
     assert ".rear_rate_max = 0.43633232f" in Path("generated/mine/src/ars_controller.c").read_text()
     assert "those of the paper's car" in Path("generated/mine/README.md").read_text()

@@ -103,9 +103,9 @@ def test_the_table_shows_what_is_stored(run: Run, solved: Path) -> None:
     assert schedule is not None
     lines = answer.out.splitlines()
     assert lines[0] == (
-        "tuned.npz: 9 cars, 1 samples of delay; each car keeps at least 8 dB, 45 deg, and a peak sensitivity of at most 1.8"
+        "tuned.npz: 9 cars, delay of 1 samples; asked for: at least 8 dB, 45 deg, and a peak sensitivity of at most 1.8"
     )
-    rows = [line.split() for line in lines[3:-1]]
+    rows = [line.split() for line in lines[4:-1]]
     assert len(rows) == len(schedule.speed_km_h)
     for k, row in enumerate(rows):
         assert float(row[0]) == schedule.speed_km_h[k]
