@@ -1,4 +1,4 @@
-"""C sources compiled and linked for a Cortex-M4F, by the C compiler (clang) in the package `ziglang`."""
+"""C sources compiled and linked for ECU cores, by the C compiler (clang) in the package `ziglang`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,42 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.errors import BuildError
 from codegen.sil.toolchain import require_success
 from codegen.verify.packages import require
 
-TARGET = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
-"""ARMv7E-M with the FPU in single precision, arguments in its registers."""
+
+@dataclass(frozen=True)
+class Core:
+    """An instruction set to compile for, without an operating system.
+
+    Attributes:
+        name: as users know it.
+        flags: for zig's clang.
+        has_double: whether its FPU computes in double precision.
+    """
+
+    name: str
+    flags: tuple[str, ...]
+    has_double: bool = False
+
+
+def _core(name: str, target: str, cpu: str = "", has_double: bool = False) -> Core:
+    return Core(name, ("-target", target, *((f"-mcpu={cpu}",) if cpu else ())), has_double)
+
+
+# FPUs in single precision, arguments in their registers.
+CORTEX_M4F = _core("Cortex-M4F", "thumb-freestanding-eabihf", "cortex_m4+vfp4d16sp")
+CORTEX_M7 = _core("Cortex-M7", "thumb-freestanding-eabihf", "cortex_m7+fp_armv8d16sp")
+CORTEX_M33 = _core("Cortex-M33", "thumb-freestanding-eabihf", "cortex_m33+fp_armv8d16sp")
+RISCV32 = _core("RV32IMAFC", "riscv32-freestanding", "generic_rv32+m+a+c+f")
+POWERPC_BE = _core("PowerPC, big-endian", "powerpc-freestanding-eabihf", has_double=True)
+AARCH64 = _core("AArch64", "aarch64-freestanding", has_double=True)
+X86_64 = _core("x86-64", "x86_64-freestanding", has_double=True)
+CORES = (X86_64, AARCH64, CORTEX_M4F, CORTEX_M7, CORTEX_M33, RISCV32, POWERPC_BE)
 
 FLAGS = (
     "-std=c99",
@@ -83,13 +111,16 @@ _SCRIPT = f"""SECTIONS {{
 """
 
 
-def compile_image(sources: Mapping[str, str | bytes], entries: Sequence[str], flags: Sequence[str] = ("-O2",)) -> bytes:
+def compile_image(
+    sources: Mapping[str, str | bytes], entries: Sequence[str], flags: Sequence[str] = ("-O2",), core: Core = CORTEX_M4F
+) -> bytes:
     """An ELF file at fixed addresses, with what the entries reach and nothing else.
 
     Args:
         sources: relative path with "/" -> content, of all .c, .h and .o files; headers are found in include/.
         entries: functions to keep, one or more.
         flags: optimisation, definitions.
+        core: what to compile for.
 
     Raises:
         CodegenError: `ziglang` is not installed.
@@ -100,14 +131,14 @@ def compile_image(sources: Mapping[str, str | bytes], entries: Sequence[str], fl
     link = ["-nostdlib", f"-Wl,-e,{entries[0]},--gc-sections,-T,{SCRIPT}", *keep]
     with source_tree({**sources, MEMORY_UNIT: _MEMORY, SCRIPT: _SCRIPT}) as tree:
         image = tree.parent / "image.elf"
-        zig(["cc", *TARGET, *FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
+        zig(["cc", *core.flags, *FLAGS, *flags, *INCLUDES, *link, *units, MEMORY_UNIT, "-o", f"../{image.name}"], tree)
         return image.read_bytes()
 
 
 def preprocess(sources: Mapping[str, str | bytes], units: Sequence[str]) -> dict[str, str]:
     """Each of the units as the compiler's parser sees it, line markers included. Raises as `compile_image`."""
     with source_tree(sources) as tree:
-        return {unit: zig(["cc", *TARGET, *FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
+        return {unit: zig(["cc", *CORTEX_M4F.flags, *FLAGS, *INCLUDES, "-E", unit], tree) for unit in units}
 
 
 @contextlib.contextmanager

@@ -11,19 +11,23 @@ from codegen.errors import CodegenError
 EXTRA = 'pip install "ars-codegen[verify]"'
 
 
+class MissingTool(CodegenError):
+    """A package or a program that a check needs is not there: the check is not run."""
+
+
 def module(name: str, package: str) -> Any:
     """A module of a package.
 
     Raises:
-        CodegenError: it is not installed, or is one that has no such module.
+        MissingTool: it is not installed, or is one that has no such module.
     """
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise CodegenError(f"it cannot be imported ({error})", where=package, remedy=EXTRA) from None
+        raise MissingTool(f"it cannot be imported ({error})", where=package, remedy=EXTRA) from None
 
 
 def require(name: str) -> None:
-    """Refuse to go on without a package that is called as a program. Raises CodegenError."""
+    """Refuse to go on without a package that is called as a program. Raises MissingTool."""
     if importlib.util.find_spec(name) is None:
-        raise CodegenError("it is not installed", where=name, remedy=EXTRA)
+        raise MissingTool("it is not installed", where=name, remedy=EXTRA)

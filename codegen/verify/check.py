@@ -1,0 +1,112 @@
+"""What every check of `codegen verify` takes, and what it gives.
+
+A check is a function `check(subject, effort) -> Outcome`. It reads the files of the subject and nothing else of the folder, and
+raises only for what keeps it from running; see `codegen.verify.runner`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Self
+
+from codegen.emit.folder import read_files, read_manifest, verify_hashes
+
+
+class Verdict(StrEnum):
+    """What came of a check. Not run is never passed."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a check.
+
+    Attributes:
+        shows: what it shows of the code, one sentence without its full stop.
+        figure: the one figure for the table, such as "0 mismatches in 300,000 steps".
+        verdict: passed, failed or not run.
+        findings: each fault in one line, with file and line where there is one; for a check that was not run, why.
+        figures: everything that was measured, as JSON values; no times and nothing of the machine's paths.
+        limits: what it does not show, each a sentence for the safety manual.
+        tools: name to version of what it ran with.
+    """
+
+    shows: str
+    figure: str
+    verdict: Verdict
+    findings: tuple[str, ...] = ()
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    limits: tuple[str, ...] = ()
+    tools: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run.
+
+    Attributes:
+        quick: what answers in half a minute.
+    """
+
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The build under check.
+
+    Attributes:
+        name: of the folder, for messages.
+        files: content by relative POSIX path; all that the manifest names.
+        manifest: of the build.
+        edited: paths whose content is not what the build wrote.
+    """
+
+    name: str
+    files: Mapping[str, bytes]
+    manifest: Mapping[str, Any]
+    edited: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """The build in a folder.
+
+        Raises:
+            BuildError: not a build, or a file of it cannot be read.
+        """
+        manifest = read_manifest(folder)
+        return cls(folder.resolve().name, read_files(folder, manifest, ("",)), manifest, tuple(verify_hashes(folder)))
+
+    @property
+    def prefix(self) -> str:
+        """Of the C names."""
+        return str(self.manifest["options"]["prefix"])
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it computes in single precision."""
+        return bool(self.manifest["options"]["precision"] == "single")
+
+    @property
+    def kind(self) -> str:
+        """Of the controller."""
+        return str(self.manifest["options"]["kind"])
+
+    def sources(self, *folders: str) -> dict[str, bytes]:
+        """The .c and .h files below some folders, by default include/ and src/: what goes into an ECU."""
+        below = tuple(f"{folder}/" for folder in (folders or ("include", "src")))
+        return {path: content for path, content in self.files.items() if path.startswith(below) and path.endswith((".c", ".h"))}
+
+    def sha256(self, path: str) -> str:
+        """Of a file."""
+        return hashlib.sha256(self.files[path]).hexdigest()
+
+
+Check = Callable[[Subject, Effort], Outcome]
