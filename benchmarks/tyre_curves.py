@@ -93,7 +93,8 @@ def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes
 
 def _library(shape: Shape) -> dict[str, str | bytes]:
     with source_tree({"libm.zig": LIBM}) as tree:
-        target = ["-target", TARGET[1], "-mcpu", TARGET[2].removeprefix("-mcpu=")]
+        _, triple, cpu = CORTEX_M4F.flags
+        target = ["-target", triple, "-mcpu", cpu.removeprefix("-mcpu=")]
         zig(
             [
                 "build-obj",
