@@ -10,7 +10,7 @@ import numpy as np
 
 from codegen.can_sections import NODES, QUALIFIED, Can, Message, RealSignal, Signal
 from codegen.config import Config
-from codegen.emit.text import Precision, literal
+from codegen.emit.text import Precision, lines_of, literal
 
 UNITS = {
     "speed": "m/s",
@@ -166,6 +166,8 @@ class CanView:
     half: str
     nan_type: str
     nan_bits: str
+    crc_table: tuple[str, ...]
+    crc_sum: int
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,31 @@ def can_view(config: Config, precision: Precision) -> CanView:
         half=literal(0.5, precision),
         nan_type="uint32_t" if precision == "single" else "uint64_t",
         nan_bits="0x7FC00000u" if precision == "single" else "0x7FF8000000000000u",
+        crc_table=lines_of([f"0x{_crc_of_byte(byte):02X}u" for byte in range(256)]),
+        crc_sum=_crc_sum(),
     )
+
+
+CRC_POLYNOMIAL = 0x1D
+"""SAE J1850."""
+
+CRC_EXAMPLE = (0x23, 0x01, 1, 0, 0, 0, 0, 0)
+"""Data id, low byte first, and the bytes 1 to 6 of the frame whose byte 7 runs through all values in the self-test."""
+
+
+def _crc_sum() -> int:
+    crc = 0
+    for byte in CRC_EXAMPLE:
+        crc = _crc_of_byte(crc ^ byte)
+    return sum((value + 1) * _crc_of_byte(crc ^ value) for value in range(256))
+
+
+def _crc_of_byte(byte: int) -> int:
+    crc = byte
+    for _ in range(8):
+        crc = (crc << 1) ^ (CRC_POLYNOMIAL if crc & 0x80 else 0)
+        crc &= 0xFF
+    return crc
 
 
 _TITLES = {

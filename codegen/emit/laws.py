@@ -195,7 +195,6 @@ LAWS = {
             state=(
                 Field("real", "trim", "rad/s, towards the map's yaw rate"),
                 Field("real", "integral", "rad, of rear angle"),
-                Field("bool", "starting", "the next step sets the integral"),
                 Field("real", "front_angle", "rad, of the last sample"),
                 Field("real", "front_rate", "rad/s, smoothed"),
                 Field("real", "yaw_rate", "rad/s, of the last sample"),

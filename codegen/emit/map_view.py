@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,18 @@ from codegen.errors import MapError
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
+
+
+MAGNITUDE = "magnitude"
+"""An argument that is never negative."""
+
+
+@dataclass(frozen=True)
+class CellsView:
+    """Some cells of an even axis: of which kind, and when a value lies there, if it was in none of those before."""
+
+    kind: Literal["core", "first", "last", "beyond"]
+    condition: str
 
 
 @dataclass(frozen=True)
@@ -34,7 +46,10 @@ class AxisView:
     even: bool
     has_first_cell: bool
     has_last_cell: bool
-    core_cells: int
+    last_cell: int
+    cells: tuple[CellsView, ...]
+    total_text: str
+    start_text: str
     core_origin: str
     core_origin_is_zero: bool
     offset_text: str
@@ -139,7 +154,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
     points = f"[{prefix.upper()}_MAP_SPEED_POINTS][{prefix.upper()}_MAP_FRONT_ANGLE_POINTS]"
     return MapView(
         speed=_axis_view(lookup.speed_axis, "speed", "speed", "m/s", precision),
-        front_angle=_axis_view(lookup.front_axis, "front_angle", "magnitude", "rad", precision),
+        front_angle=_axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", precision),
         tables=tables,
         table_size=f"[{prefix.upper()}_MAP_FRICTION_POINTS]{points}" if stacked else points,
         with_rear_angle=with_rear_angle,
@@ -216,10 +231,13 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, pr
         even=axis.even,
         has_first_cell=axis.has_first_cell,
         has_last_cell=axis.has_last_cell,
-        core_cells=axis.core_end - axis.core_start,
+        last_cell=axis.size - 2,
+        cells=_cells(constants, name, argument, precision) if axis.even else (),
+        total_text="Not negative; NaN counts as zero" if argument == MAGNITUDE else "NaN and what is below zero count as zero",
+        start_text="NaN" if argument == MAGNITUDE else "zero, below it, or NaN",
         core_origin=literal(constants.core_origin, precision),
         core_origin_is_zero=origin_is_zero,
-        offset_text="clamped" if origin_is_zero else f"(clamped - {name}_core_first)",
+        offset_text=argument if origin_is_zero else f"({argument} - {name}_core_first)",
         core_top=literal(constants.core_top, precision),
         inverse_step=literal(constants.inverse_step, precision) if axis.even else "",
         inverse_first=literal(constants.inverse_first, precision) if axis.has_first_cell else "",
@@ -227,6 +245,21 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, pr
         search_start=axis.search_steps[0] if axis.search_steps else 0,
         lines=() if axis.even else lines_of([literal(value, precision) for value in np.asarray(constants.table)]),
     )
+
+
+def _cells(constants: AxisConstants, name: str, argument: str, precision: Precision) -> tuple[CellsView, ...]:
+    """In the order in which the fewest comparisons find the core. Every comparison is false for NaN."""
+    axis, zero = constants.axis, literal(0.0, precision)
+    # Of the steps where the table ends with the core: they may round up to one cell too many. Before a last cell, that one is it.
+    counted, end = f"{argument}", f"{name}_core_last"
+    if not axis.has_last_cell:
+        counted, end = "steps", literal(float(axis.core_end - axis.core_start), precision)
+    beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
+    if argument == MAGNITUDE and not axis.has_first_cell:
+        return CellsView("core", f"{counted} < {end}"), beyond
+    core = CellsView("core", f"{argument} >= {name}_core_first" if axis.has_first_cell else f"{argument} >= {zero}")
+    first = (CellsView("first", f"{argument} > {zero}"),) if axis.has_first_cell else ()
+    return beyond, core, *first
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -3,9 +3,9 @@
 Written from the rules for a total map, not from the C: nothing of the code generator is imported. The order of the operations
 is part of the contract, because in floating point it decides the last bit:
 
-1. speed and |front angle|: NaN and what is below zero become 0; then clamp at the last breakpoint.
-2. even axis: first cell u = x inv_first; last cell u = (x - x_last) inv_last; core p = (x - x_core) inv, i = min(int(p), last),
-   u = p - i. Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} - x_i).
+1. speed and |front angle|: NaN and what is below zero are at the first breakpoint, i = 0 and u = 0; beyond the last one u = 1.
+2. even axis: core p = (x - x_core) inv, i = int(p), u = p - i; first cell u = x inv_first; last cell
+   u = min((x - x_last) inv_last, 1). Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} - x_i), held to 0 to 1.
 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
    The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
@@ -80,24 +80,23 @@ class AxisConstants:
         return self.axis.breakpoints.astype(self.real)
 
     def locate(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
-        """Cell index and position inside the cell for values already clamped to the axis."""
+        """Cell index and position inside the cell, 0 to 1, for any values."""
         return self._locate_even(x) if self.axis.even else self._locate_uneven(x)
 
     def _locate_even(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
-        axis = self.axis
-        position = (x - self.core_origin) * self.inverse_step
-        cell = np.minimum(position.astype(np.int64), axis.core_end - axis.core_start - 1)
-        fraction = position - cell.astype(self.real)
-        cell = cell + axis.core_start
+        axis, zero, one = self.axis, self.real(0.0), self.real(1.0)
+        steps = (x - self.core_origin) * self.inverse_step
+        # Rounded up to one step too many is the last cell's first, where there is one.
+        within = x < self.core_top if axis.has_last_cell else steps < self.real(axis.core_end - axis.core_start)
+        core = (x >= self.core_origin) & within
+        whole = np.where(core, steps, zero).astype(np.int64)
+        cell = np.where(core, whole + axis.core_start, 0)
+        fraction = np.where(core, steps - whole.astype(self.real), zero)
         if axis.has_first_cell:
-            first = x < self.core_origin
-            fraction = np.where(first, x * self.inverse_first, fraction)
-            cell = np.where(first, 0, cell)
-        if axis.has_last_cell:
-            last = x >= self.core_top
-            fraction = np.where(last, (x - self.core_top) * self.inverse_last, fraction)
-            cell = np.where(last, axis.size - 2, cell)
-        return cell, fraction
+            fraction = np.where((x > zero) & (x < self.core_origin), x * self.inverse_first, fraction)
+        beyond = (x >= self.core_origin) & ~within
+        last = np.minimum((x - self.core_top) * self.inverse_last, one) if axis.has_last_cell else one
+        return np.where(beyond, axis.size - 2, cell), np.where(beyond, last, fraction)
 
     def _locate_uneven(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
         table = self.table
@@ -106,7 +105,8 @@ class AxisConstants:
             candidate = cell + stride
             within = candidate <= self.axis.size - 2
             cell = np.where(within & (x >= table[np.minimum(candidate, self.axis.size - 2)]), candidate, cell)
-        return cell, (x - table[cell]) / (table[cell + 1] - table[cell])
+        fraction = (x - table[cell]) / (table[cell + 1] - table[cell])
+        return cell, np.where(fraction > self.real(0.0), np.minimum(fraction, self.real(1.0)), self.real(0.0))
 
 
 @dataclass(frozen=True)
@@ -195,12 +195,9 @@ class Lookup:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             v, angle = np.broadcast_arrays(np.asarray(speed, dtype=self.real), np.asarray(front_angle, dtype=self.real))
             zero = self.real(0.0)
-            v = np.where(v > zero, v, zero)
-            magnitude = np.where(angle < zero, -angle, angle)
-            magnitude = np.where(magnitude > zero, magnitude, zero)
             clamped = np.where(v > self.speed_axis.top, self.speed_axis.top, v)
-            row = self.speed_axis.locate(clamped)
-            column = self.front_axis.locate(np.where(magnitude > self.front_axis.top, self.front_axis.top, magnitude))
+            row = self.speed_axis.locate(v)
+            column = self.front_axis.locate(np.where(angle < zero, -angle, angle))
             layer, cap = self._road(self.real(friction))
             yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
             capped = yaw_rate * v > cap
@@ -214,7 +211,7 @@ class Lookup:
         frictions, caps = self.frictions, self.caps
         if not friction < frictions[-1]:
             friction = frictions[-1]
-        friction = max(friction + self.real(0.0), self.real(0.0))
+        friction = friction if friction > 0.0 else self.real(0.0)
         on_stack = max(friction, frictions[0])
         layer = int(np.count_nonzero(on_stack >= frictions[1:-1]))
         if frictions.size == 1:

@@ -50,9 +50,9 @@ def test_every_kind_that_a_configuration_may_name_is_there_once() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_has_its_template_with_the_three_functions(kind: Kind) -> None:
+def test_each_has_its_template_with_both_functions(kind: Kind) -> None:
     text = builds.of_kind(kind).folder.files["src/ars_controller.c"].decode("ascii")
-    for function in ("void law_init", "void law_start", "bool law_step"):
+    for function in ("void law_init", "bool law_step"):
         assert len(re.findall(rf"^ARS_SECTION_CODE static {function}\(", text, flags=re.MULTILINE)) == 1
     assert f'Control law "{kind}"' in text
 

@@ -184,7 +184,9 @@ def check_edges(built: Built) -> None:
         if not none < 0.0:
             assert not look(speed, none).any()
     beyond = look(speed, np.array([top_angle * real(1.5), real(7.0), real(np.inf)])[:, np.newaxis])
-    assert np.array_equal(beyond, np.broadcast_to(look(speed, top_angle), beyond.shape))
+    assert np.array_equal(beyond, np.broadcast_to(beyond[0], beyond.shape))
+    bound = error_bound(built.total, real)  # at the last breakpoint itself the place in the cell is rounded
+    assert np.abs(beyond[0] - look(speed, top_angle)).max() <= bound
     faster = np.array(
         [top_speed, built.next(float(top_speed), np.inf), 1.2 * top_speed, 5.0 * top_speed, 1e6, 1e30], dtype=real
     )
@@ -192,7 +194,7 @@ def check_edges(built: Built) -> None:
     assert (np.diff(edge, axis=0) <= 0.0).all(), "beyond the last speed the answer never grows with speed"
     lowered = built.lookup.lateral_acceleration_cap
     wanted = np.where(edge[0] * faster[:, np.newaxis] > lowered, lowered / faster[:, np.newaxis], edge[0])
-    assert np.array_equal(edge, wanted)
+    assert np.abs(edge - wanted).max() <= bound
 
 
 def exact_yaw_rate(total: TotalMap, speed: float, front_angle: float) -> Fraction:

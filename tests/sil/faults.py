@@ -34,69 +34,57 @@ IN_THE_LOOKUP = (
         "    const float *const faster = &table[place->column.cell + 1u][place->row.cell];",
     ),
     Fault("row not interpolated", checks_lookup.check_error_bound, "[place->row.cell + 1u]", "[place->row.cell]"),
-    Fault("cap missing", checks_lookup.check_cap, "result = place->lateral_acceleration / place->speed;", ""),
-    Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * place->speed) >", "(yaw_rate * speed_top) >"),
+    Fault("cap missing", checks_lookup.check_cap, "result = road->lateral_acceleration_max / speed;", ""),
+    Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * speed) >", "(yaw_rate * 33.333332f) >"),
     Fault(
         "cap a millionth too high",
         checks_lookup.check_cap,
-        "place->lateral_acceleration = lateral_acceleration_cap;",
-        "place->lateral_acceleration = lateral_acceleration_cap * 1.000001f;",
+        "road_t road = { lateral_acceleration_cap };",
+        "road_t road = { lateral_acceleration_cap * 1.000001f };",
     ),
     Fault(
         "cap two millionths too low",
         checks_lookup.check_cap_is_reached,
-        "place->lateral_acceleration = lateral_acceleration_cap;",
-        "place->lateral_acceleration = lateral_acceleration_cap * 0.999998f;",
+        "road_t road = { lateral_acceleration_cap };",
+        "road_t road = { lateral_acceleration_cap * 0.999998f };",
     ),
     Fault(
         "symmetry lost",
         checks_lookup.check_odd_symmetry,
-        "return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;",
-        "return yaw_rate;",
+        "? -yaw_rate_at(speed, -front_angle, road)",
+        "? yaw_rate_at(speed, -front_angle, road)",
     ),
     Fault(
         "right turns look straight",
         checks_lookup.check_odd_symmetry,
-        "at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle)",
-        "at_least_zero(front_angle)",
+        "? -yaw_rate_at(speed, -front_angle, road)",
+        "? -yaw_rate_at(speed, 0.0f, road)",
     ),
     Fault(
         "axis constant one unit in the last place off",
         checks_lookup.check_same_bits,
-        "(clamped - speed_core_first)",
-        "(clamped - (speed_core_first + 5.0e-7f))",
+        "(speed - speed_core_first)",
+        "(speed - (speed_core_first + 5.0e-7f))",
     ),
     Fault(
         "axis constant a thousandth off",
         checks_lookup.check_error_bound,
-        "clamped * front_angle_inverse_step",
-        "clamped * (1.001f * front_angle_inverse_step)",
+        "magnitude * front_angle_inverse_step",
+        "magnitude * (1.001f * front_angle_inverse_step)",
     ),
-    Fault("no clamp at the last speed", checks_lookup.check_edges, "(speed > speed_top) ? speed_top : speed", "speed"),
-    Fault("NaN let in", checks_lookup.check_finite, "return (canonical > 0.0f) ? canonical : 0.0f;", "return canonical;"),
+    Fault("no clamp at the last speed", checks_lookup.check_edges, "fraction = 1.0f;", "fraction = steps - 99.0f;"),
+    Fault("NaN let in", checks_lookup.check_finite, "} else if (speed > 0.0f) {", "} else if (!(speed <= 0.0f)) {"),
     Fault("checksum of fewer rows", checks_lookup.check_checksum, "row < (uint32_t)ARS_MAP_SPEED_POINTS", "row < 50u"),
     Fault("estimate of friction ignored", checks_lookup.check_cap, "if (friction < map_friction)", "if (friction < -1.0f)"),
 )
 
 IN_THE_LAW = (
-    Fault(
-        "command not clamped",
-        checks_control.check_law_within_limit,
-        "self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);",
-        "",
-    ),
-    Fault(
-        "neither clamp nor limiter",
-        checks_control.check_command_within_limit,
-        "self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);\n"
-        "    limit(self, parameters, measurement);",
-        "",
-    ),
+    Fault("no limiter", checks_control.check_command_within_limit, "limit(self, parameters, measurement);", ""),
     Fault(
         "wrong sign",
         checks_control.check_sign,
-        "return self->yaw_rate_reference - measurement->yaw_rate;",
-        "return measurement->yaw_rate - self->yaw_rate_reference;",
+        "error = reference - measurement->yaw_rate;",
+        "error = measurement->yaw_rate - reference;",
     ),
     Fault(
         "wrong sign of the integral",
@@ -107,8 +95,8 @@ IN_THE_LAW = (
     Fault(
         "wrong sign of the proportional part",
         checks_control.check_gains,
-        "demand = integral - proportional;",
-        "demand = integral + proportional;",
+        "wanted = integral - proportional;",
+        "wanted = integral + proportional;",
     ),
     Fault(
         "stuck integrator",
@@ -125,23 +113,27 @@ IN_THE_LAW = (
     Fault(
         "the integral of a new sample is used one sample late",
         checks_control.check_same_as_model,
-        "demand = integral - proportional;",
-        "demand = self->integral - proportional;",
+        "wanted = integral - proportional;",
+        "wanted = before - proportional;",
     ),
-    Fault("no saturation in the law", checks_control.check_anti_windup, "demand = clamp(demand, low, high);", ""),
+    Fault(
+        "no saturation in the law",
+        checks_control.check_anti_windup,
+        "return clamp(result, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "return result;",
+    ),
     Fault("no anti-windup", checks_control.check_anti_windup, "integral = demand + proportional;", ""),
     Fault(
         "anti-windup blind to the achieved angle",
         checks_control.check_windup_by_a_stuck_actuator,
-        "low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, low, high);\n"
-        "        high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);",
-        "",
+        "demand = allowed(parameters, measurement, wanted);",
+        "demand = clamp(wanted, -parameters->rear_angle_max, parameters->rear_angle_max);",
     ),
     Fault(
         "anti-windup on one side",
         checks_control.check_windup_by_a_stuck_actuator,
-        "high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);",
-        "",
+        "high = measurement->rear_angle + parameters->rear_angle_error_max;",
+        "high = measurement->rear_angle + 10.0f;",
     ),
     Fault(
         "no rate limit",
@@ -152,20 +144,20 @@ IN_THE_LAW = (
     Fault(
         "no anti-windup of the rate limit",
         checks_control.check_windup_by_the_rate_limit,
-        "integral = self->integral;\n        }\n    }\n    self->integral",
-        "}\n    }\n    self->integral",
+        "        integral = before;\n    }",
+        "    }",
     ),
     Fault(
         "start with a bump",
         checks_control.check_bumpless,
-        "self->integral = self->rear_angle + (parameters->proportional_gain * error);",
-        "self->integral = 0.0f;",
+        "starts ? (self->rear_angle + proportional) :",
+        "starts ? 0.0f :",
     ),
     Fault(
         "start forgets the proportional part",
         checks_control.check_bumpless,
-        "self->integral = self->rear_angle + (parameters->proportional_gain * error);",
-        "self->integral = self->rear_angle;",
+        "starts ? (self->rear_angle + proportional) :",
+        "starts ? self->rear_angle :",
     ),
     Fault(
         "inhibit ignored",
@@ -176,8 +168,8 @@ IN_THE_LAW = (
     Fault(
         "inhibit ignored at a limit",
         checks_control.check_inhibit,
-        "if (!measurement->inhibit) {\n            integral = demand",
-        "if (true) {\n            integral = demand",
+        "(demand < wanted)) && !measurement->inhibit) {",
+        "(demand < wanted))) {",
     ),
     Fault(
         "friction below its minimum", checks_control.check_friction, "? parameters->friction_min :", "? measurement->friction :"
@@ -191,8 +183,8 @@ IN_THE_LAW = (
     Fault(
         "a static variable shared by all instances",
         checks_control.check_instances,
-        "float integral = self->integral;",
-        "static float shared; float integral = self->integral + shared; shared = 1e-6f * (float)(self->speed > 14.0f);",
+        "float integral = before;",
+        "static float shared; float integral = before + shared; shared = 1e-6f * (float)(self->speed > 14.0f);",
     ),
 )
 
@@ -200,26 +192,26 @@ IN_THE_SUPERVISION = (
     Fault(
         "NaN accepted",
         checks_supervision.check_inputs,
-        "return (value >= low) && (value <= high);",
-        "return !((value < low) || (value > high));",
+        "return magnitude(value) <= largest;",
+        "return !(magnitude(value) > largest);",
     ),
     Fault(
         "range of the yaw rate not checked",
         checks_supervision.check_inputs,
-        "&& is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)",
+        "&& is_within(measurement->yaw_rate, parameters->yaw_rate_max)",
         "",
     ),
     Fault(
         "range of the measured rear angle not checked",
         checks_supervision.check_inputs,
-        "&& is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)",
+        "&& is_absent_or_within(measurement->rear_angle, parameters->rear_angle_input_max)",
         "",
     ),
     Fault(
         "yaw rate always believed",
         checks_supervision.check_plausibility_time,
-        "return in_range && (self->implausible_samples == 0u);",
-        "return in_range;",
+        "self->implausible_samples++;",
+        "self->implausible_samples++; trusted = true;",
     ),
     Fault(
         "implausible samples never forgiven",
@@ -230,8 +222,8 @@ IN_THE_SUPERVISION = (
     Fault(
         "plausible only to the left",
         checks_supervision.check_plausibility_limit,
-        "const float low = (turn < 0.0f) ? turn : 0.0f;",
-        "const float low = 0.0f;",
+        " + magnitude(half_turn);",
+        " + half_turn;",
     ),
     Fault(
         "standby ignored",
@@ -272,8 +264,8 @@ IN_THE_SUPERVISION = (
     Fault(
         "control goes on after a gap as if there had been none",
         checks_supervision.check_gap,
-        "if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {",
-        "if (self->status == ARS_STATUS_STANDBY) {",
+        "starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);",
+        "starts = self->status == ARS_STATUS_STANDBY;",
     ),
     Fault(
         "fail-safe drops to zero",
@@ -308,7 +300,7 @@ IN_THE_SUPERVISION = (
     Fault(
         "speed out of range kept",
         checks_supervision.check_last_speed,
-        "if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {",
+        "if (is_within(measurement->speed, parameters->speed_max)) {",
         "{",
     ),
     Fault(

@@ -187,8 +187,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "start never ends",
         checks_tracking.check_restart,
-        "self->starting = false;\n    }",
-        "    }",
+        "if (starts) {\n        start(self, measurement);",
+        "if (starts || (self->speed > 1.0f)) {\n        start(self, measurement);",
     ),
     Fault(
         "the model starts from a standing car",
@@ -329,8 +329,8 @@ IN_THE_REFERENCE = (
     Fault(
         "the law never starts afresh",
         checks_kinds.check_kind_same_as_model,
-        "if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {",
-        "if (self->status == ARS_STATUS_FAIL_SAFE) {",
+        "starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);",
+        "starts = self->status == ARS_STATUS_FAIL_SAFE;",
     ),
 )
 

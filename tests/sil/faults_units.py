@@ -62,7 +62,7 @@ IN_THE_LIMITER = (
     Fault(
         "reverse counts as slow",
         checks_limiter.check_opposite_phase,
-        "self->speed = (input->speed < 0.0f) ? -input->speed : input->speed;",
+        "self->speed = magnitude(input->speed);",
         "self->speed = (input->speed < 0.0f) ? 0.0f : input->speed;",
     ),
     Fault(
@@ -105,7 +105,7 @@ IN_THE_LIMITER = (
     Fault(
         "any speed taken",
         checks_limiter.check_limiter_holds,
-        "if (is_within(input->speed, -parameters->speed_max, parameters->speed_max)) {",
+        "if (is_within(input->speed, parameters->speed_max)) {",
         "{",
     ),
     Fault(
@@ -123,8 +123,8 @@ IN_THE_LIMITER = (
     Fault(
         "only the last element of an array is judged",
         checks_limiter.check_limiter_parameters,
-        "valid = valid && is_within(parameters->opposite_phase_max[k], 0.0f, 1.0f);",
-        "valid = valid && is_within(parameters->opposite_phase_max[ARS_LIMITER_POINTS - 1], 0.0f, 1.0f);",
+        "valid = valid && is_between(parameters->opposite_phase_max[k], 0.0f, 1.0f);",
+        "valid = valid && is_between(parameters->opposite_phase_max[ARS_LIMITER_POINTS - 1], 0.0f, 1.0f);",
     ),
     Fault(
         "breakpoints may stand in one place",
@@ -135,7 +135,7 @@ IN_THE_LIMITER = (
     Fault(
         "start beyond a right angle",
         checks_limiter.check_limiter_same_as_model,
-        "is_within(rear_angle, -1.0f, 1.0f) ? rear_angle : 0.0f",
+        "is_between(rear_angle, -1.0f, 1.0f) ? rear_angle : 0.0f",
         "rear_angle",
     ),
 )
@@ -315,7 +315,7 @@ IN_THE_MAP_REFERENCE = (
     Fault(
         "the road's lateral acceleration is the map's own",
         checks_map_reference.check_same_bits_as_reference,
-        "reference.lateral_acceleration_max = place.lateral_acceleration;",
+        "reference.lateral_acceleration_max = road.lateral_acceleration_max;",
         "reference.lateral_acceleration_max = lateral_acceleration_cap;",
     ),
 )
@@ -324,14 +324,14 @@ IN_THE_STACK = (
     Fault(
         "the layer above is the layer itself",
         checks_map_reference.check_reference_rule,
-        "interpolate(rear_angle_table[place->layer.cell + 1u], place)",
-        "interpolate(rear_angle_table[place->layer.cell], place)",
+        "interpolate(rear_angle_table[road->layer.cell + 1u], place)",
+        "interpolate(rear_angle_table[road->layer.cell], place)",
     ),
     Fault(
         "layers exchanged",
         checks_map_reference.check_reference_rule,
-        "interpolate(yaw_rate_table[place->layer.cell], place)",
-        "interpolate(yaw_rate_table[2u - place->layer.cell], place)",
+        "interpolate(yaw_rate_table[road->layer.cell], place)",
+        "interpolate(yaw_rate_table[2u - road->layer.cell], place)",
     ),
     Fault(
         "the middle layers never found",
@@ -348,7 +348,7 @@ IN_THE_STACK = (
     Fault(
         "cap of the layer below",
         checks_map_reference.check_same_bits_as_reference,
-        "+ (place->layer.fraction * (lateral_acceleration_caps[layer + 1u] - lateral_acceleration_caps[layer]))",
+        "+ (road.layer.fraction * (lateral_acceleration_caps[layer + 1u] - lateral_acceleration_caps[layer]))",
         "",
     ),
     Fault(
@@ -358,9 +358,9 @@ IN_THE_STACK = (
         "if (known < 0.0f) {",
     ),
     Fault(
-        "NaN of the friction let in",
-        checks_map_reference.check_reference_finite,
-        "(friction < map_friction) ? at_least_zero(friction) : map_friction",
+        "NaN of the friction counts as slippery",
+        checks_map_reference.check_same_bits_as_reference,
+        "(friction < map_friction) ? friction : map_friction",
         "(friction > map_friction) ? map_friction : friction",
     ),
 )

@@ -117,10 +117,9 @@ class ModelController:
 
     def _plausible(self, m: Measurement) -> bool:
         wheelbase = self.parameter("wheelbase")
-        kinematic = m.speed * m.front_angle
+        half_turn = self.real(0.5) * (m.speed * m.front_angle)
         more = abs(m.speed) * self.parameter("rear_angle_max") + wheelbase * self.parameter("yaw_rate_tolerance")
-        low, high = sorted((self.real(0.0), kinematic))
-        return bool(low - more <= wheelbase * m.yaw_rate <= high + more)
+        return bool(abs(wheelbase * m.yaw_rate - half_turn) <= more + abs(half_turn))
 
     def _recover(self) -> None:
         if self.status is Status.FAIL_SAFE:

@@ -45,7 +45,6 @@ def test_a_lasting_error_ends_exactly_at_the_limit(either: Built) -> None:
 
 def test_the_command_is_within_its_limit_in_every_status(either: Built) -> None:
     checks_control.check_command_within_limit(either)
-    checks_control.check_law_within_limit(either)
 
 
 def test_every_set_of_valid_parameters_keeps_the_command_within_its_limit(either: Built) -> None:

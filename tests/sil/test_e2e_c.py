@@ -110,7 +110,7 @@ class TestAPlantedFaultIsSeen:
         ("old", "new"),
         [
             ("0x00u, 0x1Du, 0x3Au", "0x00u, 0x07u, 0x3Au"),
-            ("crc = crc_of_byte(crc, (uint8_t)(data_id >> 8u));", ""),
+            ("crc = crc_table[crc ^ ((uint32_t)data_id >> 8u)];", ""),
             ("for (index = 1u; index < 8u; index++)", "for (index = 1u; index < 7u; index++)"),
             ("(data[1] & 0xF0u) | (*counter & 0x0Fu)", "(*counter & 0x0Fu)"),
             ("*counter = (*counter < counter_max)", "*counter = (*counter <= counter_max)"),

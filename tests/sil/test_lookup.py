@@ -104,8 +104,8 @@ class TestSelftest:
     @pytest.mark.parametrize(
         "constant",
         [
-            *("speed_top", "speed_core_first", "speed_inverse_step", "speed_inverse_first_cell"),
-            *("front_angle_top", "front_angle_core_last", "front_angle_inverse_step", "front_angle_inverse_last_cell"),
+            *("speed_core_first", "speed_inverse_step", "speed_inverse_first_cell"),
+            *("front_angle_core_last", "front_angle_inverse_step", "front_angle_inverse_last_cell"),
             *("lateral_acceleration_cap", "lateral_acceleration_cap_per_friction"),
         ],
     )
