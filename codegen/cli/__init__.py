@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from codegen.cli import bench_commands, map_commands, tune_command
+from codegen.cli import bench_commands, map_commands, tune_command, verify_command
 from codegen.cli.base import cli
 from codegen.cli.entry import main
 
 __all__ = ["cli", "main"]
 
-for command in (*map_commands.COMMANDS, *tune_command.COMMANDS, *bench_commands.COMMANDS):
+for command in (*map_commands.COMMANDS, *tune_command.COMMANDS, *bench_commands.COMMANDS, *verify_command.COMMANDS):
     cli.add_command(command)

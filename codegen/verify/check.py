@@ -13,7 +13,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import MANIFEST, read_files, read_manifest, verify_hashes
 
 
 class Verdict(StrEnum):
@@ -67,12 +67,14 @@ class Subject:
         files: content by relative POSIX path; all that the manifest names.
         manifest: of the build.
         edited: paths whose content is not what the build wrote.
+        manifest_sha256: of the manifest's file.
     """
 
     name: str
     files: Mapping[str, bytes]
     manifest: Mapping[str, Any]
     edited: tuple[str, ...] = ()
+    manifest_sha256: str = ""
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -82,7 +84,9 @@ class Subject:
             BuildError: not a build, or a file of it cannot be read.
         """
         manifest = read_manifest(folder)
-        return cls(folder.resolve().name, read_files(folder, manifest, ("",)), manifest, tuple(verify_hashes(folder)))
+        files = read_files(folder, manifest, ("",))
+        digest = hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest()
+        return cls(folder.resolve().name, files, manifest, tuple(verify_hashes(folder)), digest)
 
     @property
     def prefix(self) -> str:

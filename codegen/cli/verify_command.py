@@ -1,0 +1,55 @@
+"""`codegen verify`: the checks of a build."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from codegen import console
+from codegen.cli.base import example, file_type
+from codegen.errors import CheckFailed
+
+
+@click.command(epilog=example("codegen verify generated/4ws2"))
+@click.argument("build", type=file_type, metavar="DIR")
+@click.option("--quick", is_flag=True, help="Only what answers in half a minute.")
+@click.option("--json", "json_file", type=file_type, metavar="FILE", help="Write the result as JSON too.")
+def verify(build: Path, quick: bool, json_file: Path | None) -> None:
+    """Show why the C of a build can be trusted.
+
+    Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
+    feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a
+    check fails; one whose tool is missing is not run, and says so.
+    """
+    from codegen.emit.outputs import check_output
+    from codegen.files import write_atomically
+    from codegen.sil.software import require_can_side
+    from codegen.verify import record, runner, table
+    from codegen.verify.check import Effort, Subject, Verdict
+
+    check_output(json_file, ".json", (build,))
+    subject = Subject.read(build)
+    require_can_side(subject.manifest, build)
+    for path in subject.edited:
+        console.note(f"{build / path} is not as it was built; what follows is about the file as it is")
+    with console.progress(f"verifying {build}") as progress:
+        report = runner.run(subject, Effort(quick), progress)
+    if json_file is not None:
+        write_atomically(json_file, record.render(report))
+    console.say(table.table(report))
+    for line in table.findings(report):
+        console.say(line)
+    if record.write(report, build):
+        console.say(f"written: {build / record.JSON}, {build / record.MANUAL}")
+    else:
+        console.note(f"{build / record.JSON} and {record.MANUAL} are of a whole run of the same files, and stay")
+    passed, not_run = report.count(Verdict.PASSED), report.count(Verdict.NOT_RUN)
+    if report.failed:
+        raise CheckFailed(
+            f"{len(report.failed)} of {len(report.outcomes)} checks failed: {', '.join(report.failed)}", where=build
+        )
+    console.say(f"{passed} checks passed" + (f", {not_run} not run" if not_run else ""))
+
+
+COMMANDS = (verify,)

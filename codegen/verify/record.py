@@ -1,0 +1,99 @@
+"""What a run of the checks leaves beside the build: `verify.json` and `verify.md`. Neither is named by the manifest."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from codegen import __version__
+from codegen.emit.folder import BESIDE, MANIFEST
+from codegen.errors import CodegenError
+from codegen.files import write_atomically
+from codegen.verify.check import Outcome, Verdict
+from codegen.verify.manual import manual
+from codegen.verify.runner import Report
+
+SCHEMA_VERSION = 1
+JSON, MANUAL = BESIDE
+
+
+def to_dict(report: Report) -> dict[str, Any]:
+    """The report as JSON values: no times, and nothing of the machine but the versions of its tools."""
+    subject = report.subject
+    options = subject.manifest["options"]
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "codegen": __version__,
+        "build": {
+            "name": subject.manifest["name"],
+            "build_id": subject.manifest["build_id"],
+            "manifest_sha256": subject.manifest_sha256,
+            **{key: options[key] for key in ("prefix", "kind", "precision")},
+        },
+        "effort": "quick" if report.effort.quick else "whole",
+        "edited": list(subject.edited),
+        "files": {path: hashlib.sha256(content).hexdigest() for path, content in sorted(subject.files.items())},
+        "counts": {str(verdict): report.count(verdict) for verdict in Verdict},
+        "checks": {name: _outcome(outcome) for name, outcome in report.outcomes.items()},
+    }
+
+
+def _outcome(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "shows": outcome.shows,
+        "verdict": str(outcome.verdict),
+        "figure": outcome.figure,
+        "findings": list(outcome.findings),
+        "figures": dict(outcome.figures),
+        "limits": list(outcome.limits),
+        "tools": dict(outcome.tools),
+    }
+
+
+def render(report: Report) -> bytes:
+    """The bytes of `verify.json`; also what `--json` writes."""
+    return (json.dumps(to_dict(report), indent=1, allow_nan=False) + "\n").encode()
+
+
+def write(report: Report, folder: Path) -> bool:
+    """Write both files into the build's folder; False where they stay as they are, because those of a whole run of the same
+    files stand there and this one was quick.
+
+    Raises:
+        CodegenError: one cannot be written.
+    """
+    if report.effort.quick and _stands_for(folder, report.subject.manifest_sha256, report.subject.edited):
+        return False
+    write_atomically(folder / JSON, render(report))
+    write_atomically(folder / MANUAL, manual(report).encode())
+    return True
+
+
+def _stands_for(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:
+    """Whether a whole run of these very files is recorded."""
+    try:
+        found = json.loads((folder / JSON).read_bytes())
+        same = found["build"]["manifest_sha256"] == manifest_sha256 and not (edited or found["edited"])
+        return bool(found["effort"] == "whole" and same)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def stale(folder: Path) -> bool:
+    """Whether what is recorded is of another build than the one that stands in the folder.
+
+    Raises:
+        CodegenError: the manifest cannot be read.
+    """
+    if not (folder / JSON).is_file():
+        return False
+    try:
+        recorded = json.loads((folder / JSON).read_bytes())["build"]["manifest_sha256"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return True
+    try:
+        return bool(recorded != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest())
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({error.strerror})", where=folder / MANIFEST, remedy="build again") from None

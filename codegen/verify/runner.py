@@ -1,0 +1,150 @@
+"""Runs the checks of `codegen verify` on a build, each in a process of its own, and keeps what came of them."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+from codegen.errors import CodegenError
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.packages import MissingTool
+
+LEFT_OUT = "left out by --quick"
+AT_ONCE = 2
+"""Checks that run beside each other."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A check and where it is.
+
+    Attributes:
+        name: in JSON and on the command line.
+        title: for readers.
+        module: that holds its function `check`.
+        shows: what it shows where it runs; what is told of it where it does not.
+        quick: whether `--quick` runs it.
+    """
+
+    name: str
+    title: str
+    module: str
+    shows: str
+    quick: bool = False
+
+
+CHECKS = (
+    Registered(
+        "compiles",
+        "compiles",
+        "codegen.verify.compiles",
+        "The C compiles without a warning for every core, as C99, C11 and C++, and calls nothing that it should not",
+        quick=True,
+    ),
+    Registered(
+        "static-analysis",
+        "static analysis",
+        "codegen.verify.static_analysis",
+        "Every finding of MISRA C:2012, cppcheck and gcc's analyser is a line of deviations.md",
+        quick=True,
+    ),
+    Registered(
+        "processor-in-the-loop",
+        "processor in the loop",
+        "codegen.verify.pil",
+        "The code of other processors computes what the host computes, bit for bit",
+        quick=True,
+    ),
+    Registered(
+        "budgets", "budgets", "codegen.verify.budgets", "Instructions, stack, flash and RAM on a Cortex-M4F are within budget"
+    ),
+    Registered(
+        "proof",
+        "proof",
+        "codegen.verify.proof.check",
+        "For every input, state and valid parameter set the command is finite and within its limit, and nothing is undefined",
+    ),
+    Registered(
+        "sanitizers",
+        "sanitizers",
+        "codegen.verify.sanitizers",
+        "Drives and faults on the bus go as defined, with no undefined behaviour",
+    ),
+    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing", "No stream of bytes makes it crash, or breaks a bound"),
+)
+SLOWEST_FIRST = ("proof", "sanitizers", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
+
+
+@dataclass(frozen=True)
+class Report:
+    """What came of all checks.
+
+    Attributes:
+        outcomes: by the check's name, in the order of `CHECKS`.
+    """
+
+    subject: Subject
+    effort: Effort
+    outcomes: Mapping[str, Outcome]
+
+    def count(self, verdict: Verdict) -> int:
+        """How many checks came to it."""
+        return sum(outcome.verdict is verdict for outcome in self.outcomes.values())
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the checks that failed."""
+        return tuple(name for name, outcome in self.outcomes.items() if outcome.verdict is Verdict.FAILED)
+
+
+def run(
+    subject: Subject,
+    effort: Effort,
+    done: Callable[[int, int], None] | None = None,
+    checks: Sequence[Registered] = CHECKS,
+) -> Report:
+    """Run the checks that the effort asks for.
+
+    Args:
+        done: told, after each check, how many of how many are done.
+    """
+    outcomes = {check.name: _left_out(check) for check in checks if effort.quick and not check.quick}
+    chosen = sorted(
+        (check for check in checks if check.name not in outcomes),
+        key=lambda check: SLOWEST_FIRST.index(check.name) if check.name in SLOWEST_FIRST else len(SLOWEST_FIRST),
+    )
+    # Not forked: a check must not depend on what this process holds.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(AT_ONCE, mp_context=context) as pool:
+        running: dict[Future[Outcome], Registered] = {
+            pool.submit(outcome_of, check, subject, effort): check for check in chosen
+        }
+        try:
+            for count, future in enumerate(as_completed(running), start=1):
+                outcomes[running[future].name] = future.result()
+                if done is not None:
+                    done(count, len(chosen))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
+
+
+def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
+    """What comes of one check: not run where a tool is missing, failed where the build cannot be worked with."""
+    try:
+        outcome = importlib.import_module(check.module).check(subject, effort)
+    except MissingTool as error:
+        return Outcome(check.shows, "", Verdict.NOT_RUN, (str(error),))
+    except CodegenError as error:
+        return Outcome(check.shows, "could not be completed", Verdict.FAILED, (str(error),))
+    if not isinstance(outcome, Outcome):
+        raise TypeError(f"{check.module}.check gave {type(outcome).__name__}, not an Outcome")
+    return outcome
+
+
+def _left_out(check: Registered) -> Outcome:
+    return Outcome(check.shows, "", Verdict.NOT_RUN, (LEFT_OUT,))

@@ -1,0 +1,47 @@
+"""The checks of a build as a table for the terminal."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from codegen.verify.check import Outcome, Verdict
+from codegen.verify.runner import CHECKS, LEFT_OUT, Report
+
+WIDTH = 120
+FINDINGS_TOLD = 10
+"""Of each check; all of them are in the JSON."""
+
+TITLES = {check.name: check.title for check in CHECKS}
+
+
+def table(report: Report) -> str:
+    """Check, what it shows, figure and verdict; no line is longer than 120 characters."""
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, width=WIDTH, show_edge=False)
+    drawn.add_column("check", ratio=2)
+    drawn.add_column("what it shows", ratio=6)
+    drawn.add_column("figure", ratio=5)
+    drawn.add_column("verdict", no_wrap=True, min_width=8)
+    for name, outcome in report.outcomes.items():
+        drawn.add_row(TITLES.get(name, name), outcome.shows, outcome.figure or "-", str(outcome.verdict))
+    page = io.StringIO()
+    Console(file=page, width=WIDTH, no_color=True, highlight=False, markup=False, emoji=False).print(drawn)
+    return "\n".join(line.rstrip() for line in page.getvalue().rstrip("\n").split("\n"))
+
+
+def findings(report: Report) -> Iterator[str]:
+    """What is wrong with, or missing for, each check that did not pass; a line each. What `--quick` leaves out is not told."""
+    for name, outcome in report.outcomes.items():
+        if outcome.verdict is not Verdict.PASSED and not _was_left_out(outcome):
+            for finding in outcome.findings[:FINDINGS_TOLD]:
+                yield f"{TITLES.get(name, name)}: {finding}"
+            if len(outcome.findings) > FINDINGS_TOLD:
+                yield f"{TITLES.get(name, name)}: and {len(outcome.findings) - FINDINGS_TOLD} more"
+
+
+def _was_left_out(outcome: Outcome) -> bool:
+    return outcome.findings == (LEFT_OUT,)
