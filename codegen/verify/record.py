@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen import __version__
-from codegen.emit.folder import BESIDE, MANIFEST
-from codegen.errors import CodegenError
+from codegen.emit.folder import BESIDE
 from codegen.files import write_atomically
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.manual import manual
@@ -79,21 +78,3 @@ def _stands_for(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> 
         return bool(found["effort"] == "whole" and same)
     except (OSError, ValueError, KeyError, TypeError):
         return False
-
-
-def stale(folder: Path) -> bool:
-    """Whether what is recorded is of another build than the one that stands in the folder.
-
-    Raises:
-        CodegenError: the manifest cannot be read.
-    """
-    if not (folder / JSON).is_file():
-        return False
-    try:
-        recorded = json.loads((folder / JSON).read_bytes())["build"]["manifest_sha256"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return True
-    try:
-        return bool(recorded != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest())
-    except OSError as error:
-        raise CodegenError(f"cannot be read ({error.strerror})", where=folder / MANIFEST, remedy="build again") from None
