@@ -13,7 +13,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil test vcan-test check bench bench-can lock generated wheel clean venv preflight
+.PHONY: help sil test vcan-test check verify bench bench-can lock generated wheel clean venv preflight
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +31,11 @@ check: $(READY) ## lint, format and types, nothing changed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+
+verify: $(READY) ## every check of the committed builds, and coverage, mutation, fuzzing and the like of their C
+	@$(BIN)/codegen verify generated/4ws2
+	@$(BIN)/codegen verify generated/4ws2-tracking
+	@$(BIN)/python -m tests.campaign
 
 bench: $(READY) ## the benchmarks
 	@$(BIN)/python -m benchmarks

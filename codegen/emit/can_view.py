@@ -111,6 +111,7 @@ class SignalView:
     scale: str
     value: str
     decoded: str
+    sign: str
     qualifier_bit: str
     dbc: str
     dbc_values: str
@@ -268,7 +269,7 @@ def _message(can: Can, role: str, precision: Precision) -> MessageView:
 def _signal(message: Message, role: str, signal: Signal, precision: Precision) -> SignalView:
     scaled: dict[str, Any] = {
         **{"low": 0, "high": 2**signal.length - 1, "not_available": 0},
-        **dict.fromkeys(("scale", "value", "decoded"), ""),
+        **dict.fromkeys(("scale", "value", "decoded", "sign"), ""),
     }
     if isinstance(signal, RealSignal):
         sign = f"0x{1 << (signal.length - 1):X}u"
@@ -276,13 +277,14 @@ def _signal(message: Message, role: str, signal: Signal, precision: Precision) -
         scale = literal(1.0 / signal.factor if precision == "single" else signal.factor, precision)
         offset = literal(abs(signal.offset), precision)
         more, less = (" + ", " - ") if signal.offset >= 0.0 else (" - ", " + ")
-        code = f"(int32_t)(code ^ {sign}) - (int32_t){sign}" if signal.signed else "(int32_t)code"
+        code = f"(int32_t)code - {1 << (signal.length - 1)}" if signal.signed else "(int32_t)code"
         scaled = {
             "low": signal.raw_low,
             "high": signal.raw_high,
             "not_available": signal.raw_not_available,
             "value": f"signals->{role}" + (f"{less}{offset}" if signal.offset else ""),
             "scale": scale,
+            "sign": sign if signal.signed else "",
             "decoded": f"to_value({code}, {scale}, {signal.raw_not_available})" + (f"{more}{offset}" if signal.offset else ""),
         }
     return SignalView(

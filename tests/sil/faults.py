@@ -28,12 +28,12 @@ IN_THE_LOOKUP = (
     Fault(
         "transposed map",
         checks_lookup.check_same_bits,
-        "const float *const slower = &table[place->row.cell][place->column.cell];\n"
-        "    const float *const faster = &table[place->row.cell + 1u][place->column.cell];",
-        "const float *const slower = &table[place->column.cell][place->row.cell];\n"
-        "    const float *const faster = &table[place->column.cell + 1u][place->row.cell];",
+        "const float *const slower = &table[place->row.lower][place->column.lower];\n"
+        "    const float *const faster = &table[place->row.lower + 1u][place->column.lower];",
+        "const float *const slower = &table[place->column.lower][place->row.lower];\n"
+        "    const float *const faster = &table[place->column.lower + 1u][place->row.lower];",
     ),
-    Fault("row not interpolated", checks_lookup.check_error_bound, "[place->row.cell + 1u]", "[place->row.cell]"),
+    Fault("row not interpolated", checks_lookup.check_error_bound, "[place->row.lower + 1u]", "[place->row.lower]"),
     Fault("cap missing", checks_lookup.check_cap, "result = road->lateral_acceleration_max / speed;", ""),
     Fault("cap by the clamped speed", checks_lookup.check_cap, "(yaw_rate * speed) >", "(yaw_rate * 33.333332f) >"),
     Fault(

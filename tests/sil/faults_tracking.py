@@ -187,8 +187,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "start never ends",
         checks_tracking.check_restart,
-        "if (starts) {\n        start(self, measurement);",
-        "if (starts || (self->speed > 1.0f)) {\n        start(self, measurement);",
+        "if (starts) {\n        start_law(self, measurement);",
+        "if (starts || (self->speed > 1.0f)) {\n        start_law(self, measurement);",
     ),
     Fault(
         "the model starts from a standing car",

@@ -255,14 +255,14 @@ IN_THE_MAP_REFERENCE = (
     Fault(
         "transposed",
         checks_map_reference.check_same_bits_as_reference,
-        "const float *const slower = &table[place->row.cell][place->column.cell];",
-        "const float *const slower = &table[place->column.cell][place->row.cell];",
+        "const float *const slower = &table[place->row.lower][place->column.lower];",
+        "const float *const slower = &table[place->column.lower][place->row.lower];",
     ),
     Fault(
         "rear angle of the next cell",
         checks_map_reference.check_reference_rule,
         "reference.rear_angle = rear_angle_of_table(&place);",
-        "reference.rear_angle = rear_angle_table[place.row.cell][place.column.cell];",
+        "reference.rear_angle = rear_angle_table[place.row.lower][place.column.lower];",
     ),
     Fault(
         "yaw rate in place of the rear angle",
@@ -324,14 +324,14 @@ IN_THE_STACK = (
     Fault(
         "the layer above is the layer itself",
         checks_map_reference.check_reference_rule,
-        "interpolate(rear_angle_table[road->layer.cell + 1u], place)",
-        "interpolate(rear_angle_table[road->layer.cell], place)",
+        "interpolate(rear_angle_table[road->layer.lower + 1u], place)",
+        "interpolate(rear_angle_table[road->layer.lower], place)",
     ),
     Fault(
         "layers exchanged",
         checks_map_reference.check_reference_rule,
-        "interpolate(yaw_rate_table[road->layer.cell], place)",
-        "interpolate(yaw_rate_table[2u - road->layer.cell], place)",
+        "interpolate(yaw_rate_table[road->layer.lower], place)",
+        "interpolate(yaw_rate_table[2u - road->layer.lower], place)",
     ),
     Fault(
         "the middle layers never found",
