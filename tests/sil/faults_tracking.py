@@ -73,20 +73,20 @@ IN_THE_FEEDBACK = (
     Fault(
         "gains that step from breakpoint to breakpoint",
         checks_tracking.check_gain_schedule,
-        "share = clamp((speed - from) / (parameters->schedule_speed[cell + 1u] - from), 0.0f, 1.0f);",
+        "share = clamp((speed - from) / (parameters->schedule_speed[lower + 1u] - from), 0.0f, 1.0f);",
         "share = (speed > from) ? 1.0f : 0.0f;",
     ),
     Fault(
         "gains that run on beyond the schedule",
         checks_tracking.check_gain_schedule,
-        "share = clamp((speed - from) / (parameters->schedule_speed[cell + 1u] - from), 0.0f, 1.0f);",
-        "share = (speed - from) / (parameters->schedule_speed[cell + 1u] - from);",
+        "share = clamp((speed - from) / (parameters->schedule_speed[lower + 1u] - from), 0.0f, 1.0f);",
+        "share = (speed - from) / (parameters->schedule_speed[lower + 1u] - from);",
     ),
     Fault(
         "integral gain in place of the proportional one",
         checks_tracking.check_gain_schedule,
-        "gains.proportional = parameters->proportional_gain[cell]",
-        "gains.proportional = parameters->integral_gain[cell]",
+        "gains.proportional = parameters->proportional_gain[lower]",
+        "gains.proportional = parameters->integral_gain[lower]",
     ),
     Fault(
         "integral per sample",
@@ -215,8 +215,8 @@ IN_THE_REFERENCE = (
     Fault(
         "trim bounded only to the left",
         checks_reference.check_trim,
-        "(map->yaw_rate < 0.0f) ? -map->yaw_rate : map->yaw_rate",
-        "map->yaw_rate",
+        "parameters->trim_share * magnitude(map->yaw_rate)",
+        "parameters->trim_share * map->yaw_rate",
     ),
     Fault(
         "the reference not bounded by the road",

@@ -168,26 +168,26 @@ IN_THE_REFERENCE_MODEL = (
     Fault(
         "friction not taken",
         checks_reference_model.check_model_settles,
-        "(input->friction < friction_max) ? clamp(input->friction, 0.0f, friction_max) : friction_max",
+        "(input->friction < friction_max) ? between(input->friction, 0.0f, friction_max) : friction_max",
         "friction_max",
     ),
     Fault(
         "NaN of the friction let in",
         checks_reference_model.check_model_same_bits,
-        "(input->friction < friction_max) ? clamp(input->friction, 0.0f, friction_max) : friction_max",
+        "(input->friction < friction_max) ? between(input->friction, 0.0f, friction_max) : friction_max",
         "input->friction",
     ),
     Fault(
         "any speed taken",
         checks_reference_model.check_model_stable_when_slow,
-        "clamp(input->speed, speed_min, speed_max),",
+        "between(input->speed, model_speed_min, model_speed_max),",
         "input->speed,",
     ),
     Fault(
         "the slowest speed too slow for the step",
         checks_reference_model.check_model_stable_when_slow,
-        "clamp(input->speed, speed_min, speed_max),",
-        "clamp(input->speed, 0.3f * speed_min, speed_max),",
+        "between(input->speed, model_speed_min, model_speed_max),",
+        "between(input->speed, 0.3f * model_speed_min, model_speed_max),",
     ),
     Fault(
         "front angle without its bound",
@@ -198,38 +198,38 @@ IN_THE_REFERENCE_MODEL = (
     Fault(
         "sideslip without its bound",
         checks_reference_model.check_model_finite,
-        "self->sideslip_angle = bounded(x[0] + ((0.5f * step) * (slope[0] + slope_ahead[0])), sideslip_max);",
+        "self->sideslip_angle = bounded(x[0] + ((0.5f * step) * (slope[0] + slope_ahead[0])), model_sideslip_max);",
         "self->sideslip_angle = x[0] + ((0.5f * step) * (slope[0] + slope_ahead[0]));",
     ),
     Fault(
         "yaw rate without its bound",
         checks_reference_model.check_model_finite,
-        "self->yaw_rate = bounded(x[1] + ((0.5f * step) * (slope[1] + slope_ahead[1])), yaw_rate_max);",
+        "self->yaw_rate = bounded(x[1] + ((0.5f * step) * (slope[1] + slope_ahead[1])), model_yaw_rate_max);",
         "self->yaw_rate = x[1] + ((0.5f * step) * (slope[1] + slope_ahead[1]));",
     ),
     Fault(
         "actuator at once",
         checks_reference_model.check_model_actuator,
-        "clamp(actuator_share * way, -actuator_step_max, actuator_step_max)",
+        "between(actuator_share * way, -actuator_step_max, actuator_step_max)",
         "way",
     ),
     Fault(
         "actuator without its rate",
         checks_reference_model.check_model_actuator,
-        "clamp(actuator_share * way, -actuator_step_max, actuator_step_max)",
+        "between(actuator_share * way, -actuator_step_max, actuator_step_max)",
         "actuator_share * way",
     ),
     Fault(
         "start without sideslip",
         checks_reference_model.check_model_same_bits,
-        "self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip_per_lateral_acceleration * forward))),",
+        "self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip * forward))),",
         "self->rear_angle,",
     ),
     Fault(
         "curve not interpolated",
         checks_reference_model.check_curves,
-        "curve[cell] + ((position - (float)cell) * (curve[cell + 1u] - curve[cell]))",
-        "curve[cell]",
+        "curve[index] + ((position - (float)index) * (curve[index + 1u] - curve[index]))",
+        "curve[index]",
     ),
     Fault(
         "curve not odd",
@@ -246,8 +246,8 @@ IN_THE_REFERENCE_MODEL = (
     Fault(
         "rounding of one operation in a long drive",
         checks_reference_model.check_model_same_bits_over_time,
-        "self->rear_angle = bounded(self->rear_angle + moved, rear_angle_max);",
-        "self->rear_angle = bounded(self->rear_angle + (moved * 1.0000001f), rear_angle_max);",
+        "self->rear_angle = bounded(self->rear_angle + moved, model_rear_angle_max);",
+        "self->rear_angle = bounded(self->rear_angle + (moved * 1.0000001f), model_rear_angle_max);",
     ),
 )
 
