@@ -360,8 +360,8 @@ IN_THE_STACK = (
     Fault(
         "NaN of the friction counts as slippery",
         checks_map_reference.check_same_bits_as_reference,
-        "(friction < map_friction) ? friction : map_friction",
-        "(friction > map_friction) ? map_friction : friction",
+        "((friction <= 0.0f) ? 0.0f : map_friction)",
+        "((friction >= map_friction) ? map_friction : 0.0f)",
     ),
 )
 
