@@ -49,6 +49,7 @@ FLAGS = (
     "-std=c99",
     "-ffp-contract=off",  # as the generated CMake: the same bits everywhere
     "-fno-sanitize=undefined",  # which zig switches on by default
+    "-fomit-frame-pointer",  # as gcc's -O2; clang's own keeps one
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
     "-ffunction-sections",

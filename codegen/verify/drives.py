@@ -6,7 +6,7 @@ A drive is an array (samples, 6), see `on_target.Drive`. The same configuration 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,13 +91,13 @@ def recorded(software: Software) -> tuple[Drive, ...]:
     return tuple(drives)
 
 
-def drawn(ground: Ground, samples: int, seed: int = 0) -> tuple[Drive, ...]:
+def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS) -> tuple[Drive, ...]:
     """Drives that go everywhere, each of so many samples: the whole range of every input, its breakpoints and thresholds and
-    their neighbours, signals that are absent, and gaps of every length."""
+    their neighbours, signals that are absent, and gaps of every length. At most as many drives as there are in HELD."""
     generator = np.random.default_rng(seed)
     return tuple(
         _with_gaps(np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples], gap, generator)
-        for gap, held in zip(GAPS, HELD, strict=True)
+        for gap, held in zip(gaps, HELD, strict=False)
     )
 
 

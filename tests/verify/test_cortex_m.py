@@ -88,8 +88,9 @@ def folder() -> Folder:
     return builds.made("pi")
 
 
-def nops_in(folder: Folder, before: str) -> dict[str, bytes]:
-    planted = f'    __asm__ volatile ("{"nop; " * NOPS}");\n'  # written out: the compiler guesses the size by counting
+def nops_in(folder: Folder, before: str, condition: str = "true") -> dict[str, bytes]:
+    """The build with instructions more where a condition holds. Written out: the compiler guesses the size by counting."""
+    planted = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
     return builds.with_text(folder, "src/ars_controller.c", before, planted + before)
 
 
@@ -123,19 +124,23 @@ def test_drives_longer_than_the_targets_memory_are_run_in_parts(folder: Folder, 
 
 
 @pytest.mark.parametrize(
-    ("where", "found"),
+    ("where", "condition", "found"),
     [
         # The law starts afresh, which follows only on a gap or standby.
-        ("        law_start(self, parameters, measurement);\n", (Status.TRACKING, Status.LIMITED)),
+        ("    self->status = law_step(", "starts", (Status.TRACKING, Status.LIMITED)),
         # The last moment of a recovery from the fail-safe.
-        ("            self->good_samples = 0u;\n            self->status", (Status.TRACKING, Status.LIMITED, Status.STANDBY)),
-        ("        self->implausible_samples = 0u;\n", tuple(Status)),
-        ("            /* between the two speeds nothing changes */\n", tuple(Status)),
+        (
+            "            self->good_samples = 0u;\n            self->status",
+            "true",
+            (Status.TRACKING, Status.LIMITED, Status.STANDBY),
+        ),
+        ("        self->implausible_samples = 0u;\n", "true", tuple(Status)),
+        ("            /* between the two speeds nothing changes */\n", "true", tuple(Status)),
     ],
 )
-def test_the_search_finds_what_is_rare(where: str, found: tuple[Status, ...]) -> None:
+def test_the_search_finds_what_is_rare(where: str, condition: str, found: tuple[Status, ...]) -> None:
     folder, before = builds.made("pi"), longest("pi")
-    after = worst_step(nops_in(folder, where), folder.manifest, builds.compiled("pi"))
+    after = worst_step(nops_in(folder, where, condition), folder.manifest, builds.compiled("pi"))
     # What is rare need not be met in what was the longest step before, but it must not be missed.
     longer = [status for status in found if after.worst_by_status[status] >= before.worst_by_status[status] + NOPS // 2]
     assert longer

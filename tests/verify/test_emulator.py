@@ -1,4 +1,4 @@
-"""The emulated core: what it counts, against programs whose instructions are known one by one."""
+"""The emulated cores: what they compute, and what is counted, against programs whose instructions are known one by one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import pytest
 
 from codegen.errors import BuildError
 from codegen.verify import emulator
-from codegen.verify.cross import compile_image
-from codegen.verify.emulator import DATA, CortexM4, instructions_in
+from codegen.verify.cross import CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE, Core, compile_image
+from codegen.verify.emulator import DATA, CortexM4, Processor, Stray, instructions_in
+
+CORES = pytest.mark.parametrize("core", [CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE], ids=lambda core: core.name)
 
 
 def assembled(name: str, body: str) -> str:
@@ -115,17 +117,78 @@ void scale(const float *x, float *y, uint32_t count)
 """
 
 
-def test_arithmetic_is_that_of_single_precision() -> None:
+@CORES
+def test_arithmetic_is_that_of_single_precision(core: Core) -> None:
     """Subnormal numbers too; and initialised, writable and zeroed memory are where the code takes them to be."""
-    core = core_of(SCALE, entries=("scale",))
+    processor = Processor(compile_image({"f.c": SCALE}, ("scale",), core=core), core)
+    number = np.dtype(f"{processor.byte_order}f4")
     x = np.array([1.0, -0.1, 3e-45, 1e-38, 3e38, np.inf, np.pi], dtype=np.float32)
-    core.write(DATA, x.tobytes())
+    processor.write(DATA, x.astype(number).tobytes())
     for factor in (np.float32(2.0), np.float32(3.0)):
-        core.call("scale", DATA, DATA + 1024, x.size)
-        found = np.frombuffer(core.read(DATA + 1024, x.nbytes), dtype=np.float32)
+        processor.call("scale", DATA, DATA + 1024, x.size)
+        found = np.frombuffer(processor.read(DATA + 1024, x.nbytes), dtype=number)
         with np.errstate(over="ignore"):
             expected = (factor * x) / np.float32(3.0)
-        assert found.tobytes() == expected.tobytes()
+        assert found.astype(np.float32).tobytes() == expected.tobytes()
+
+
+ORDER = """#include <stdint.h>
+static const uint32_t word = 0x01020304u;
+uint32_t order(uint32_t a, uint32_t b, uint32_t c, uint32_t d);
+uint32_t order(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+{
+    const volatile uint8_t *const bytes = (const volatile uint8_t *)&word;
+
+    return (1000u * bytes[0]) + a + (2u * b) + (3u * c) + (4u * d);
+}
+"""
+
+
+@CORES
+def test_arguments_come_in_order_and_bytes_in_that_of_the_core(core: Core) -> None:
+    processor = Processor(compile_image({"f.c": ORDER}, ("order",), core=core), core)
+    first = {"<": 4, ">": 1}[processor.byte_order]
+    assert processor.call("order", 1, 10, 100, 200) == 1000 * first + 1 + 20 + 300 + 800
+    word = processor.read(processor.address("word"), 4)
+    assert word == bytes([1, 2, 3, 4])[:: 1 if first == 1 else -1]
+
+
+NESTED = """float deep(float x, int depth);
+float deep(float x, int depth)
+{
+    volatile float own[8] = { x };
+
+    return (depth > 0) ? (deep(own[0] + 1.0f, depth - 1) + own[0]) : own[1];
+}
+int enter(void);
+int enter(void)
+{
+    return (int)deep(0.0f, 20);
+}
+"""
+
+
+@CORES
+def test_calls_within_calls_have_their_stack(core: Core) -> None:
+    processor = Processor(compile_image({"f.c": NESTED}, ("enter",), core=core), core)
+    assert processor.call("enter") == sum(range(20))
+    assert processor.name == core.name
+
+
+def test_only_thumb_is_counted() -> None:
+    processor = Processor(compile_image({"f.c": ORDER}, ("order",), core=POWERPC_BE), POWERPC_BE)
+    with pytest.raises(ValueError, match="instructions of a PowerPC"):
+        processor.traced(lambda: None)
+
+
+@CORES
+def test_where_code_goes_astray_is_known(core: Core) -> None:
+    text = "int stray(void);\nint stray(void)\n{\n    __builtin_trap();\n}\n"
+    processor = Processor(compile_image({"f.c": text}, ("stray",), core=core), core)
+    (function,) = (each for each in processor.functions if each.name == "stray")
+    with pytest.raises(Stray, match=f"the code on the {core.name} ended at 0x") as caught:
+        processor.call("stray")
+    assert caught.value.address - function.start == (0 if core is not POWERPC_BE else 4)
 
 
 @pytest.mark.parametrize(

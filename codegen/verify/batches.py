@@ -1,0 +1,226 @@
+"""Batches of calls of the generated C: the same C around them, and the same words in and out, here and on an emulated core.
+
+A row of a batch is one call; it starts from the state that the row before it left. All numbers travel as words that hold
+their bits, so that nothing between Python and the call looks at them as numbers. What comes out is everything that the call
+gives, and every field of the state behind it: no padding, and no pointer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.emit.can_view import task_view
+from codegen.emit.render import render
+from codegen.emit.text import c_type
+from codegen.sil.software import Software
+
+Word = type[np.uint32] | type[np.uint64]
+Rows = npt.NDArray[Any]
+"""Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
+
+FRAMES = 4
+"""CAN frames that a cycle of the task may have."""
+
+WHOLE = frozenset({"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"})
+"""Columns of rows going in that hold whole numbers; those of frames do as well."""
+
+_FRAME_COLUMNS = tuple(f"{name}_{frame}" for frame in range(FRAMES) for name in ("id", "length", "low", "high"))
+_INPUTS: Mapping[str, tuple[str, ...]] = {
+    "controller": ("restart", "start_angle", "speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit"),
+    "lookup": ("speed", "front_angle", "friction"),
+    "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
+    "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
+    "can": ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit", "status", "diagnostics"),
+    "task": ("restart", "frames", *_FRAME_COLUMNS),
+    "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
+}
+_MESSAGES = ("motion", "conditions", "command")
+FOLDER = "frame"
+"""Of the C around a build."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A word that comes out.
+
+    Attributes:
+        name: for people; that of a field of the state after "state.".
+        expression: in C.
+    """
+
+    name: str
+    expression: str
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it holds the bits of a number, not a whole one."""
+        return self.expression.startswith("bits(")
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Calls of one kind.
+
+    Attributes:
+        name: of the batch.
+        inputs: columns of a row that goes in.
+        outputs: of one that comes out.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[Column, ...]
+
+    @property
+    def expressions(self) -> tuple[str, ...]:
+        """In C, of the outputs."""
+        return tuple(column.expression for column in self.outputs)
+
+
+@dataclass(frozen=True)
+class Program:
+    """C with batches, complete but for what links it.
+
+    Attributes:
+        prefix: of the build.
+        word: NumPy type of a word.
+        batches: by name.
+        sources: content by path.
+        entries: what else is called.
+    """
+
+    prefix: str
+    word: Word
+    batches: Mapping[str, Batch]
+    sources: Mapping[str, bytes]
+    entries: tuple[str, ...] = ()
+
+
+def program_of(software: Software, files: Mapping[str, bytes]) -> Program:
+    """Everything of a build that needs no library: controller, map, limiter, reference model, frames and task.
+
+    Args:
+        software: the build, compiled for this machine: its headers tell the fields of every struct.
+        files: of the build.
+    """
+    prefix = software.prefix
+    batches = {batch.name: batch for batch in _batches(software, files)}
+    context = {
+        **_context(software, batches),
+        "with_model": "model" in batches,
+        "with_reference": _has(software, "map_reference_t"),
+        "task": task_view(software.config),
+    }
+    sources = {path: text for path, text in files.items() if path.startswith(("include/", "src/"))}
+    del sources[f"src/{prefix}_dynamics.c"]
+    for name in ("batches.h", "batches.c"):
+        sources[f"{FOLDER}/{name}"] = render(f"verify/{name}.j2", context)
+    return Program(prefix, word_of(software), batches, sources, (f"{prefix}_selftest",))
+
+
+def dynamics_program_of(software: Software, files: Mapping[str, bytes], functions: Sequence[str]) -> Program:
+    """The vehicle dynamics, which call some functions of a library: batches "dynamics" and "library"."""
+    source = f"src/{software.prefix}_dynamics.c"
+    outputs = tuple(
+        Column(f"{name}.{place}", expression)
+        for name, kind in (
+            ("linear", "state"),
+            ("linear_jacobian", "jacobian"),
+            ("magic_formula", "state"),
+            ("magic_formula_jacobian", "jacobian"),
+        )
+        for place, expression in _leaves(software, f"dynamics_{kind}_t", f"{name}.")
+    )
+    batches = {
+        "dynamics": Batch("dynamics", _INPUTS["dynamics"], (*outputs, Column("calls", "(verify_word_t)calls"))),
+        "library": Batch("library", ("x",), tuple(Column(name, f"bits({name})") for name in functions)),
+    }
+    included = f"{source.rpartition('/')[2]}.inc"
+    context = {
+        **_context(software, batches),
+        "functions": functions,
+        "dynamics": included,
+        "signed_word": "int32_t" if software.precision == "single" else "int64_t",
+        "tiny": "1.0e-30f" if software.precision == "single" else "1.0e-300",
+    }
+    sources = {path: text for path, text in files.items() if path.startswith("include/")}
+    # Included, not compiled by itself: the library functions that it calls are others.
+    sources[f"{FOLDER}/{included}"] = f'#line 1 "{source}"\n'.encode() + files[source]
+    sources[f"{FOLDER}/batches.h"] = render("verify/batches.h.j2", context)
+    sources[f"{FOLDER}/dynamics.c"] = render("verify/dynamics.c.j2", context)
+    return Program(software.prefix, word_of(software), batches, sources)
+
+
+def word_of(software: Software) -> Word:
+    """NumPy type of a word as wide as a number of the build."""
+    return np.uint32 if software.precision == "single" else np.uint64
+
+
+def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]:
+    return {
+        "build": {"prefix": software.prefix, "PREFIX": software.prefix.upper()},
+        "real": c_type(software.precision),
+        "word": "uint32_t" if software.precision == "single" else "uint64_t",
+        "batches": list(batches.values()),
+        "batch": batches,
+    }
+
+
+def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
+    def batch(name: str, results: Sequence[Column], state: str = "") -> Batch:
+        fields = _leaves(software, f"{state}_t", "state.") if state else ()
+        return Batch(name, _INPUTS[name], (*results, *(Column(f"state.{place}", text) for place, text in fields)))
+
+    command = _columns(software, "command_t", "command")
+    yield batch("controller", command, "controller")
+    lookup = [Column("yaw_rate_on_road", "bits(on_road)"), Column("yaw_rate", "bits(yaw_rate)")]
+    if _has(software, "map_reference_t"):
+        lookup += _columns(software, "map_reference_t", "reference")
+    yield batch("lookup", lookup)
+    yield batch("limiter", [Column("result", "bits(result)")], "limiter")
+    if f"include/{software.prefix}_reference_model.h" in files:
+        curves = [Column(f"{end}_curve", f"bits({end}_curve)") for end in ("front", "rear")]
+        yield batch("model", curves, "reference_model")
+    frames = [column for name in _MESSAGES for column in _data_columns(f"{name}_data")]
+    kinds = ("vehicle_motion_t", "vehicle_conditions_t", "rear_steer_command_t")
+    signals = [column for name, kind in zip(_MESSAGES, kinds, strict=True) for column in _columns(software, kind, name)]
+    yield batch("can", [*frames, *signals])
+    answer = [Column("complete", "(verify_word_t)complete"), Column("id", "(verify_word_t)id"), *_data_columns("data")]
+    yield batch("task", answer, "task")
+
+
+def _data_columns(name: str) -> list[Column]:
+    return [Column(f"{name}[{first}..{first + 3}]", f"bytes(&{name}[{first}])") for first in (0, 4)]
+
+
+def _columns(software: Software, kind: str, variable: str) -> list[Column]:
+    return [Column(f"{variable}.{place}", text) for place, text in _leaves(software, kind, f"{variable}.")]
+
+
+def _has(software: Software, kind: str) -> bool:
+    return f"{software.prefix}_{kind}" in software.ffi.list_types()[0]
+
+
+def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str]]:
+    """Place and C expression of every number in a struct, in order; pointers are left out."""
+    found: list[tuple[str, str]] = []
+
+    def visit(declared: Any, place: str) -> None:
+        if declared.kind == "struct":
+            for name, field in declared.fields:
+                visit(field.type, f"{place}.{name}" if place else name)
+        elif declared.kind == "array":
+            for index in range(declared.length):
+                visit(declared.item, f"{place}[{index}]")
+        elif declared.kind != "pointer":
+            make = "bits" if declared.cname in ("float", "double") else "(verify_word_t)"
+            text = f"{variable}{place}"
+            found.append((place, f"{make}({text})" if make == "bits" else f"{make}{text}"))
+
+    visit(software.ffi.typeof(f"{software.prefix}_{kind}"), "")
+    return found

@@ -1,0 +1,186 @@
+"""What the batches are made of, and what they are driven with."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen.emit.can_view import DIAGNOSTICS
+from codegen.sil.software import Status
+from codegen.verify import stimuli, traffic
+from codegen.verify.batches import FRAMES, Program, Rows, program_of
+from codegen.verify.cross import POWERPC_BE
+from codegen.verify.drives import Ground, recorded
+from codegen.verify.runners import HOST_FLAGS, OnHost, OnTarget
+from codegen.verify.stimuli import Source, specials
+from tests.verify import builds
+
+COUNT = 4_000
+
+
+@functools.cache
+def program() -> Program:
+    return program_of(builds.compiled("tracking"), builds.made("tracking").files)
+
+
+@functools.cache
+def host() -> OnHost:
+    return OnHost(program())
+
+
+def source(seed: int = 0) -> Source:
+    return Source(Ground.of(builds.made("tracking").manifest), np.uint32, np.random.default_rng(seed))
+
+
+def column(batch: str, rows: Rows, name: str) -> Rows:
+    return rows[:, [output.name for output in program().batches[batch].outputs].index(name)]
+
+
+# --- batches -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("batch", ["controller", "limiter", "task"])
+def test_every_number_of_a_state_comes_out_once(batch: str) -> None:
+    """As wide, all together, as the struct without its padding and its pointers."""
+    ffi = builds.compiled("tracking").ffi
+    names = [output.name for output in program().batches[batch].outputs if output.name.startswith("state.")]
+    assert len(set(names)) == len(names)
+
+    def packed(declared: Any) -> int:
+        if declared.kind == "struct":
+            return sum(packed(field.type) for _, field in declared.fields)
+        return 0 if declared.kind == "pointer" else int(ffi.sizeof(declared))
+
+    def size(name: str) -> int:
+        declared = ffi.typeof(f"ars_{batch}_t")
+        for field in name.split(".")[1:]:
+            declared = dict(declared.fields)[field].type
+        return int(ffi.sizeof(declared))
+
+    assert sum(map(size, names)) == packed(ffi.typeof(f"ars_{batch}_t"))
+
+
+def test_a_row_starts_from_the_state_that_the_one_before_it_left() -> None:
+    batch = program().batches["controller"]
+    rows = source().steps(batch, COUNT)
+    whole = host().run(batch, rows)
+    parts = np.concatenate([host().run(batch, part) for part in np.array_split(rows, 7)])
+    assert (whole == parts).all()
+    assert not (whole == np.concatenate([host().run(batch, rows[k:]) for k in (1,)] + [whole[:1]])).all()
+
+
+def test_commands_are_those_of_the_controller_itself() -> None:
+    """Built another way: the class that the closed loop steps, from the same samples."""
+    from codegen.verify.on_target import drive_of, measurements_of
+
+    software, batch = builds.compiled("tracking"), program().batches["controller"]
+    drive = recorded(software)[0]
+    expected = software.controller().run(measurements_of(drive))
+    found = host().run(batch, source().recordings(batch, [drive]))
+    angles = column("controller", found, "command.rear_angle").view(np.float32)
+    assert angles.tolist() == [command.rear_angle for command in expected]
+    assert column("controller", found, "command.status").tolist() == [command.status for command in expected]
+    assert drive_of([]).shape == (0, 6)
+
+
+def test_long_batches_are_run_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch = program().batches["limiter"]
+    rows = source().numbers(batch, 500)
+    target = OnTarget(program(), POWERPC_BE)
+    whole = target.run(batch, rows)
+    monkeypatch.setattr("codegen.verify.runners.DATA_BYTES", 1024)
+    assert (target.run(batch, rows) == whole).all()
+    assert target.run(batch, rows[:0]).shape == (0, len(batch.outputs))
+
+
+def test_warnings_are_not_errors_here() -> None:
+    assert "-Werror" not in HOST_FLAGS
+    assert "-ffp-contract=off" in HOST_FLAGS
+
+
+# --- numbers -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("word", "real"), [(np.uint32, np.float32), (np.uint64, np.float64)])
+def test_special_numbers(word: stimuli.Word, real: type) -> None:
+    words = specials(word)
+    numbers = words.view(real)
+    limits = np.finfo(real)
+    for number in (0.0, limits.smallest_subnormal, limits.tiny, limits.max, np.inf, 1.0):
+        assert {number, -number} <= set(numbers.tolist())
+    payloads = words[np.isnan(numbers)]
+    quiet = (payloads >> np.array(limits.nmant - 1, dtype=word)) & np.array(1, dtype=word)
+    assert 4 <= int(quiet.sum()) <= len(payloads) - 4
+    assert len(set(words.tolist())) == len(words)
+
+
+def test_steps_reach_every_status_and_hold_every_kind_of_number() -> None:
+    batch = program().batches["controller"]
+    rows = source().steps(batch, COUNT)
+    assert len(rows) == COUNT
+    assert rows[0, 0] == 1
+    assert set(column("controller", host().run(batch, rows), "command.status").tolist()) == set(Status)
+    for place in range(1, 7):
+        numbers = rows[:, place].view(np.float32)
+        signalling = np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)
+        assert np.isinf(numbers).any()
+        assert signalling.any()
+        assert ((np.abs(numbers) < np.finfo(np.float32).tiny) & (numbers != 0.0)).any()
+    assert set(rows[:, 7].tolist()) == {0, 1}
+
+
+def test_the_tour_alone_reaches_every_status() -> None:
+    batch = program().batches["controller"]
+    first = int(np.flatnonzero(source().steps(batch, COUNT)[:, 0])[1])
+    results = host().run(batch, source().steps(batch, COUNT)[:first])
+    assert set(column("controller", results, "command.status").tolist()) == set(Status)
+    # And comes back to control from both of the ways into the fail-safe.
+    status = column("controller", results, "command.status")
+    entered = np.flatnonzero((status[1:] == Status.FAIL_SAFE) & (status[:-1] != Status.FAIL_SAFE))
+    assert len(entered) == 2
+    assert status[-1] in (Status.TRACKING, Status.LIMITED)
+
+
+def test_the_same_seed_gives_the_same_rows() -> None:
+    for name, batch in program().batches.items():
+        if name not in ("task", "controller"):
+            assert (source().numbers(batch, 100) == source().numbers(batch, 100)).all()
+    batch = program().batches["controller"]
+    assert (source().steps(batch, COUNT) == source().steps(batch, COUNT)).all()
+    assert (source().steps(batch, COUNT) != source(1).steps(batch, COUNT)).any()
+
+
+# --- frames ------------------------------------------------------------------------------------------------------------
+
+
+def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> None:
+    software, batch = builds.compiled("tracking"), program().batches["task"]
+    _, cycles = traffic.closed_loop(software)
+    disturbed = traffic.disturbed(software.config, cycles, 2_000)
+    assert max(map(len, disturbed)) <= FRAMES
+    results = host().run(batch, traffic.rows_of(disturbed, batch, np.uint32, traffic.restarts_of(2_000)))
+    causes = np.bitwise_or.reduce(column("task", results, "data[4..7]") >> 16)
+    assert causes == 2 ** len(DIAGNOSTICS) - 1
+    assert set(column("task", results, "state.controller.status").tolist()) == set(Status)
+    assert set(column("task", results, "complete").tolist()) == {0, 1}
+
+
+def test_the_recorded_scenario_is_the_closed_loop() -> None:
+    """Played again, its frames make the task command what the bench saw: the car is at the same place in every cycle."""
+    from hil_sim.runs import run_through_can
+    from hil_sim.scenarios import SCENARIOS
+
+    software, batch = builds.compiled("tracking"), program().batches["task"]
+    name, cycles = traffic.closed_loop(software)
+    assert name == "step-steer"
+    results = host().run(batch, traffic.rows_of(cycles, batch, np.uint32))
+    commands = run_through_can(software, SCENARIOS[name]).record[:, 7]
+    codes = (column("task", results, "data[0..3]") >> 16).astype(np.int16)
+    assert len(cycles) == len(commands)
+    started = np.flatnonzero(codes != -32768)
+    assert len(started) > 1_000
+    np.testing.assert_array_equal(codes[started], np.rint(commands[started] * 20_000.0).astype(np.int16))
+    assert np.abs(codes[started]).max() > 100
