@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
+from codegen.budget_sections import Budgets
 from codegen.can_sections import Can, RealSignal
 from codegen.controller_sections import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.errors import CodegenError, ConfigError, suggestion
@@ -38,6 +39,7 @@ from codegen.sensor_sections import Sensor, Sensors
 
 __all__ = [
     "KM_H",
+    "Budgets",
     "Can",
     "Case",
     "Config",
@@ -112,6 +114,8 @@ class Config(Section):
     plant: Plant = Plant()
     sensors: Sensors = Sensors()
     can: Can = Can()
+    # Left out where nothing is set: a map or a build without budgets of its own does not change with them.
+    budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -241,7 +245,7 @@ def load(path: Path) -> Config:
 def preset_text(name: Preset = "paper") -> str:
     """The commented text of a preset `ars.toml`."""
     folder = resources.files("codegen").joinpath("presets")
-    parts = (f"{name}-header", "car", f"{name}-controller", "inputs", "bench")
+    parts = (f"{name}-header", "car", f"{name}-controller", "inputs", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 

@@ -17,6 +17,7 @@ LEVELS = (
     ("codegen.errors", "codegen.interrupts"),
     ("codegen.files", "codegen.sections"),
     ("codegen.can_sections", "codegen.controller_sections", "codegen.sensor_sections"),
+    ("codegen.budget_sections",),
     ("codegen.config",),
     ("codegen.vehicle",),
     ("codegen.design",),

@@ -1,0 +1,84 @@
+"""The table `[budgets]` of `ars.toml`: what the generated code may take on a Cortex-M4F.
+
+Layer 1: imports only `sections` and `controller_sections`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from codegen.controller_sections import Kind
+from codegen.sections import Section
+
+Count = Annotated[int, Field(ge=1, le=100_000_000)]
+
+LOOKUP, SECOND_TABLE = 95, 75
+"""Instructions of a lookup over even breakpoints, and what a table for the rear angle adds."""
+
+SEARCH_ROUND, FRICTIONS, FRICTION = 10, 60, 10
+"""Instructions that are added by a round of a search over uneven breakpoints, by tables for several frictions, and by each of
+those."""
+
+COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 64}
+OF_KIND: Mapping[Kind, Mapping[str, int]] = {
+    "pi": {"step_instructions_max": 170, "task_instructions_max": 1_100},
+    "proportional": {"step_instructions_max": 170, "task_instructions_max": 1_100},
+    "feedforward": {"step_instructions_max": 170 + SECOND_TABLE, "task_instructions_max": 1_100 + SECOND_TABLE},
+    "tracking": {"step_instructions_max": 1_500, "task_instructions_max": 2_500, "state_bytes_max": 128},
+}
+"""For a map with even breakpoints and one friction."""
+
+
+@dataclass(frozen=True)
+class MapShape:
+    """What a lookup has to do.
+
+    Attributes:
+        search_rounds: of both axes together; an even one needs none.
+        frictions: that the map is for.
+    """
+
+    search_rounds: int = 0
+    frictions: int = 1
+
+    @property
+    def instructions(self) -> int:
+        """What that adds to a lookup."""
+        stacked = FRICTIONS + FRICTION * self.frictions if self.frictions > 1 else 0
+        return SEARCH_ROUND * self.search_rounds + stacked
+
+
+class Budgets(Section):
+    """The most that each part may take; what is not given is what suits the kind of controller and the map.
+
+    Instructions are of the longest call, with what it calls; those of a step without the limiter, which has its own. A
+    reference is a lookup that gives the rear angle too. The task is one period: two frames received, the step, one frame sent.
+    `state_bytes_max` is the memory of one controller; `flash_bytes_max`, code and constants of all objects together, has no
+    default, because the breakpoints of the map decide.
+    """
+
+    lookup_instructions_max: Count | None = None
+    reference_instructions_max: Count | None = None
+    step_instructions_max: Count | None = None
+    limiter_instructions_max: Count | None = None
+    task_instructions_max: Count | None = None
+    task_stack_bytes_max: Count | None = None
+    state_bytes_max: Count | None = None
+    flash_bytes_max: Count | None = None
+
+    def resolved(self, kind: Kind, shape: MapShape) -> dict[str, int]:
+        """Every budget that there is, by its key."""
+        more = shape.instructions
+        found = {
+            "lookup_instructions_max": LOOKUP + more,
+            "reference_instructions_max": LOOKUP + SECOND_TABLE + more,
+            **COMMON,
+            **OF_KIND[kind],
+        }
+        found["step_instructions_max"] += more
+        found["task_instructions_max"] += more
+        return found | {key: value for key, value in self.model_dump().items() if value is not None}

@@ -1,0 +1,95 @@
+"""`[budgets]`: what is taken, what holds where nothing is given, and that it stays out of what does not need it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from typing import get_args
+
+import pytest
+
+from codegen.budget_sections import Budgets, MapShape
+from codegen.config import Config, Kind, parse, preset, preset_text
+from codegen.errors import ConfigError
+
+PLAIN = MapShape()
+KEYS = tuple(Budgets.model_fields)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value"),
+    [
+        ("pi", "lookup_instructions_max", 95),
+        ("pi", "step_instructions_max", 170),
+        ("pi", "task_instructions_max", 1_100),
+        ("pi", "task_stack_bytes_max", 250),
+        ("pi", "state_bytes_max", 64),
+        ("tracking", "step_instructions_max", 1_500),
+        ("tracking", "state_bytes_max", 128),
+    ],
+)
+def test_budgets_of_a_kind(kind: Kind, key: str, value: int) -> None:
+    assert Budgets().resolved(kind, PLAIN)[key] == value
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_every_kind_has_every_budget_but_that_of_the_flash(kind: Kind) -> None:
+    found = Budgets().resolved(kind, PLAIN)
+    assert set(KEYS) - set(found) == {"flash_bytes_max"}
+    assert all(value > 0 for value in found.values())
+
+
+def test_a_map_that_is_more_work_may_take_more() -> None:
+    """Lookups, and all that holds one: by ten instructions a round of the search, and by the tables for several frictions."""
+    plain = Budgets().resolved("pi", PLAIN)
+    uneven = Budgets().resolved("pi", MapShape(search_rounds=8))
+    stacked = Budgets().resolved("pi", MapShape(search_rounds=8, frictions=4))
+    more = {"lookup_instructions_max", "reference_instructions_max", "step_instructions_max", "task_instructions_max"}
+    for found, by in ((uneven, 80), (stacked, 80 + 100)):
+        assert {key: found[key] - plain[key] for key in plain} == {key: by if key in more else 0 for key in plain}
+
+
+def test_what_is_given_holds_whatever_the_map() -> None:
+    budgets = Budgets(step_instructions_max=321, flash_bytes_max=65_536)
+    found = budgets.resolved("pi", MapShape(search_rounds=8))
+    assert (found["step_instructions_max"], found["flash_bytes_max"]) == (321, 65_536)
+    assert found["lookup_instructions_max"] == 95 + 80
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "95.5", "true", '"95"'])
+def test_only_whole_numbers_are_taken(value: str) -> None:
+    with pytest.raises(ConfigError, match=r"^ars\.toml: budgets\.lookup_instructions_max: "):
+        parse(tomllib.loads(f"[budgets]\nlookup_instructions_max = {value}\n"), "ars.toml")
+
+
+def test_a_misspelt_budget() -> None:
+    with pytest.raises(
+        ConfigError, match=r"budgets\.step_instruction_max: unknown key; did you mean 'step_instructions_max'\?$"
+    ):
+        parse({"budgets": {"step_instruction_max": 5}}, "ars.toml")
+
+
+def test_a_configuration_without_budgets_of_its_own_is_written_without_them() -> None:
+    """So what was made before there were any stays what it is, to the byte."""
+    assert "budgets" not in preset().to_json()
+    assert "budgets" not in Config().model_dump(mode="json")
+    own = parse({"budgets": {"step_instructions_max": 321}}, "ars.toml")
+    assert own != Config()
+    assert parse(own.model_dump(mode="json"), "manifest.json") == own
+
+
+def test_the_preset_tells_what_holds() -> None:
+    """Its comment is a table of keys and kinds."""
+    text = preset_text()
+    header = next(line for line in text.splitlines() if '"tracking"   "pi"' in line)
+    columns: list[list[Kind]] = [["tracking"], ["pi", "proportional"], ["feedforward"]]
+    assert re.findall(r'"(\w+)"', header) == [kind for kinds in columns for kind in kinds]
+    for key in KEYS:
+        row = re.search(rf"^#   {key} +(\S+) +(\S+) +(\S+)", text, re.MULTILINE)
+        assert row, key
+        for told, kinds in zip(row.groups(), columns, strict=True):
+            for kind in kinds:
+                value = Budgets().resolved(kind, PLAIN).get(key)
+                # A kind without the function has no use for its budget.
+                assert told in ("-", "-" if value is None else f"{value:,}"), (key, kind)
+                assert (told == "-") == (value is None or (key.startswith("reference") and kind in ("pi", "proportional")))

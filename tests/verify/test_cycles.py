@@ -1,0 +1,107 @@
+"""Thumb instructions: length, where they go on, and their cycles in Arm's tables."""
+
+from __future__ import annotations
+
+import pytest
+
+from codegen.verify.cycles import FLOAT_DIVISION, REFILL, Flow, decode
+from codegen.verify.emulator import instructions_in
+
+AT = 0x0800_0100
+
+
+def code(*words: int) -> bytes:
+    return b"".join(word.to_bytes(2, "little") for word in words)
+
+
+# Encodings as LLVM's disassembler reads them; cycles as in tables 3-1 and 7-1 of the technical reference manual.
+PLAIN = {
+    "movs r0, #100": ((0x2064,), 1),
+    "adds r0, r0, #1": ((0x1C40,), 1),
+    "mov r1, r0": ((0x4601,), 1),
+    "muls r0, r1, r0": ((0x4348,), 1),
+    "it gt": ((0xBFC8,), 1),
+    "ldr r0, [pc, #4]": ((0x4801,), 2),
+    "ldrb r0, [r4, #22]": ((0x7DA0,), 2),
+    "str r0, [sp, #4]": ((0x9001,), 2),
+    "push {r4, r5, r7, lr}": ((0xB5B0,), 5),
+    "pop {r4, r5}": ((0xBC30,), 3),
+    "ldm r0!, {r1, r2, r3}": ((0xC80E,), 4),
+    "push.w {r4, r5, r8, lr}": ((0xE92D, 0x4130), 5),
+    "ldrd r0, r1, [r2]": ((0xE9D2, 0x0100), 3),
+    "ldrb.w r0, [r5, #95]": ((0xF895, 0x005F), 2),
+    "movw r2, #5088": ((0xF241, 0x32E0), 1),
+    "mla r0, r0, r3, r2": ((0xFB00, 0x2003), 1),
+    "umull r0, r1, r0, r1": ((0xFBA0, 0x0101), 1),
+    "sdiv r0, r0, r1": ((0xFB90, 0xF0F1), 12),
+    "udiv r0, r0, r1": ((0xFBB0, 0xF0F1), 12),
+    "vldr s4, [r0]": ((0xED90, 0x2A00), 2),
+    "vldr d0, [r0]": ((0xED90, 0x0B00), 3),
+    "vstr s0, [sp, #4]": ((0xED8D, 0x0A01), 2),
+    "vpush {d8, d9}": ((0xED2D, 0x8B04), 5),
+    "vpop {s16, s17}": ((0xECBD, 0x8A02), 3),
+    "vadd.f32 s0, s0, s1": ((0xEE30, 0x0A20), 1),
+    "vmul.f32 s0, s0, s1": ((0xEE20, 0x0A20), 1),
+    "vmla.f32 s0, s1, s2": ((0xEE00, 0x0A81), 3),
+    "vfma.f32 s0, s1, s2": ((0xEEA0, 0x0A81), 3),
+    "vfnms.f32 s0, s1, s2": ((0xEE90, 0x0A81), 3),
+    "vdiv.f32 s14, s2, s0": ((0xEE81, 0x7A00), 14),
+    "vsqrt.f32 s0, s0": ((0xEEB1, 0x0AC0), 14),
+    "vneg.f32 s0, s0": ((0xEEB1, 0x0A40), 1),
+    "vcmp.f32 s0, #0": ((0xEEB5, 0x0A40), 1),
+    "vcvt.u32.f32 s4, s6": ((0xEEBC, 0x2AC3), 1),
+    "vmrs APSR_nzcv, fpscr": ((0xEEF1, 0xFA10), 1),
+    "vmov r0, s4": ((0xEE12, 0x0A10), 2),
+    "vmov r0, r1, d0": ((0xEC51, 0x0B10), 2),
+}
+
+JUMPS = {
+    "bx lr": ((0x4770,), Flow.RETURN, None, 1),
+    "bx r3": ((0x4718,), Flow.POINTER, None, 1),
+    "blx r3": ((0x4798,), Flow.POINTER, None, 1),
+    "mov pc, r0": ((0x4687,), Flow.POINTER, None, 1),
+    "pop {r4, pc}": ((0xBD10,), Flow.RETURN, None, 3),
+    "pop.w {r4, r8, pc}": ((0xE8BD, 0x8110), Flow.RETURN, None, 4),
+    "ldr pc, [sp], #4": ((0xF85D, 0xFB04), Flow.RETURN, None, 2),
+    "ldr.w pc, [r0]": ((0xF8D0, 0xF000), Flow.POINTER, None, 2),
+    "tbb [pc, r0]": ((0xE8DF, 0xF000), Flow.TABLE, None, 2),
+    "b +0x30": ((0xE016,), Flow.BRANCH, 0x30, 1),
+    "b -4": ((0xE7FC,), Flow.BRANCH, -4, 1),
+    "beq +6": ((0xD001,), Flow.CONDITIONAL, 6, 1),
+    "bne -0x86": ((0xD1BB,), Flow.CONDITIONAL, -0x86, 1),
+    "cbz r0, +8": ((0xB110,), Flow.CONDITIONAL, 8, 1),
+    "cbnz r0, +0x46": ((0xBB08,), Flow.CONDITIONAL, 0x46, 1),
+    "ble.w +0x10a": ((0xF340, 0x8083), Flow.CONDITIONAL, 0x10A, 1),
+    "b.w +0x1000": ((0xF000, 0xBFFE), Flow.BRANCH, 0x1000, 1),
+    "bl +0x800": ((0xF000, 0xFBFE), Flow.CALL, 0x800, 1),
+    "bl -0x800": ((0xF7FF, 0xFBFE), Flow.CALL, -0x800, 1),
+}
+
+
+@pytest.mark.parametrize("text", PLAIN)
+def test_cycles_of_what_goes_on(text: str) -> None:
+    words, cycles = PLAIN[text]
+    (found,) = decode(code(*words), AT)
+    assert (found.size, found.cycles, found.flow) == (2 * len(words), cycles, Flow.NEXT)
+
+
+@pytest.mark.parametrize("text", JUMPS)
+def test_jumps_and_where_they_go(text: str) -> None:
+    words, flow, offset, cycles = JUMPS[text]
+    (found,) = decode(code(*words), AT)
+    assert (found.flow, found.cycles) == (flow, cycles)
+    assert found.target == (None if offset is None else AT + offset)
+
+
+def test_one_after_the_other() -> None:
+    words = [word for words, _ in PLAIN.values() for word in words] + [word for words, *_ in JUMPS.values() for word in words]
+    found = decode(code(*words), AT)
+    assert len(found) == len(PLAIN) + len(JUMPS) == instructions_in(code(*words))
+    assert [each.address for each in found] == [AT, *(each.end for each in found[:-1])]
+    assert not any(each.is_nop for each in found)
+    assert decode(code(0xBF00), AT)[0].is_nop
+
+
+def test_weights_that_the_manual_names() -> None:
+    assert FLOAT_DIVISION == 14
+    assert REFILL in range(1, 4)

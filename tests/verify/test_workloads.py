@@ -1,0 +1,164 @@
+"""What is called: rows for each function, and cycles of the task with everything that a bus can do to them."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from codegen.emit.can_view import task_view
+from codegen.sil.software import Status
+from codegen.verify import workloads
+from codegen.verify.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
+from codegen.verify.drives import Ground, drawn
+from codegen.verify.on_target import measurements_of
+from codegen.verify.workloads import CYCLE_COLUMNS, Fault, cycles_of, events_of, long_ways, long_ways_of_task, steps_of
+from hil_sim.e2e import E2eStatus, Receiver
+from tests.verify import builds
+
+MOTION_ID, CONDITIONS_ID = 0x101, 0x102
+
+
+@functools.cache
+def ground() -> Ground:
+    return Ground.of(builds.made("pi").manifest)
+
+
+@functools.cache
+def counter() -> Counter:
+    files = builds.made("pi").files
+    sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
+    return Counter(sources, "ars", task_view(builds.config_of("pi")))
+
+
+def generator() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def cycles(*faults: tuple[Fault, Fault]) -> Rows:
+    sample = [15.0, 0.07, 0.3, 0.01, 0.8, 0.0]
+    rows = [[*sample, float(index == 0), *map(float, pair)] for index, pair in enumerate(faults)]
+    return np.array(rows, dtype=np.float32)
+
+
+def statuses(rows: Rows) -> list[list[E2eStatus]]:
+    """What an independent receiver finds of the frames of the motion, cycle by cycle."""
+    found, receiver = events_of(rows, counter()), Receiver(ground().config.can.e2e)
+    told: list[list[E2eStatus]] = [[] for _ in rows]
+    for event, row in zip(found.events, found.row, strict=True):
+        if event["kind"] == MOTION and event["length"] == 8:
+            told[row].append(receiver.check(MOTION_ID, event["data"].tobytes()))
+        if event["kind"] == TASK and not told[row]:
+            told[row].append(receiver.no_new_data())
+    return told
+
+
+GOOD = (Fault.NONE, Fault.NONE)
+
+
+def test_cycles_without_faults() -> None:
+    found = events_of(cycles(GOOD, GOOD, GOOD), counter())
+    assert found.events["kind"].tolist() == [START, *[MOTION, CONDITIONS, TASK] * 3]
+    assert found.row.tolist() == [0, 0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert found.regular.all()
+    assert statuses(cycles(GOOD, GOOD, GOOD)) == [[E2eStatus.INITIAL], [E2eStatus.OK], [E2eStatus.OK]]
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        (Fault.MISSING, E2eStatus.NO_NEW_DATA),
+        (Fault.WRONG_CRC, E2eStatus.WRONG_CRC),
+        (Fault.SAME_COUNTER, E2eStatus.REPEATED),
+        (Fault.ONE_LOST, E2eStatus.OK_SOME_LOST),
+        (Fault.JUMP, E2eStatus.WRONG_SEQUENCE),
+        (Fault.COUNTER_15, E2eStatus.WRONG_CRC),
+        (Fault.FOREIGN, E2eStatus.OK),
+    ],
+)
+def test_faults_are_what_they_are_called(fault: Fault, status: E2eStatus) -> None:
+    rows = cycles(GOOD, GOOD, (fault, Fault.NONE), GOOD)
+    assert statuses(rows)[2] == [status]
+    assert events_of(rows, counter()).regular.tolist() == [True, True, fault is not Fault.FOREIGN, True]
+
+
+def test_faults_of_the_frame_itself() -> None:
+    short = events_of(cycles(GOOD, (Fault.WRONG_LENGTH, Fault.NONE)), counter())
+    assert short.events["length"].tolist() == [8, 8, 8, 8, 7, 8, 8]
+    twice = events_of(cycles((Fault.NONE, Fault.TWICE)), counter())
+    assert twice.events["kind"].tolist() == [START, MOTION, CONDITIONS, CONDITIONS, TASK]
+    assert not twice.regular.any()
+    assert FOREIGN in events_of(cycles((Fault.NONE, Fault.FOREIGN)), counter()).events["kind"]
+
+
+def test_rows_have_the_columns_that_they_are_said_to_have() -> None:
+    drives = [*workloads.with_extremes(drawn(ground(), 400), ground(), generator()), workloads.calm(ground(), 400, generator())]
+    steps = steps_of(drives, generator())
+    assert all(rows.shape == (400, len(workloads.STEP_COLUMNS)) and rows[0, -1] == 1.0 for rows in steps)
+    assert 0.0 < np.mean([rows[1:, -1].mean() for rows in steps]) < 0.1
+    for rows in cycles_of(steps, generator()):
+        assert rows.shape == (400, len(CYCLE_COLUMNS))
+        assert set(rows[:, -2:].ravel().tolist()) <= set(map(float, Fault))
+    assert set(cycles_of(steps, generator())[-2][:, -1].tolist()) == set(map(float, Fault))
+    places = workloads.places_of(drives, generator())
+    demands = workloads.demands_of(drives, ground(), generator())
+    assert {rows.shape[1] for rows in places} == {len(workloads.PLACE_COLUMNS)}
+    assert {rows.shape[1] for rows in demands} == {len(workloads.DEMAND_COLUMNS)}
+    assert np.isnan(np.concatenate(demands)[:, 2]).any()
+    assert {rows.dtype for rows in (*steps, *places, *demands)} == {np.dtype(np.float32)}
+
+
+def test_extremes_are_the_last_numbers_that_the_controller_accepts() -> None:
+    """To the bit what the C compares with; the draw itself stays below."""
+    drive = drawn(ground(), 4_000, gaps=((0.0, 1.0),))[0]
+    (extreme,) = workloads.with_extremes([drive], ground(), generator())
+    parameters = builds.compiled("pi").parameters()[0]
+    names = ("speed_max", "front_angle_max", "yaw_rate_max", "rear_angle_input_max", "friction_max")
+    for column, name in enumerate(names):
+        assert np.nanmax(extreme[:, column]) == np.float32(getattr(parameters, name)), name
+    assert np.nanmax(drive[:, 0]) < np.nanmax(extreme[:, 0])
+
+
+def test_in_a_calm_drive_nothing_is_lost_and_errors_are_of_every_size() -> None:
+    drive = workloads.calm(ground(), 1_500, generator())
+    assert drive.shape == (1_500, 6)
+    commands = builds.compiled("pi").controller().run(measurements_of(drive))
+    assert Status.DEGRADED not in {command.status for command in commands}
+    assert Status.TRACKING in {command.status for command in commands}
+    error = np.abs([command.yaw_rate_reference for command in commands] - drive[:, 2])
+    assert np.histogram(np.log10(error), bins=[-4, -2, -1, 0])[0].min() > 20
+
+
+def test_packed_values_lie_between_two_codes() -> None:
+    """Exactly between two codes, as the C computes them, are some of both signs of each signal."""
+    rows = workloads.results_of(ground(), 1_500, generator())
+    message = ground().config.can.rear_steer_command
+    for column, signal in enumerate((message.rear_angle, message.yaw_rate_reference)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = rows[:, column] * np.float32(1.0 / signal.factor)
+            ties = scaled[np.abs(scaled - np.trunc(scaled)) == 0.5]
+        assert {-1.0, 1.0} == set(np.sign(ties).tolist())
+        assert {0.0, 1.0} == set((np.trunc(ties) % 2.0).tolist())
+        assert np.isnan(rows[:, column]).any()
+
+
+def test_long_ways_are_as_long_as_their_limits() -> None:
+    fail_safe = ground().config.controller.fail_safe
+    ways = long_ways(ground())
+    assert max(len(way.before) for way in ways) > 2**16
+    assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
+    assert all(way.before[0, -1] == 1.0 and not way.then[:, -1].any() for way in ways)
+    assert all(way.then.shape[1] == len(CYCLE_COLUMNS) for way in long_ways_of_task(ground()))
+
+
+def test_after_a_silence_the_counter_must_prove_itself() -> None:
+    way = long_ways_of_task(ground())[-1]
+    told = statuses(np.concatenate([way.before, way.then]))
+    assert told[: -len(way.then)].count([E2eStatus.NO_NEW_DATA]) > ground().config.can.e2e.max_no_new_or_repeated_data
+    assert [E2eStatus.SYNC] in told[-len(way.then) :]
+
+
+def test_a_flood_overflows_the_count_of_frames() -> None:
+    kinds = workloads.flooded()["kind"].tolist()
+    assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8
