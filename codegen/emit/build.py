@@ -15,6 +15,8 @@ from codegen import __version__
 from codegen.config import KM_H, Config, check_name
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.controller_view import controller_view
+from codegen.emit.deviations import FILE as DEVIATIONS
+from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
 from codegen.emit.evidence import Evidence
 from codegen.emit.laws import law_of
@@ -161,6 +163,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "CMakeLists.txt": render("CMakeLists.txt.j2", context),
         "README.md": render("README.md.j2", context),
     }
+    files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
     return Folder(files=files, manifest=_manifest(parts, dynamics, identity))
 
 

@@ -1,0 +1,190 @@
+"""Where the generated C breaks a rule of MISRA C:2012, or a checker finds fault, and why it stands: `deviations.md`.
+
+Whether these are all, and none too many, is for `codegen verify` to say: the build does not run the checkers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from codegen.emit.c_outline import Unit, units
+from codegen.emit.misra_rules import RULES, category
+
+FILE = "deviations.md"
+
+CHECKER = "checker"
+"""In place of a category: a checker's own finding, not a rule of MISRA."""
+
+CODE_MAX = 90
+
+_ROW = re.compile(
+    r"\| (?P<file>\S+) \| (?P<line>\d+) \| (?P<rule>\S+) \| (?P<category>\w+) \| `(?P<code>.*)` \| (?P<reason>.+) \|"
+)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One line of the file.
+
+    Attributes:
+        file, line: where, from 1.
+        rule: number of a rule, or a checker's own name for what it finds.
+        code: that line of the file, see `excerpt`.
+        reason: why it stands.
+    """
+
+    file: str
+    line: int
+    rule: str
+    code: str
+    reason: str
+    category: str
+
+    @property
+    def row(self) -> str:
+        """As a row of the table."""
+        code = self.code.replace("|", "\\|")
+        return f"| {self.file} | {self.line} | {self.rule} | {self.category} | `{code}` | {self.reason} |"
+
+
+def category_of(rule: str) -> str:
+    """Of a rule by its number; of a finding of a checker's own, `CHECKER`."""
+    return category(rule) if rule in RULES else CHECKER
+
+
+def excerpt(line: str) -> str:
+    """A line of C as `deviations.md` shows it."""
+    text = " ".join(line.split())
+    return text if len(text) <= CODE_MAX else f"{text[: CODE_MAX - 3]}..."
+
+
+Places = Iterator[tuple[Unit, int]]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A rule that is deviated from: where, told by the code itself, and why."""
+
+    rule: str
+    find: Callable[[tuple[Unit, ...]], Places]
+    reason: str
+
+
+def _names_of_several_units(sources: tuple[Unit, ...]) -> Places:
+    """Static functions and objects that are called as one of another unit."""
+    defined = [(unit, each) for unit in sources for each in (*unit.functions, *unit.static_objects) if each.static]
+    for unit, each in defined:
+        if any(other.name == each.name and place is not unit for place, other in defined):
+            yield unit, each.line
+
+
+def _objects_of_one_function(sources: tuple[Unit, ...]) -> Places:
+    """Static objects at file scope that just one function uses."""
+    for unit in sources:
+        yield from ((unit, each.line) for each in unit.static_objects if len(unit.users(each.name)) == 1)
+
+
+def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
+    """External functions that nothing in the build calls."""
+    for unit in sources:
+        for each in unit.functions:
+            if not each.static and sum(source.mentions(each.name) for source in sources) == 1:
+                yield unit, each.line
+
+
+def _unions(sources: tuple[Unit, ...]) -> Places:
+    """Where a union is declared, and objects of its type."""
+    for unit in sources:
+        names = re.findall(r"^typedef union \{[^}]*\} (\w+);", "\n".join(unit.lines), re.MULTILINE)
+        found = re.compile("|".join((r"\bunion\b", *(rf"\b{name} \w+(?: =|;|\[)" for name in names))))
+        yield from ((unit, number) for number, line in enumerate(unit.lines, 1) if found.search(line))
+
+
+_CONDITION = re.compile(r"if \((\w+) (<=?|>=?) ([^()|&]*(?:\(\w+\)\w+)?)\) \{$")
+_OPPOSITE = {"<": ">=", ">=": "<", ">": "<=", "<=": ">"}
+
+
+def _opposite_comparisons(sources: tuple[Unit, ...]) -> Places:
+    """An `else if` that is the opposite of an earlier condition of its chain."""
+    for unit in sources:
+        chain: set[tuple[str, ...]] = set()
+        for number, line in enumerate(unit.lines, 1):
+            match = _CONDITION.search(line)
+            if match is None:
+                continue
+            left, operator, right = match.groups()
+            if not line.lstrip().startswith("} else"):
+                chain = set()
+            elif (left, _OPPOSITE[operator], right) in chain:
+                yield unit, number
+            chain.add((left, operator, right))
+
+
+ENTRIES = (
+    Entry(
+        "5.9",
+        _names_of_several_units,
+        "each unit brings its own small helpers, so that it can be read, tested and taken alone; the limiter must share "
+        "nothing with what it guards",
+    ),
+    Entry(
+        "8.7",
+        _functions_for_callers,
+        "part of the public interface: its callers are in the ECU project, not in this build",
+    ),
+    Entry(
+        "8.9",
+        _objects_of_one_function,
+        "constants stand together at the head of their unit, with unit and meaning, where a reviewer and the linker's sections "
+        "look for them",
+    ),
+    Entry(
+        "19.2",
+        _unions,
+        "the bits of a number without a cast of pointers; both members have one size",
+    ),
+    Entry(
+        "multiCondition",
+        _opposite_comparisons,
+        "no comparison is the opposite of another where a number may be NaN: both are false then, and the else acts",
+    ),
+)
+
+
+def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
+    """Every deviation of a build's sources, by file, line and rule.
+
+    Args:
+        files: content by path.
+    """
+    sources = units(files)
+    found = {
+        (unit.path, line, entry.rule): Deviation(
+            unit.path, line, entry.rule, excerpt(unit.text.split("\n")[line - 1]), entry.reason, category_of(entry.rule)
+        )
+        for entry in ENTRIES
+        for unit, line in entry.find(sources)
+    }
+    return tuple(found[key] for key in sorted(found))
+
+
+def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
+    """The deviations that a `deviations.md` holds, each with the number of its row's line.
+
+    Raises:
+        ValueError: a row of the table is none; its message names the line.
+    """
+    rows = []
+    body = False
+    for number, line in enumerate(text.splitlines(), 1):
+        if body and line.startswith("|"):
+            match = _ROW.fullmatch(line)
+            if match is None:
+                raise ValueError(f"line {number} is no row of the table")
+            code = match["code"].replace("\\|", "|")
+            row = Deviation(match["file"], int(match["line"]), match["rule"], code, match["reason"], match["category"])
+            rows.append((number, row))
+        body = body or line.startswith("|---")
+    return tuple(rows)
