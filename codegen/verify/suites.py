@@ -1,0 +1,142 @@
+"""The runs of the software that several checks share: scenarios, faults on the bus, drives, look-ups, and frames of a car.
+
+Nothing here runs the generated C: who runs it, and where, is the business of each check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.can_sections import E2e
+from codegen.config import Config
+from codegen.emit.text import Precision, numpy_type
+from codegen.errors import CodegenError
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.sil.software import RECORD_COLUMNS
+from codegen.verify.drives import Ground, drawn
+from codegen.verify.on_target import Drive
+from hil_sim.fault_catalogue import catalogue, scenario
+from hil_sim.frames import Frame
+from hil_sim.plant_node import PlantNode
+from hil_sim.scenarios import SCENARIOS, Scenario
+
+FloatArray = npt.NDArray[np.float64]
+
+SPECIAL = (0.0, -0.0, 1e-45, -1e-38, 1e-30, 1e30, -3e38, np.inf, -np.inf, np.nan)
+"""Values that no sensor should send, and zero."""
+
+
+def loops(config: Config) -> Iterator[tuple[str, FloatArray]]:
+    """Name and inputs, (steps, 6) by INPUT_COLUMNS, of every built-in scenario that this car can drive, without its faults."""
+    for name, run in SCENARIOS.items():
+        try:
+            yield name, run.inputs(config)
+        except CodegenError:
+            continue
+
+
+def fault_scenarios(config: Config) -> tuple[Scenario, ...]:
+    """Every fault of the catalogue, in its corner."""
+    return tuple(scenario(case) for case in catalogue(config.can, config.controller.sampling_time_s))
+
+
+def are_faults_defined_for(config: Config) -> bool:
+    """Whether the catalogue's defined ends hold for these settings: it counts lost samples and counters as the presets do."""
+    controller, defaults = config.controller, Config().controller
+    return (
+        config.can.e2e == E2e()
+        and controller.sampling_time_s == defaults.sampling_time_s
+        and controller.fail_safe == defaults.fail_safe
+        and controller.inputs.implausible_time_s == defaults.inputs.implausible_time_s
+    )
+
+
+def drives(ground: Ground, samples: int) -> tuple[Drive, ...]:
+    """Drives from everywhere, each of so many samples: plausible ones with gaps of each length, then any bit patterns."""
+    generator = np.random.default_rng(1)
+    patterns = generator.integers(0, 2**32, size=(samples, 6), dtype=np.uint32).view(np.float32)
+    patterns[:, 5] = generator.integers(0, 2, size=samples)
+    special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, 6))
+    special[:, 5] = generator.integers(0, 2, size=samples)
+    # One wrong field at a time, so that what follows the checks of the inputs sees it too.
+    mixed = drawn(ground, samples, seed=2)[0].copy()
+    wrong = generator.integers(0, 5, size=samples)
+    few = generator.random(samples) < 0.1
+    mixed[few, wrong[few]] = special[few, wrong[few]]
+    return (*drawn(ground, samples), patterns, special, mixed)
+
+
+def places(ground: Ground, samples: int, precision: Precision) -> npt.NDArray[np.float32] | npt.NDArray[np.float64]:
+    """Where to look the map up, (about samples, 2): speed and front angle. Breakpoints, their neighbours, between and beyond
+    them, both signs, and any bit pattern."""
+    real = numpy_type(precision)
+    generator = np.random.default_rng(3)
+    columns = []
+    for corners in (ground.speed, ground.front_angle):
+        corner = generator.choice(corners, samples).astype(real)
+        beside = np.nextafter(corner, generator.choice(np.array([-np.inf, np.inf], dtype=real), samples))
+        uniform = generator.uniform(0.0, 1.3 * corners.max(), samples).astype(real)
+        bits = generator.integers(0, 256, size=samples * real(0.0).nbytes, dtype=np.uint8).view(real)
+        special = generator.choice(np.array(SPECIAL, dtype=real), samples)
+        kind = generator.choice(5, size=samples, p=[0.3, 0.3, 0.3, 0.05, 0.05])
+        columns.append(np.choose(kind, [corner, beside, uniform, bits, special]))
+    sign = generator.choice(np.array([-1.0, 1.0], dtype=real), samples)
+    return np.column_stack([columns[0], np.copysign(columns[1], sign)])
+
+
+def road_frictions(ground: Ground, precision: Precision) -> tuple[float, ...]:
+    """Estimates of friction to look the map up with: none, that of each layer and beside it, and what is none."""
+    real = numpy_type(precision)
+    own = [real(value) for value in np.unique(ground.friction)]
+    beside = [np.nextafter(value, real(2.0)) for value in own] + [np.nextafter(value, real(-1.0)) for value in own]
+    between = [real(0.5) * (low + high) for low, high in pairwise(own)]
+    return tuple(dict.fromkeys(float(value) for value in (*SPECIAL, *own, *beside, *between)))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a car without rear steering puts on the bus, and what it measures.
+
+    Attributes:
+        name: of the scenario.
+        frames: of each sample, protected, in their order.
+        measurements: the same samples as a drive.
+    """
+
+    name: str
+    frames: tuple[tuple[Frame, ...], ...]
+    measurements: Drive
+
+
+def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:
+    """So many samples of each scenario from the moment at which the driver acts on; the bus has no faults.
+
+    Raises:
+        BuildError: the C of the simulated car does not compile here.
+    """
+    found = []
+    for name, _ in loops(config):
+        run = replace(SCENARIOS[name], faults=())
+        node = PlantNode(config, run, precision=precision)
+        first = min(round(run.steer_time / node.sampling_time), max(node.cycles - samples, 0))
+        last = min(first + samples, node.cycles)
+        frames, rows = [], []
+        for cycle in range(last):
+            frames.append(tuple(node.outgoing(cycle)))
+            rows.append(node.finish(cycle))
+        inputs = run.inputs(config)[:: round(config.controller.sampling_time_s / config.plant.sampling_time_s)]
+        measured = _measured(np.array(rows[first:]), inputs[first:last])
+        found.append(Recording(name, tuple(frames[first:]), measured))
+    return tuple(found)
+
+
+def _measured(record: FloatArray, inputs: FloatArray) -> Drive:
+    names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
+    columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
+    columns += [inputs[:, INPUT_COLUMNS.index(name)] for name in ("friction_estimate", "inhibit")]
+    return np.column_stack(columns).astype(np.float32)

@@ -1,0 +1,87 @@
+"""A committed build with what its tests hold it against, over a library that can be changed for one with a mutant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.folder import Folder
+from codegen.refmap import map as refmap
+from codegen.refmap.extend import extend
+from codegen.sil.software import Software
+from codegen.verify.check import Subject
+from tests.campaign.library import Compiler, Opened, Tree, library_of
+from tests.sil.builds import CONFIGS, Built
+from tests.sil.units import Units
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A build under test.
+
+    Attributes:
+        name: of its folder. tree: its sources and objects.
+        built, units: as the tests take them; both call whatever `opened` has open.
+        compiler: for all of it.
+        instead: objects that take the place of the tree's own, by the path of the source.
+        kept: what is worked out once for the tests of this build, by name.
+    """
+
+    name: str
+    tree: Tree
+    built: Built
+    units: Units
+    opened: Opened
+    compiler: Compiler
+    instead: dict[str, Path] = field(default_factory=dict)
+    kept: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        """Of the controller."""
+        return self.built.software.config.controller.kind
+
+    def object(self, source: str) -> Path:
+        """What a source was compiled to."""
+        return self.instead.get(source) or self.tree.object(source)
+
+    def open(self, path: Path) -> None:
+        """Link what is compiled to a library, and let the tests call that."""
+        self.compiler.link([self.object(source) for source in (*self.tree.units, *self.tree.others)], path)
+        self.opened.open(path)
+
+
+def case_of(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
+    """The build in a folder, with the map beside it (FOLDER.npz), written to a scratch folder and not yet compiled.
+
+    Args:
+        changed: files with another content than the folder's.
+    """
+    subject = Subject.read(folder)
+    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    made = Folder(
+        {**subject.files, **(changed or {})},
+        {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")},
+    )
+    tree = Tree.write(made, config, scratch)
+    library, opened = library_of(tree)
+    total = extend(refmap.load(folder.with_suffix(".npz")), config)
+    options = subject.manifest["options"]
+    software = Software(library, options["prefix"], options["precision"], config)
+    units = Units(made, total, limited(config))
+    units.__dict__["library"] = library  # in place of the one that it would compile
+    return Case(subject.name, tree, Built(made, total, software), units, opened, compiler)
+
+
+def limited(config: Config) -> Config:
+    """The configuration with a limiter that has something to do, of as many breakpoints: its parameters are arguments."""
+    points = len(config.limiter.opposite_phase_speed_km_h)
+    speeds = [60.0 + 60.0 * k / (points - 1) for k in range(points)]
+    angles = [3.5 - 2.0 * k / (points - 1) for k in range(points)]
+    own = CONFIGS["tracking"].limiter
+    changed = {"rear_rate_max_deg_s": 40.0, "opposite_phase_speed_km_h": speeds, "opposite_phase_max_deg": angles}
+    return config.model_copy(update={"limiter": own.model_copy(update=changed)})

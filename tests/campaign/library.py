@@ -1,0 +1,143 @@
+"""A build as one plain shared library, with the plant and the loops of the tests: compiled file by file, opened with cffi."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen.config import Config
+from codegen.emit.folder import Folder
+from codegen.emit.text import c_type
+from codegen.errors import BuildError
+from codegen.sil.cdef import derive_cdef, parsed_ffi
+from codegen.sil.compile import Library
+from codegen.sil.software import bench_sources
+from tests.sil.probe import DECLARATIONS, DEFINITIONS
+
+FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern")
+"""What is not set has no number that could be taken for a right one."""
+SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The files of a library on disk.
+
+    Attributes:
+        root: the folder; objects lie beside their sources.
+        units: the generated sources. others: those of the tests.
+        headers: what Python calls, in include order.
+    """
+
+    root: Path
+    units: tuple[str, ...]
+    others: tuple[str, ...]
+    headers: tuple[str, ...]
+
+    @classmethod
+    def write(cls, folder: Folder, config: Config, root: Path) -> Tree:
+        """Write a build, the plant of a configuration and the loops of the tests."""
+        options = folder.manifest["options"]
+        files = {path: content for path, content in folder.files.items() if path.startswith(("include/", "src/"))}
+        files |= bench_sources(config, options["prefix"], options["precision"])
+        files |= _probe(folder)
+        for path, content in files.items():
+            (root / path).parent.mkdir(parents=True, exist_ok=True)
+            (root / path).write_bytes(content)
+        sources = sorted(path for path in files if path.endswith(".c"))
+        sections = f"include/{options['prefix']}_sections.h"
+        public = [path for path in files if path.startswith("include/") and path != sections]
+        return cls(
+            root,
+            tuple(path for path in sources if path.startswith("src/")),
+            tuple(path for path in sources if not path.startswith("src/")),
+            (*public, "bench/plant.h", "bench/loop.h", "probe/probe.h"),
+        )
+
+    def object(self, source: str) -> Path:
+        """Where a source is compiled to."""
+        return self.root / f"{source}.o"
+
+    def ffi(self) -> Any:
+        """What knows the types and functions of the library, whichever file it is opened from."""
+        cdef = derive_cdef(
+            [Path(header) for header in self.headers], ("include", "bench", "probe"), for_dlopen=True, folder=self.root
+        )
+        return parsed_ffi(cdef)
+
+
+def _probe(folder: Folder) -> dict[str, bytes]:
+    """The loops of `tests.sil.units` over the units that the build has, with their headers."""
+    text = {path: content.decode("ascii") for path, content in folder.files.items() if path.startswith("include/")}
+    has = {
+        "map": "ars_map_reference_t" in text["include/ars_map.h"],
+        "limiter": True,
+        "reference_model": "include/ars_reference_model.h" in text,
+    }
+    only = [unit for unit, there in has.items() if there]
+    real = c_type(folder.manifest["options"]["precision"])
+    header = "#include <stdint.h>\n" + "".join(f'#include "ars_{unit}.h"\n' for unit in only)
+    header += "".join(DECLARATIONS[unit] for unit in only)
+    source = '#include "probe.h"\n#include <string.h>\n' + "".join(DEFINITIONS[unit] for unit in only)
+    return {"probe/probe.h": header.replace("REAL", real).encode(), "probe/probe.c": source.replace("REAL", real).encode()}
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler and how it is called.
+
+    Attributes:
+        command: in words. flags: for compiling. measuring: for compiling and linking what is under test.
+    """
+
+    command: tuple[str, ...]
+    flags: tuple[str, ...] = FLAGS
+    measuring: tuple[str, ...] = ()
+
+    def compile(self, root: Path, source: str, target: Path, more: Sequence[str] = ()) -> None:
+        """One source to an object; both below the root. Raises BuildError with the compiler's first line."""
+        self._run([*self.flags, *more, *SEARCH, "-c", source, "-o", str(target)], root, source)
+
+    def compile_all(self, tree: Tree) -> None:
+        """Every source; the generated ones so that they are measured."""
+        for source in (*tree.units, *tree.others):
+            self.compile(tree.root, source, tree.object(source), self.measuring if source in tree.units else ())
+
+    def link(self, objects: Sequence[Path], target: Path) -> None:
+        """Objects to a shared library."""
+        self._run(["-shared", *self.measuring, *map(str, objects), "-o", str(target), "-lm"], target.parent, target.name)
+
+    def _run(self, arguments: Sequence[str], folder: Path, where: str) -> None:
+        done = subprocess.run([*self.command, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise BuildError(done.stderr.strip().partition("\n")[0] or "the compiler failed", where=where)
+
+
+class Opened:
+    """The functions of a library that can be changed for another of the same headers."""
+
+    def __init__(self, ffi: Any) -> None:
+        self._ffi = ffi
+        self._lib: Any = None
+
+    def open(self, path: Path) -> None:
+        """From now on the functions are those of this file."""
+        self._lib = self._ffi.dlopen(str(path))
+
+    def close(self) -> None:
+        """Let it go; one that counts what was run writes its counts now."""
+        self._ffi.dlclose(self._lib)
+        self._lib = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._lib, name)
+
+
+def library_of(tree: Tree) -> tuple[Library, Opened]:
+    """What the tests take for a compiled build, and what says which file it is."""
+    ffi = tree.ffi()
+    opened = Opened(ffi)
+    return Library(ffi, opened, tree.root, "abi"), opened

@@ -1,0 +1,36 @@
+"""What every part of the campaign takes, and what it gives.
+
+A part is a module of this package with `run(folders, effort) -> Outcome`: one row of the table for all the builds, by default
+the committed ones. It writes nothing into the folders, and raises `codegen.verify.packages.MissingTool` where what it needs is
+not there: that part counts as not run.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from codegen.verify.check import Effort, Outcome
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = (ROOT / "generated" / "4ws2", ROOT / "generated" / "4ws2-tracking")
+
+# Name on the command line to module: in the order in which they are run.
+MODULES = {
+    "coverage": "coverage",
+    "mcdc": "mcdc",
+    "mutation": "mutation",
+    "planted": "planted",
+    "libfuzzer": "libfuzzer",
+    "exhaustive": "exhaustive",
+    "frama-c": "frama_c",
+}
+
+Run = Callable[[Sequence[Path], Effort], Outcome]
+
+
+def part(name: str) -> Run:
+    """The function that runs a part, by its name on the command line."""
+    run: Run = importlib.import_module(f"tests.campaign.{MODULES[name]}").run
+    return run

@@ -1,0 +1,257 @@
+"""Which of the project's tests judge which unit of a build, in what order: first those that tell most in least time.
+
+A judge is a test or a check as it stands in tests/, asked of a case. It raises where the C is wrong. Each unit's judges are
+those that are about it, which is less than all: what they see, all of the tests see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from tests.campaign.case import Case
+from tests.campaign.suite_dynamics import check_dynamics
+from tests.campaign.suite_selftest import check_selftest
+from tests.campaign.tests_of import each_test
+from tests.sil import (
+    answers,
+    answers_frames,
+    checks_control,
+    checks_edges,
+    checks_edges_law,
+    checks_edges_units,
+    checks_kinds,
+    checks_limiter,
+    checks_lookup,
+    checks_map_reference,
+    checks_parameters,
+    checks_reference,
+    checks_reference_model,
+    checks_supervision,
+    checks_tracking,
+    test_closed_loop,
+    test_controller,
+    test_edges_task,
+    test_faults_in_the_loop,
+    test_supervision,
+    test_task,
+)
+from tests.sil.test_controller import CHANGES
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A test or check with its name."""
+
+    name: str
+    run: Callable[[Case], object]
+
+
+def kept(case: Case, name: str, make: Callable[[], Any]) -> Any:
+    """What is worked out once for a case."""
+    if name not in case.kept:
+        case.kept[name] = make()
+    return case.kept[name]
+
+
+def checks_in(module: ModuleType, but: tuple[str, ...] = ()) -> Iterable[tuple[str, Callable[..., object]]]:
+    """Name and function of the checks that a module itself holds."""
+    for name, value in vars(module).items():
+        if name.startswith("check_") and value.__module__ == module.__name__ and name not in but:
+            yield name, value
+
+
+def _of_build(check: Callable[..., object]) -> Callable[[Case], object]:
+    return lambda case: check(case.built)
+
+
+def _of_units(check: Callable[..., object]) -> Callable[[Case], object]:
+    return lambda case: check(case.units)
+
+
+def _drives(case: Case) -> list[Judge]:
+    """The independent model, with parameters that bring out each limit."""
+    points = _points(case)
+    changes: dict[str, dict[str, Any]] = {"as built": {}}
+    if case.kind == "pi":
+        changes |= {name: dict(one) for name, one in CHANGES.items()}
+        acts = {"rear_rate_max": 0.2, "opposite_phase_max": [0.03] * (points[1] // 2) + [0.01] * (points[1] - points[1] // 2)}
+        changes["a limiter that acts"] = {"limiter": acts}
+    if case.kind == "tracking":
+        changes |= {name: _resized(one, points) for name, one in checks_tracking.MODEL_CHANGES.items()}
+        changes["strict supervision"] = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples_max": 0}
+    drives = [Judge(f"model: {name}", _drive(name, one, index)) for index, (name, one) in enumerate(changes.items())]
+    return [*drives, Judge("model: rough drives", _rough)]
+
+
+def _rough(case: Case) -> None:
+    for known in kept(case, "rough", lambda: checks_edges_law.answers_of_rough(case.built)):
+        answers.check_drive(case.built, known)
+
+
+def _drive(name: str, changes: dict[str, Any], index: int) -> Callable[[Case], object]:
+    course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if index % 2 else {}
+
+    def judge(case: Case) -> None:
+        def make() -> answers.Drive:
+            return answers.answers_of_drive(case.built, changes, 2500, index + 1, **course)
+
+        answers.check_drive(case.built, kept(case, f"drive {name}", make))
+
+    return judge
+
+
+def _points(case: Case) -> tuple[int, int]:
+    """Of the schedule of the gains, 0 for none, and of the limiter."""
+    parameters = case.built.software.parameters()
+    schedule = len(parameters.schedule_speed) if hasattr(parameters, "schedule_speed") else 0
+    return schedule, len(parameters.limiter.opposite_phase_speed)
+
+
+def _resized(changes: dict[str, Any], points: tuple[int, int]) -> dict[str, Any]:
+    """Lists of as many elements as the build has: the last one is repeated."""
+
+    def fit(values: Any, count: int) -> Any:
+        return [*values, *([values[-1]] * count)][:count] if isinstance(values, list) else values
+
+    plain = {name: fit(value, points[0]) for name, value in changes.items() if name != "limiter"}
+    limiter = {name: fit(value, points[1]) for name, value in changes.get("limiter", {}).items()}
+    return plain | ({"limiter": limiter} if limiter else {})
+
+
+def _controller(case: Case) -> list[Judge]:
+    judges = _drives(case)
+    modules = (checks_edges, checks_parameters)
+    edges = [Judge(name, _of_build(check)) for module in modules for name, check in checks_in(module)]
+    if case.kind == "pi":
+        own = [checks_supervision, checks_control]
+        named = [Judge(name, _of_build(check)) for module in own for name, check in checks_in(module)]
+        rest = each_test(test_supervision, test_controller, but=(*NOT_OF_ONE_BUILD, "test_every_sample_is_that"))
+        return [*judges, *edges, *named, *(Judge(name, _of_build(test)) for name, test in rest)]
+    named = [Judge(name, _of_build(check)) for name, check in checks_in(checks_kinds, ("check_kind_same_as_model",))]
+    for module in (checks_tracking, checks_reference):
+        named += [Judge(name, _of_build(check)) for name, check in checks_in(module, OF_THE_TESTS_OWN_SCHEDULE)]
+    named += [Judge(check.__name__, _of_build(check)) for check in checks_edges_law.OF_TRACKING]
+    return [*judges, *edges, *named]
+
+
+NOT_OF_ONE_BUILD = (
+    *("the_default_rate_limit", "of_every_kind", "bumpless", "each_is_taken_to_the_ends", "every_number_has_a_range"),
+    *(
+        "another_period",
+        "planted",
+        "single_and_double",
+        "plain_shared_library",
+        "the_name_follows",
+        "every_element_of_an_array",
+    ),
+    *("the_schedule_rises", "several_maps"),
+)
+"""Tests that build others, or compare builds; what they ask of one build is asked by a check beside them."""
+
+OF_THE_TESTS_OWN_SCHEDULE = (
+    *("check_tracking_same_as_model", "check_gain_schedule", "check_tracking_inhibit", "check_tracking_bumpless"),
+    *("check_tracking_anti_windup",),
+)
+"""Checks that know the gains that the tests build with: here the models' answers stand for them."""
+
+
+OF_THE_PAPER_S_LAW = ("the_inhibit_bit_holds", "friction_of_a_frame", "measured_angle_of_a_frame")
+"""Tests of the task that know how far the paper's gains move the command in a sample."""
+
+
+def _limiter(case: Case) -> list[Judge]:
+    def known(case: Case) -> None:
+        answers.check_limiter(case.units, kept(case, "limiter", lambda: answers.answers_of_limiter(case.units)))
+
+    checks = checks_in(checks_limiter, ("check_limiter_same_as_model",))
+    named = [
+        Judge(name, _of_units(check)) for name, check in (*((one.__name__, one) for one in checks_edges_units.CHECKS), *checks)
+    ]
+    edges = [Judge(name, _of_build(check)) for name, check in checks_in(checks_edges) if "init" in name]
+    return [Judge("model of the limiter", known), *edges, *named]
+
+
+def _map(case: Case) -> list[Judge]:
+    def known(case: Case) -> None:
+        answers.check_map(case.built, case.units, kept(case, "map", lambda: answers.answers_of_map(case.built, case.units)))
+
+    judges = [Judge("reference of the map", known)]
+    but = ("check_same_bits", "check_checksum") if case.kind == "tracking" else ("check_same_bits",)
+    judges += [Judge(name, _of_build(check)) for name, check in checks_in(checks_lookup, but)]
+    judges += [Judge(name, _of_build(check)) for name, check in (("map_functions", check_map_functions),)]
+    if case.kind == "tracking":
+        checks = checks_in(checks_map_reference, ("check_same_bits_as_reference",))
+        judges += [Judge(name, _of_units(check)) for name, check in checks]
+    return judges
+
+
+def check_map_functions(built: Any) -> None:
+    """The function without friction, and the checksum that the self-test compares."""
+    for speed, angle in ((12.0, 0.03), (33.0, -0.3), (90.0, 0.6), (0.0, 0.1), (20.0, 0.0)):
+        wanted = built.lookup(speed, angle)
+        assert built.software.function("map_yaw_rate")(speed, angle) == wanted
+    assert built.software.function("map_checksum")() == built.software.function("map_expected_checksum")
+    assert built.software.selftest()
+
+
+def _reference_model(case: Case) -> list[Judge]:
+    def known(case: Case) -> None:
+        answers.check_model(case.units, kept(case, "model", lambda: answers.answers_of_model(case.units)))
+
+    checks = checks_in(checks_reference_model, ("check_model_same_bits", "check_model_same_bits_over_time"))
+    ends = [Judge(check.__name__, _of_units(check)) for check in checks_edges_units.OF_THE_MODEL]
+    return [Judge("model of the car", known), *ends, *(Judge(name, _of_units(check)) for name, check in checks)]
+
+
+def _can(case: Case) -> list[Judge]:
+    def known(case: Case) -> None:
+        answers_frames.check_can(case.built, kept(case, "can", lambda: answers_frames.answers_of_can(case.built)))
+
+    return [Judge("Python's frames", known)]
+
+
+def _e2e(case: Case) -> list[Judge]:
+    def known(case: Case) -> None:
+        answers_frames.check_e2e(case.built, kept(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
+
+    return [Judge("Python's receiver", known), Judge("init", _of_build(checks_edges.check_init_sets_everything))]
+
+
+def _task(case: Case) -> list[Judge]:
+    but = (*NOT_OF_ONE_BUILD, *(OF_THE_PAPER_S_LAW if case.kind == "tracking" else ()))
+    tests = [Judge(name, _of_build(test)) for name, test in each_test(test_task, test_edges_task, but=but)]
+    return [*tests, Judge("init", _of_build(checks_edges.check_init_sets_everything))]
+
+
+def _loops(case: Case) -> list[Judge]:
+    tests = each_test(test_closed_loop, test_faults_in_the_loop, but=NOT_OF_ONE_BUILD)
+    return [Judge(name, _of_build(test)) for name, test in tests]
+
+
+UNITS: dict[str, Callable[[Case], list[Judge]]] = {
+    "controller": _controller,
+    "limiter": _limiter,
+    "map": _map,
+    "reference_model": _reference_model,
+    "can": _can,
+    "e2e": _e2e,
+    "task": _task,
+    "selftest": lambda _: [Judge("stand-ins", check_selftest)],
+    "dynamics": lambda _: [Judge("machine", check_dynamics)],
+}
+"""By the name of the unit."""
+
+
+def judges_of(case: Case, path: str) -> list[Judge]:
+    """The judges of a unit, given by the path of its source."""
+    unit = path.removeprefix(f"src/{case.built.software.prefix}_").removesuffix(".c")
+    return UNITS[unit](case)
+
+
+def whole(case: Case) -> list[Judge]:
+    """Every judge of every unit of a case, and the closed loop and its faults around them."""
+    found = {judge.name: judge for path in case.tree.units for judge in judges_of(case, path)}
+    return [*found.values(), *_loops(case)]

@@ -1,0 +1,40 @@
+"""The self-test of a case with stand-ins for all that it asks: linked apart, for the case itself has the real ones."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from codegen.sil.cdef import derive_cdef, parsed_ffi
+from codegen.sil.compile import Library
+from tests.campaign.case import Case
+from tests.campaign.library import Compiler
+from tests.sil.checks_selftest import CHECKS, HEADER, SOURCE, rows_of
+
+
+def check_selftest(case: Case) -> None:
+    """What is asked of the self-test alone; with all the rest of the build it passes."""
+    assert case.built.software.selftest()
+    root, compiler = case.tree.root, case.compiler
+    if "stand-ins" not in case.kept:
+        case.kept["stand-ins"] = _stand_ins(root, compiler)
+    with tempfile.TemporaryDirectory(dir=root) as scratch:
+        path = Path(scratch) / "selftest.so"
+        compiler.link([case.object("src/ars_selftest.c"), root / "stub/stub.o"], path)
+        ffi = case.kept["stand-ins"]
+        library = Library(ffi, ffi.dlopen(str(path)), path, "abi")
+        try:
+            for check in CHECKS:
+                check(library, rows_of(case.built.folder))
+        finally:
+            ffi.dlclose(library.lib)  # where it counts what was run, that is written now
+
+
+def _stand_ins(root: Path, compiler: Compiler) -> object:
+    """Compile them; gives what knows their types."""
+    (root / "stub").mkdir(exist_ok=True)
+    (root / "stub/stub.h").write_text(HEADER, encoding="ascii")
+    (root / "stub/stub.c").write_text(SOURCE, encoding="ascii")
+    compiler.compile(root, "stub/stub.c", root / "stub/stub.o", ("-Istub",))
+    headers = [Path("stub/stub.h")]
+    return parsed_ffi(derive_cdef(headers, ("include", "stub"), for_dlopen=True, folder=root))

@@ -1,0 +1,175 @@
+"""The answers of the independent models, worked out once: to hold many builds of one C against them.
+
+Each `answers_...` takes a build that is known to have the right parameters and gives what `check_...` asks of another. That
+raises AssertionError where an answer differs. Bit for bit, but for the sign of a zero where that says nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.sil.software import Measurement, Status
+from tests.sil import checks_limiter
+from tests.sil.builds import Built
+from tests.sil.checks_kinds import config_of, model_of, parameters_of
+from tests.sil.checks_lookup import all_points, bits
+from tests.sil.checks_map_reference import COLUMNS, frictions, road_lateral_acceleration
+from tests.sil.checks_reference_model import random_inputs, random_states, wild_inputs
+from tests.sil.model_controller import drive
+from tests.sil.model_limiter import ModelLimiter
+from tests.sil.model_reference_model import ModelReferenceModel
+from tests.sil.units import Units
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive and what the independent model makes of it: rear angle, reference, status (n, 3)."""
+
+    parameters: Any
+    start: float
+    samples: Any
+    wanted: Array
+
+
+def answers_of(built: Built, changes: Mapping[str, Any], measurements: list[Measurement], start: float = 0.0) -> Drive:
+    """The model's answers to any measurements."""
+    parameters = parameters_of(built, changes)
+    model = model_of(built, parameters, start)
+    with np.errstate(all="ignore"):
+        commands = [model.step(measurement) for measurement in measurements]
+    samples = built.software.ffi.new(f"{built.software.prefix}_measurement_t[]", len(measurements))
+    for sample, measurement in zip(samples, measurements, strict=True):
+        for field in dataclasses.fields(measurement):
+            setattr(sample, field.name, getattr(measurement, field.name))
+    return Drive(parameters, start, samples, np.array([dataclasses.astuple(command) for command in commands]))
+
+
+def answers_of_drive(built: Built, changes: Mapping[str, Any], count: int = 2500, seed: int = 1, **course: float) -> Drive:
+    """The model's answers to a drive, which must pass through every status."""
+    rng = np.random.default_rng(seed)
+    start = float(rng.uniform(-0.08, 0.08))
+    measurements = drive(rng, count, built.lookup, config_of(built).vehicle.wheelbase, **course)
+    known = answers_of(built, changes, measurements, start)
+    every = set(Status) if known.parameters.degraded_samples_max else set(Status) - {Status.DEGRADED}
+    assert set(known.wanted[:, 2]) == every, "the drive reaches every status"
+    return known
+
+
+def check_drive(built: Built, known: Drive) -> None:
+    """Every sample is the model's."""
+    software, count = built.software, len(known.wanted)
+    controller = software.controller(known.start, known.parameters)
+    commands = software.ffi.new(f"{software.prefix}_command_t[]", count)
+    software.compiled.lib.loop_controller(controller.state, known.parameters, known.samples, commands, count)
+    got = np.array([(command.rear_angle, command.yaw_rate_reference, command.status) for command in commands])
+    differ = np.flatnonzero((got != known.wanted).any(axis=1))
+    assert differ.size == 0, f"sample {differ[0]}: {got[differ[0]]} instead of {known.wanted[differ[0]]}"
+
+
+@dataclass(frozen=True)
+class Limited:
+    """Inputs of a limiter and the model's angles."""
+
+    parameters: Any
+    start: float
+    inputs: Array
+    wanted: Array
+
+
+def answers_of_limiter(units: Units, count: int = 4000) -> list[Limited]:
+    """With every set of parameters of `checks_limiter`, from every kind of start."""
+    known = []
+    for changes in checks_limiter.CHANGES.values():
+        parameters = checks_limiter.parameters_of(units, changes)
+        for seed, start in enumerate((0.0, -0.05, 0.9, 1.0, -1.0, 1.5, math.nan)):
+            inputs = checks_limiter.drive(units, parameters, count, seed)
+            model = ModelLimiter(parameters, checks_limiter.period(units), units.real, start)
+            known.append(Limited(parameters, start, inputs, np.array([model.step(*row) for row in inputs], dtype=units.real)))
+    return known
+
+
+def check_limiter(units: Units, known: list[Limited]) -> None:
+    """Every step is the model's."""
+    for one in known:
+        got = units.limiter(one.parameters, one.inputs, one.start)
+        differ = np.flatnonzero(got != one.wanted)
+        assert differ.size == 0, (
+            f"step {differ[0]}: {one.inputs[differ[0]]}: {got[differ[0]]} instead of {one.wanted[differ[0]]}"
+        )
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Places of a map and the bits of the NumPy reference there: yaw rate, and where the map has them the other columns."""
+
+    speed: Array
+    front_angle: Array
+    friction: Any
+    wanted: Array
+
+
+def answers_of_map(built: Built, units: Units, every: int = 1) -> list[Looked]:
+    """On every road of interest, at every `every`th of the points."""
+    (speed, angle), real = all_points(built), built.software.real
+    has_rear_angle = built.total.steering is not None and config_of(built).controller.kind in ("tracking", "feedforward")
+    known = []
+    for index, friction in enumerate(frictions(units)):
+        points = slice(index, None, every * (1 if index == 0 else 13))
+        wanted = [built.lookup(speed[points], angle[points], friction)]
+        if has_rear_angle:
+            yaw_rate, rear_angle = built.lookup.reference(speed[points], angle[points], friction)
+            road = np.full(yaw_rate.shape, road_lateral_acceleration(built.total, real, friction))
+            wanted = [yaw_rate, rear_angle, road, yaw_rate]
+        known.append(Looked(speed[points], angle[points], friction, np.stack(wanted)))
+    return known
+
+
+def check_map(built: Built, units: Units, known: list[Looked]) -> None:
+    """Every place has the bits of the reference."""
+    for one in known:
+        place = one.speed, one.front_angle, one.friction
+        got = units.map_reference(*place) if len(one.wanted) > 1 else built.software.map_yaw_rate(*place)[np.newaxis]
+        for name, have, want in zip(COLUMNS, got, one.wanted, strict=False):
+            differ = np.flatnonzero(bits(have) != bits(want))
+            assert differ.size == 0, f"{name} at {one.speed[differ[0]]}, {one.front_angle[differ[0]]}, friction {one.friction}"
+
+
+@dataclass(frozen=True)
+class Modelled:
+    """States and inputs of the reference model, its next states, and the starts for the first three of the inputs."""
+
+    states: Array
+    inputs: Array
+    after: Array
+    starts: Array
+    begun: Array
+
+
+def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
+    """From any state, with plausible inputs and with any bit patterns."""
+    model = ModelReferenceModel(units.config, units.real)
+    states, known = random_states(units, count, 1), []
+    for inputs in (random_inputs(units, count, 2), wild_inputs(units, count, 3)):
+        starts = inputs[:, :3].copy()
+        with np.errstate(all="ignore"):
+            starts[:, 1] *= units.real(4.0)  # the yaw rate reaches farther than the front angle
+            after = np.stack(model.step(states.T, inputs.T), axis=1)
+            begun = np.stack(model.start(*starts.T), axis=1)
+        known.append(Modelled(states, inputs, after, starts, begun))
+    return known
+
+
+def check_model(units: Units, known: list[Modelled]) -> None:
+    """Every step and every start is the model's."""
+    for one in known:
+        assert np.array_equal(units.model_from(one.states, one.inputs), one.after)
+        assert np.array_equal(units.model_start(one.starts), one.begun)

@@ -1,0 +1,177 @@
+"""The answers of Python's own codec and protection of frames, worked out once: to hold many builds of one C against them.
+
+See `answers`, which does so for the models.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from codegen.can_sections import E2e, RealSignal
+from hil_sim.codec import PAYLOADS, Codec
+from hil_sim.e2e import E2eStatus, Receiver, crc, next_counter, protect
+from tests.sil.builds import Built
+
+
+@dataclass(frozen=True)
+class Framed:
+    """Contents of a message and its frame; frames and what they hold."""
+
+    role: str
+    packed: list[tuple[Any, bytes]]
+    unpacked: list[tuple[bytes, Any]]
+
+
+def _values(signal: RealSignal, real: Any) -> list[float]:
+    """Limits, codes of every size with their ties and neighbours, and what is no ordinary number."""
+    tiny = np.finfo(real)
+    values = [math.nan, math.inf, -math.inf, 0.0, -0.0, float(tiny.smallest_subnormal), -float(tiny.tiny), float(tiny.max)]
+    low, high = signal.raw_low, signal.raw_high
+    codes = {low, high, low + 1, high - 1, 0, 1, 2, 3, -1, -2, *(1 << k for k in range(15)), *(-(1 << k) for k in range(15))}
+    codes |= set(range(low, high, 331))
+    for code, part in itertools.product(sorted(codes), (-0.5, 0.0, 0.5)):
+        middle = real((code + part) * signal.factor + signal.offset)
+        values += [float(middle), *(float(np.nextafter(middle, real(side))) for side in (-np.inf, np.inf))]
+    return values
+
+
+def answers_of_can(built: Built) -> list[Framed]:
+    """Every real signal alone and with others, every bit of the rest; frames of any bits."""
+    can, real = built.software.config.can, built.software.real
+    codec, rng, known = Codec(can, built.software.precision), np.random.default_rng(4), []
+    for role, kind in PAYLOADS.items():
+        message = can.messages()[role]
+        reals = {name: signal for name, signal in message.signals().items() if isinstance(signal, RealSignal)}
+        rest = {"inhibit": (False, True), "status": tuple(range(16)), "diagnostics": tuple(1 << k for k in range(16))}
+        others = [{name: value} for name, values in rest.items() if name in message.signals() for value in values]
+        contents = [kind(**(dict.fromkeys(reals, math.nan) | {name: value}))
+                    for name, signal in reals.items() for value in _values(signal, real)]  # fmt: skip
+        contents += [kind(**(dict.fromkeys(reals, 0.01) | other)) for other in others]
+        frames = [bytes(rng.integers(0, 256, 8, dtype=np.uint8)) for _ in range(300)]
+        frames += [bytes(1 << bit % 8 if byte == bit // 8 else 0 for byte in range(8)) for bit in range(64)]
+        frames += [
+            bytes((0, 0x70, *(0xFF if (mask >> k) & 1 else 0x80 * ((mask >> k + 3) & 1) for k in range(6))))
+            for mask in range(512)
+        ]
+        known.append(Framed(role, [(content, codec.encode(content)) for content in contents],
+                            [(frame, codec.decode(message.id, frame)) for frame in frames]))  # fmt: skip
+    return known
+
+
+def _bits_of_nothing(built: Built) -> int:
+    """Of the number that stands for "not available", as the C leaves it in memory."""
+    software = built.software
+    task = software.new("task")
+    software.function("task_init")(task, software.parameters())
+    return int.from_bytes(bytes(software.ffi.buffer(software.ffi.addressof(task, "motion"))[0 : np.dtype(software.real).itemsize]), "little")
+
+
+def check_can(built: Built, known: list[Framed]) -> None:
+    """Every frame and every content is that of Python's codec; a frame is written whole, whatever stood there, and no more."""
+    software = built.software
+    # The quiet NaN that IEEE 754-2019 prefers: no payload, and of the sign that the C's own arithmetic does not give.
+    assert _bits_of_nothing(built) == {4: 0x7FC00000, 8: 0x7FF8000000000000}[np.dtype(software.real).itemsize]
+    for one in known:
+        struct, data = software.new(one.role), software.ffi.new("uint8_t[24]")
+        pack, unpack = (software.function(f"can_{way}_{one.role}") for way in ("pack", "unpack"))
+        for content, frame in one.packed:
+            for name, value in vars(content).items():
+                setattr(struct, name, value)
+            software.ffi.buffer(data)[:] = b"\xff" * 24
+            pack(struct, data + 8)
+            assert bytes(data) == b"\xff" * 8 + frame + b"\xff" * 8, content
+        for frame, content in one.unpacked:
+            unpack(frame, struct)
+            assert {name: repr(getattr(struct, name)) for name in vars(content)} == {
+                name: repr(value) for name, value in vars(content).items()
+            }, frame.hex()
+
+
+Events = list[tuple[bytes | None, int]]
+"""Frames (None: a cycle without one), and what a receiver says of them."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """What receivers say of frames from their start on; and frames that are protected."""
+
+    receptions: list[Events]
+    protected: list[tuple[int, int, bytes, bytes]]
+
+
+def answers_of_e2e(built: Built, count: int = 4000) -> Received:
+    """Frames that come, stay away, repeat, jump, break; long runs of each."""
+    settings, rng = built.software.config.can.e2e, np.random.default_rng(6)
+    receiver, counter, events = Receiver(settings), 0, []
+    kinds = ("next",) * 6 + ("silence", "repeat", "jump", "corrupt", "fifteen")
+    while len(events) < count:
+        kind, length = rng.choice(kinds), int(rng.choice([1, 1, 1, 2, 3, 5, 20]))
+        for _ in range(length):
+            step = {"next": 1, "repeat": 0, "jump": int(rng.integers(2, 15))}.get(kind, 1)
+            counter = (counter + step) % 15
+            data = protect(0x101, counter, bytes(rng.integers(0, 256, 8, dtype=np.uint8)))
+            if kind == "corrupt":
+                data = bytes((data[0] ^ 1 << int(rng.integers(8)),)) + data[1:]
+            if kind == "fifteen":
+                body = bytes((0, data[1] | 0x0F)) + data[2:]
+                data = bytes((crc(0x101, body),)) + body[1:]
+            if kind == "silence":
+                events.append((None, receiver.no_new_data()))
+            else:
+                events.append((data, receiver.check(0x101, data)))
+    assert {status for _, status in events} == {int(status) for status in E2eStatus}
+    starts = [_start(settings, silent, jump) for silent in range(7) for jump in range(1, 15)]
+    long = [_silence(settings, silent, jump) for silent in (*range(1, 18), *range(254, 262), 300) for jump in (1, 2, 14)]
+    protected = []
+    for index in range(600):
+        data_id, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
+        protected.append((data_id, index % 15, body, protect(data_id, index % 15, body)))
+    return Received([[(data, int(status)) for data, status in events], *starts, *long], protected)
+
+
+def _start(settings: E2e, silent: int, jump: int) -> Events:
+    """Cycles without a frame before the first, then one whose counter jumps, then some in sequence."""
+    receiver, counter = Receiver(settings), 5
+    events: Events = [(None, int(receiver.no_new_data())) for _ in range(silent)]
+    for step in (0, jump, 1, 1, 1, 1):
+        counter = (counter + step) % 15
+        data = protect(0x101, counter, bytes(8))
+        events.append((data, int(receiver.check(0x101, data))))
+    return events
+
+
+def _silence(settings: E2e, silent: int, jump: int) -> Events:
+    """A long silence in the middle."""
+    receiver, counter = Receiver(settings), 0
+    events: Events = []
+    for step in (0, 1, 1, None, jump, 1, 1, 1):
+        if step is None:
+            events += [(None, int(receiver.no_new_data())) for _ in range(silent)]
+            continue
+        counter = (counter + step) % 15
+        data = protect(0x101, counter, bytes(8))
+        events.append((data, int(receiver.check(0x101, data))))
+    return events
+
+
+def check_e2e(built: Built, known: Received) -> None:
+    """Every status is that of the Python receiver, every frame protected as there."""
+    software = built.software
+    state = software.new("e2e_receiver")
+    check, silent = software.function("e2e_check"), software.function("e2e_no_new_data")
+    for events in known.receptions:
+        software.function("e2e_receiver_init")(state)
+        for index, (data, wanted) in enumerate(events):
+            got = silent(state) if data is None else check(state, 0x101, data)
+            assert got == wanted, f"event {index}: {got} instead of {E2eStatus(wanted).name}"
+    for data_id, counter, body, wanted_frame in known.protected:
+        buffer, count = software.ffi.new("uint8_t[8]", body), software.ffi.new("uint8_t *", counter)
+        software.function("e2e_protect")(data_id, count, buffer)
+        assert bytes(buffer) == wanted_frame
+        assert count[0] == next_counter(counter)
+        assert software.function("e2e_crc")(data_id, body) == crc(data_id, body)

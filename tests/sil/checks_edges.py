@@ -1,0 +1,161 @@
+"""What must hold at the edges of the generated C: memory before the first call, defaults, ranges, counters at their ends.
+
+Each check takes a build of any kind and raises AssertionError where it does not hold.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from codegen.emit.laws import law_of
+from codegen.sil.software import Measurement, Status
+from tests.sil.builds import Built
+from tests.sil.checks_kinds import config_of, parameters_of
+
+LARGEST = 2**16 - 1
+"""Of a count."""
+LOST = Measurement(math.nan, math.nan, math.nan)
+DIRT = (0x00, 0xFF, 0xA5, 0x01)
+
+
+def values_of(ffi: Any, struct: Any) -> Any:
+    """A C value as nested tuples, without the bytes between the fields; NaN by its text, so that two compare as equal."""
+    kind = ffi.typeof(struct)
+    if kind.kind == "pointer":
+        return int(ffi.cast("uintptr_t", struct))
+    if kind.kind == "struct":
+        return tuple(_value_of(ffi, kind, struct, name) for name, _ in kind.fields)
+    return tuple(values_of(ffi, item) if ffi.typeof(item).kind == "struct" else repr(item) for item in struct)
+
+
+def _value_of(ffi: Any, kind: Any, struct: Any, name: str) -> Any:
+    value = getattr(struct, name)
+    inner = dict(kind.fields)[name].type.kind
+    if inner == "primitive" or inner == "enum":
+        return repr(value)
+    return values_of(ffi, value)
+
+
+def check_init_sets_everything(built: Built) -> None:
+    """What a first call leaves does not depend on what the memory held: no field is forgotten."""
+    software, ffi = built.software, built.software.ffi
+    parameters = software.parameters()
+    firsts: dict[str, Callable[[Any], Any]] = {
+        "controller": lambda state: software.function("controller_init")(state, 0.02),
+        "limiter": lambda state: software.function("limiter_init")(state, 0.02),
+        "e2e_receiver": software.function("e2e_receiver_init"),
+        "task": lambda state: software.function("task_init")(state, parameters),
+    }
+    if law_of(config_of(built)).uses_reference_model:
+        firsts["reference_model"] = lambda state: software.function("reference_model_start")(state, 20.0, 0.1, 0.02)
+    for name, first in firsts.items():
+        left = []
+        for byte in DIRT:
+            state = software.new(name)
+            ffi.memmove(state, bytes([byte]) * ffi.sizeof(state[0]), ffi.sizeof(state[0]))
+            first(state)
+            left.append(values_of(ffi, state[0]))
+        assert all(one == left[0] for one in left), name
+    task = software.new("task")
+    ffi.memmove(task, b"\xff" * ffi.sizeof(task[0]), ffi.sizeof(task[0]))
+    software.function("task_init")(task, parameters)
+    for field in ("counter", "wrong_length", "conditions_close", "started", "samples_without_angle"):
+        assert getattr(task, field) == 0, field
+    for field in ("cycles", "late_cycles", "early_cycles", "lost_samples"):
+        assert getattr(task, field) == 0, field
+    assert not task.conditions.inhibit
+    for signals, fields in (("motion", ("speed", "front_angle", "yaw_rate")), ("conditions", ("rear_angle", "friction"))):
+        assert all(math.isnan(getattr(getattr(task, signals), field)) for field in fields)
+    assert task.parameters == parameters
+    controller = software.controller(0.0)
+    assert values_of(ffi, task.controller) == values_of(ffi, controller.state[0]), "from no angle, until one is known"
+
+
+def check_state_after_init(built: Built) -> None:
+    """The state that the header describes: the angle, a standby, no count, no reference, no speed yet."""
+    controller = built.software.controller(0.02)
+    state = controller.state
+    assert state.rear_angle == float(built.real(0.02)) == state.limiter.rear_angle
+    assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)
+    assert (state.bad_samples, state.good_samples, state.implausible_samples) == (0, 0, 0)
+    assert state.speed > controller.parameters.hold_speed
+    assert (state.limiter.speed, state.limiter.front_angle, state.limiter.speed_known) == (0.0, 0.0, False)
+    receiver = built.software.new("e2e_receiver")
+    built.software.ffi.memmove(receiver, b"\xff" * 5, 5)
+    built.software.function("e2e_receiver_init")(receiver)
+    # AUTOSAR FO R20-11, PRS_E2EProtocol, table of E2E_P01CheckStateType: what the initialisation sets.
+    assert (receiver.last_counter, receiver.max_delta_counter, receiver.sync_counter) == (0, 0, 0)
+    assert (receiver.no_new_or_repeated_data_counter, receiver.waits_for_first) == (0, True)
+    limiter = built.software.new("limiter")
+    for start, held in ((1.0, 1.0), (-1.0, -1.0), (built.next(1.0, 2.0), 0.0), (built.next(-1.0, -2.0), 0.0), (math.nan, 0.0)):
+        built.software.function("limiter_init")(limiter, start)
+        assert limiter.rear_angle == held, start
+
+
+def statuses_of(built: Built, parameters: Any, measurements: list[tuple[Measurement, int]], start: float = 0.0) -> Any:
+    """Status after each sample (n,) of runs of one measurement each."""
+    software, ffi = built.software, built.software.ffi
+    controller = software.controller(start, parameters)
+    found = []
+    for measurement, count in measurements:
+        samples, commands = (ffi.new(f"{software.prefix}_{name}_t[]", count) for name in ("measurement", "command"))
+        one = software.new("measurement")
+        for name, value in vars(measurement).items():
+            setattr(one, name, value)
+        ffi.memmove(samples, ffi.buffer(one)[:] * count, ffi.sizeof(samples))
+        software.compiled.lib.loop_controller(controller.state, parameters, samples, commands, count)
+        offset, size = ffi.offsetof(ffi.typeof(commands).item, "status"), ffi.sizeof(ffi.typeof(commands).item)
+        rows = np.frombuffer(ffi.buffer(commands), dtype=np.uint8).reshape(count, size)
+        found.append(rows[:, offset : offset + 4].copy().view(np.int32)[:, 0])
+    return np.concatenate(found)
+
+
+def check_counts(built: Built) -> None:
+    """Every count passes its limit, however large that is, and not a sample sooner or later; it stays there."""
+    good = Measurement(15.0, 0.0, 0.0)
+    strange = Measurement(15.0, 0.0, 2.0)
+    for most in (0, 1, 254, 255, 256, 1000, LARGEST - 1):
+        for wrong, changes in ((LOST, {"degraded_samples_max": most}), (strange, {"implausible_samples_max": most})):
+            found = statuses_of(built, parameters_of(built, changes), [(good, 1), (wrong, most + 5)])[1:]
+            assert (found[:most] == Status.DEGRADED).all(), (changes, most)
+            assert (found[most:] == Status.FAIL_SAFE).all(), (changes, most)
+    for needed in (1, 2, 255, 256, 1000, LARGEST):
+        parameters = parameters_of(built, {"recovery_samples": needed})
+        found = statuses_of(built, parameters, [(LOST, 5), (good, needed + 1)])[5:]
+        assert (found[: needed - 1] == Status.FAIL_SAFE).all(), needed
+        assert (found[needed - 1 :] <= Status.LIMITED).all(), needed
+    long = parameters_of(built, {"degraded_samples_max": LARGEST - 1, "implausible_samples_max": LARGEST - 1})
+    for wrong in (LOST, strange):
+        found = statuses_of(built, long, [(good, 1), (wrong, 2 * LARGEST + 10)])
+        assert (found[LARGEST + 1 :] == Status.FAIL_SAFE).all(), "it does not begin anew"
+
+
+def check_counts_stay_at_their_end(built: Built) -> None:
+    """A count at its largest number does not begin anew: what it stands for is told on and on."""
+    parameters = parameters_of(built, {"degraded_samples_max": LARGEST - 1, "implausible_samples_max": LARGEST - 1})
+    controller = built.software.controller(0.0, parameters)
+    controller.step(Measurement(15.0, 0.0, 0.0))
+    for wrong, count in ((LOST, "bad_samples"), (Measurement(15.0, 0.0, 2.0), "implausible_samples")):
+        setattr(controller.state, count, LARGEST - 1)
+        for _ in range(4):
+            command = controller.step(wrong)
+            assert getattr(controller.state, count) == LARGEST
+            assert command.status is Status.FAIL_SAFE
+
+
+def check_counts_of_one_another(built: Built) -> None:
+    """A sample that is lost leaves the implausible ones counted, and the other way round; a good one ends both."""
+    good, strange = Measurement(15.0, 0.0, 0.0), Measurement(15.0, 0.0, 2.0)
+    parameters = parameters_of(built, {"degraded_samples_max": 3, "implausible_samples_max": 3})
+    for first, then in itertools.permutations((LOST, strange)):
+        found = statuses_of(built, parameters, [(good, 2), (first, 3), (good, 1), (first, 3), (good, 1), (then, 4)])
+        assert [int(status) for status in found[2:5]] == [Status.DEGRADED] * 3
+        assert found[5] in (Status.TRACKING, Status.LIMITED)
+        assert found[-1] == Status.FAIL_SAFE
+        found = statuses_of(built, parameters, [(first, 9), (good, 9), (then, 1), (good, 9)])
+        assert found[-1] == Status.FAIL_SAFE, "a bad sample, of either sort, begins the recovery anew"

@@ -1,0 +1,192 @@
+"""What must hold of the generated parameters: their defaults and their ranges.
+
+Each check takes a build of any kind and raises AssertionError where it does not hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from codegen.config import Config
+from codegen.emit.controller_view import controller_view
+from codegen.vehicle.single_track import SingleTrack
+from tests.sil.builds import Built
+from tests.sil.checks_edges import LARGEST
+from tests.sil.checks_kinds import config_of
+
+
+def configured(built: Built) -> dict[str, Any]:
+    """Values of the parameters as their documentation says that they follow from the configuration; SI units."""
+    config = config_of(built)
+    controller, inputs, fail_safe = config.controller, config.controller.inputs, config.controller.fail_safe
+    rate, period = controller.rear_rate_max_deg_s, controller.sampling_time_s
+    values: dict[str, Any] = {
+        "rear_angle_max": math.radians(config.rear_actuator.angle_max_deg),
+        "rear_rate_max": 1000.0 if rate == "off" else math.radians(rate),
+        "friction_min": controller.friction_min,
+        "enable_speed": controller.enable_speed_km_h / 3.6,
+        "disable_speed": controller.disable_speed_km_h / 3.6,
+        "standby_rate": math.radians(controller.standby_rate_deg_s),
+        "speed_max": inputs.speed_max_km_h / 3.6,
+        "front_angle_max": math.radians(inputs.front_angle_max_deg),
+        "yaw_rate_max": math.radians(inputs.yaw_rate_max_deg_s),
+        "rear_angle_input_max": math.radians(inputs.rear_angle_max_deg),
+        "friction_max": inputs.friction_max,
+        "wheelbase": config.vehicle.cg_to_front_axle_m + config.vehicle.cg_to_rear_axle_m,
+        "yaw_rate_tolerance": math.radians(inputs.yaw_rate_tolerance_deg_s),
+        "hold_speed": fail_safe.hold_above_km_h / 3.6,
+        "ramp_rate_standstill": math.radians(fail_safe.rate_at_standstill_deg_s),
+        "ramp_rate_hold_speed": math.radians(fail_safe.rate_at_hold_speed_deg_s),
+        "implausible_samples_max": round(inputs.implausible_time_s / period),
+        "degraded_samples_max": fail_safe.degraded_samples_max,
+        "recovery_samples": fail_safe.recovery_samples,
+    }
+    if controller.kind in ("pi", "tracking"):
+        values["rear_angle_error_max"] = math.radians(controller.rear_angle_error_max_deg)
+    if controller.kind == "pi":
+        values |= {"proportional_gain": controller.proportional_gain_s, "integral_gain": controller.integral_gain}
+    if controller.kind == "tracking":
+        values |= _configured_tracking(controller.tracking, period)
+    return values
+
+
+def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
+    return {
+        "schedule_speed": [speed / 3.6 for speed in tracking.schedule.speed_km_h],
+        "proportional_gain": list(tracking.schedule.proportional_gain_s),
+        "integral_gain": list(tracking.schedule.integral_gain),
+        "lead_time": tracking.lead_s,
+        "lead_smoothing": 1.0 - math.exp(-period / tracking.lead_smoothing_s),
+        "lead_angle_max": math.radians(tracking.lead_max_deg),
+        "yaw_increasing_max": math.radians(tracking.yaw_increasing_max_deg),
+        "trim_share": tracking.trim_max_percent / 100.0,
+        "trim_rate": 1.0 / tracking.trim_time_s,
+        "grip_shortfall": tracking.grip_shortfall_m_s2,
+        "grip_loss_rate": 1.0 / tracking.grip_loss_time_s,
+        "grip_forgetting": 1.0 / tracking.grip_memory_s,
+        "grip_recovery": tracking.grip_recovery_m_s3,
+        "grip_recovery_idle": tracking.grip_recovery_idle_m_s3,
+    }
+
+
+def check_defaults(built: Built) -> None:
+    """The default parameters are those of the configuration, but for one rounding."""
+    parameters, eps = built.software.parameters(), built.eps
+    for name, wanted in configured(built).items():
+        got = getattr(parameters, name)
+        pairs = zip(list(got), wanted, strict=True) if isinstance(wanted, list) else [(got, wanted)]
+        assert all(abs(have - want) <= eps * abs(want) for have, want in pairs), name
+    _check_limiter_defaults(built)
+
+
+def _check_limiter_defaults(built: Built) -> None:
+    parameters = built.software.parameters()  # owns the limiter's
+    limiter, config, eps = parameters.limiter, config_of(built), built.eps
+    rate, most = config.limiter.rear_rate_max_deg_s, math.radians(config.rear_actuator.angle_max_deg)
+    wanted: dict[str, Any] = {
+        "rear_angle_max": most,
+        "rear_rate_max": 1000.0 if rate == "off" else math.radians(rate),
+        "in_phase_from_front_angle": math.radians(config.limiter.in_phase_from_front_angle_deg),
+        "speed_max": config.controller.inputs.speed_max_km_h / 3.6,
+        "front_angle_max": math.radians(config.controller.inputs.front_angle_max_deg),
+        "opposite_phase_speed": [speed / 3.6 for speed in config.limiter.opposite_phase_speed_km_h],
+        "opposite_phase_max": [min(angle, most) for angle in opposite_phase_bounds(config)],
+    }
+    assert wanted.keys() == set(dir(limiter))
+    for name, value in wanted.items():
+        got = getattr(limiter, name)
+        pairs = zip(list(got), value, strict=True) if isinstance(value, list) else [(got, value)]
+        assert all(abs(have - want) <= 2.0 * eps * abs(want) for have, want in pairs), f"limiter.{name}"
+
+
+def opposite_phase_bounds(config: Config) -> list[float]:
+    """rad at each breakpoint: as listed, or with which the steady linear car reaches a lateral acceleration."""
+    angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in config.limiter.opposite_phase_speed_km_h]
+    if angles == "off":
+        return [math.inf] * len(speeds)
+    if angles == "from-car":
+        car, reached = SingleTrack.from_config(config), config.limiter.opposite_phase_lateral_acceleration_m_s2
+        return [reached / (speed * float(car.yaw_gain(speed))) for speed in speeds]
+    return [math.radians(angle) for angle in angles]
+
+
+COMPANIONS: Mapping[str, Mapping[str, float]] = {
+    "rear_angle_max": {"rear_angle_input_max": 1.5},
+    "rear_angle_input_max": {"rear_angle_max": 1e-4},
+}
+"""What a parameter at the end of its range needs of another."""
+NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
+"""The disabling speed must be below the enabling one, and at these ends it cannot."""
+
+
+def is_valid(built: Built, **changes: Any) -> bool:
+    """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed."""
+    parameters = built.software.parameters(**changes)
+    limiter = parameters.limiter
+    if parameters.rear_angle_max < limiter.rear_angle_max:
+        limiter.rear_angle_max = parameters.rear_angle_max
+        for k in range(len(limiter.opposite_phase_max)):
+            limiter.opposite_phase_max[k] = min(limiter.opposite_phase_max[k], parameters.rear_angle_max)
+    return bool(built.software.function("parameters_valid")(parameters))
+
+
+def check_ranges(built: Built) -> None:
+    """Every parameter of every kind is taken to the ends of its range and refused beyond, array elements one by one."""
+    software, real = built.software, built.real
+    view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
+    assert is_valid(built)
+    for parameter in (*view.ranged, *view.ranged_arrays):
+        low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
+        defaults = software.parameters()  # owns its arrays
+        good = getattr(defaults, parameter.name)
+        good = good if isinstance(good, float) else list(good)
+        others = COMPANIONS.get(parameter.name, {})
+
+        def valid(value: float, k: int, name: str = parameter.name, good: Any = good, others: Any = others) -> bool:
+            changed = value if isinstance(good, float) else [*good[:k], value, *good[k + 1 :]]
+            return is_valid(built, **{name: changed}, **others)
+
+        last = 0 if isinstance(good, float) else len(good) - 1
+        for k in range(last + 1):
+            for end, value, beyond in (("low", low, -math.inf), ("high", high, math.inf)):
+                has_room = not parameter.increasing or k == {"low": 0, "high": last}[end]
+                assert valid(value, k) == (has_room and (parameter.name, end) not in NO_ROOM), (parameter.name, k)
+                assert not valid(built.next(value, beyond), k), (parameter.name, k)
+            assert not any(valid(nonsense, k) for nonsense in (math.nan, math.inf, -math.inf)), (parameter.name, k)
+        if parameter.increasing:
+            _check_increasing(built, parameter.name, good)
+    _check_what_fits_together(built)
+
+
+def _check_increasing(built: Built, name: str, good: list[float]) -> None:
+    for k in range(1, len(good)):
+        assert not is_valid(built, **{name: [*good[:k], good[k - 1], *good[k + 1 :]]}), "two in one place"
+        assert is_valid(built, **{name: [*good[:k], built.next(good[k - 1], math.inf), *good[k + 1 :]]})
+
+
+def _check_what_fits_together(built: Built) -> None:
+    software = built.software
+    angle = float(software.parameters().rear_angle_input_max)
+    assert is_valid(built, rear_angle_max=angle)
+    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0))
+    assert is_valid(built, enable_speed=5.0, disable_speed=built.next(5.0, 0.0))
+    assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
+    lowest = float(built.real(0.01))
+    assert is_valid(built, enable_speed=built.next(lowest, 1.0), disable_speed=lowest)
+    assert is_valid(built, enable_speed=100.0, disable_speed=built.next(100.0, 0.0))
+    for name in ("implausible_samples_max", "degraded_samples_max"):
+        assert is_valid(built, **{name: 0})
+        assert is_valid(built, **{name: LARGEST - 1})
+        assert not is_valid(built, **{name: LARGEST}), "its count could not pass it"
+    assert is_valid(built, recovery_samples=1)
+    assert is_valid(built, recovery_samples=LARGEST)
+    assert not is_valid(built, recovery_samples=0), "a fail-safe that ends at once"
+    parameters = software.parameters()
+    for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
+        parameters.limiter.rear_angle_max = angle
+        assert software.function("parameters_valid")(parameters) == fits
+    parameters = software.parameters()
+    parameters.limiter.speed_max = math.nan
+    assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"
