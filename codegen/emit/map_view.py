@@ -17,7 +17,6 @@ from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
 
-
 MAGNITUDE = "magnitude"
 """An argument that is never negative."""
 
@@ -250,8 +249,8 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, pr
 def _cells(constants: AxisConstants, name: str, argument: str, precision: Precision) -> tuple[CellsView, ...]:
     """In the order in which the fewest comparisons find the core. Every comparison is false for NaN."""
     axis, zero = constants.axis, literal(0.0, precision)
-    # Of the steps where the table ends with the core: they may round up to one cell too many. Before a last cell, that one is it.
-    counted, end = f"{argument}", f"{name}_core_last"
+    # Of the steps where the table ends with the core: they may round up to one cell too many, which a last cell may be.
+    counted, end = argument, f"{name}_core_last"
     if not axis.has_last_cell:
         counted, end = "steps", literal(float(axis.core_end - axis.core_start), precision)
     beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")

@@ -28,8 +28,8 @@ int main(void)
         .friction = (float)NAN, /* no estimate: the map's own */
         .inhibit = false
     };
-    ars_command_t command = { 0.0f, 0.0f, ARS_STATUS_STANDBY };
-    float steady;
+    float reference = 0.0f;
+    ars_status_t status = ARS_STATUS_STANDBY;
     int sample;
 
     if (!ars_selftest()) {
@@ -38,12 +38,16 @@ int main(void)
     }
     ars_controller_init(&controller, measurement.rear_angle);
     for (sample = 0; sample < 500; sample++) {
-        command = ars_controller_step(&controller, &ars_parameters_default, &measurement);
-        measurement.rear_angle = command.rear_angle;
+        const ars_command_t command = ars_controller_step(&controller, &ars_parameters_default, &measurement);
+        float steady;
+
+        reference = command.yaw_rate_reference;
+        status = command.status;
+        measurement.rear_angle = command.rear_angle; /* an actuator without lag */
         steady = yaw_gain * (measurement.front_angle - measurement.rear_angle);
         measurement.yaw_rate += (sampling_time / yaw_time_constant) * (steady - measurement.yaw_rate);
     }
     (void)printf("after 5 s: yaw rate %.4f rad/s, reference %.4f rad/s, rear angle %.4f rad, status %d\n",
-        (double)measurement.yaw_rate, (double)command.yaw_rate_reference, (double)command.rear_angle, (int)command.status);
-    return ((command.status == ARS_STATUS_TRACKING) || (command.status == ARS_STATUS_LIMITED)) ? 0 : 1;
+        (double)measurement.yaw_rate, (double)reference, (double)measurement.rear_angle, (int)status);
+    return ((status == ARS_STATUS_TRACKING) || (status == ARS_STATUS_LIMITED)) ? 0 : 1;
 }

@@ -20,6 +20,13 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
+#if ARS_LIMITER_BUILD != 0xA7652821u
+#error "ars_limiter.h and this source come from different builds"
+#endif
+#if ARS_REFERENCE_MODEL_BUILD != 0xA7652821u
+#error "ars_reference_model.h and this source come from different builds"
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -98,7 +105,6 @@ typedef struct {
     ars_reference_model_t model;        /* of the car */
     float trim;                         /* rad/s, towards the map's yaw rate */
     float integral;                     /* rad, of rear angle */
-    bool starting;                      /* the next step sets the integral */
     float front_angle;                  /* rad, of the last sample */
     float front_rate;                   /* rad/s, smoothed */
     float yaw_rate;                     /* rad/s, of the last sample */

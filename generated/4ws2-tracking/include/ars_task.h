@@ -22,6 +22,16 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
+#if ARS_CAN_BUILD != 0xA7652821u
+#error "ars_can.h and this source come from different builds"
+#endif
+#if ARS_CONTROLLER_BUILD != 0xA7652821u
+#error "ars_controller.h and this source come from different builds"
+#endif
+#if ARS_E2E_BUILD != 0xA7652821u
+#error "ars_e2e.h and this source come from different builds"
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif

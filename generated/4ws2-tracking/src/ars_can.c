@@ -8,8 +8,6 @@
  */
 #include "ars_can.h"
 
-#include <string.h>
-
 #include "ars_sections.h"
 
 #if ARS_CAN_BUILD != 0xA7652821u
@@ -21,13 +19,18 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
+/* A number by its bits. */
+typedef union {
+    uint32_t bits;
+    float value;
+} can_number_t;
+
+/* A quiet NaN; the macro of math.h may not be there. */
+ARS_SECTION_CONST static const can_number_t quiet_nan = { .bits = 0x7FC00000u };
+
 ARS_SECTION_CODE float ars_can_not_available(void)
 {
-    const uint32_t bits = 0x7FC00000u;
-    float value;
-
-    (void)memcpy(&value, &bits, sizeof(value));
-    return value;
+    return quiet_nan.value;
 }
 
 /* The leading half of a number's digits. */
@@ -51,29 +54,38 @@ ARS_SECTION_CODE static float error_of(float product, float value, float steps)
         + (value_low * steps_low);
 }
 
+/* Whether value * steps, which lies just between two codes as far as its rounded product tells, goes to the one
+ * farther from zero: the exact product decides, and between equals the even code. */
+ARS_SECTION_CODE static bool goes_outward(float scaled, float value, float steps, int32_t whole)
+{
+    const bool odd = (whole % 2) != 0;
+    const float error = error_of(scaled, value, steps);
+    const float outward = (scaled > 0.0f) ? error : -error;
+
+    return (outward > 0.0f) || ((outward >= 0.0f) && odd);
+}
+
 /* The code nearest to value * steps, the even one of two that are equally near; beyond low and high the limit. */
 ARS_SECTION_CODE static int32_t to_code(float value, float steps, int32_t low, int32_t high, int32_t not_available)
 {
     const float scaled = value * steps;
     int32_t code;
 
-    if (scaled >= (float)high) {
+    if ((scaled > (float)low) && (scaled < (float)high)) {
+        const int32_t whole = (int32_t)scaled; /* toward zero */
+        const float rest = scaled - (float)whole;
+
+        code = whole;
+        if ((rest > 0.5f) || ((rest >= 0.5f) && goes_outward(scaled, value, steps, whole))) {
+            code = whole + 1;
+        }
+        if ((rest < -0.5f) || ((rest <= -0.5f) && goes_outward(scaled, value, steps, whole))) {
+            code = whole - 1;
+        }
+    } else if (scaled >= (float)high) {
         code = high;
     } else if (scaled <= (float)low) {
         code = low;
-    } else if (scaled < (float)high) {
-        const int32_t whole = (int32_t)scaled; /* toward zero */
-        const float rest = scaled - (float)whole;
-        const float error = error_of(scaled, value, steps); /* decides where rest is just a half */
-        const bool odd = (whole % 2) != 0;
-
-        code = whole;
-        if ((rest > 0.5f) || ((rest >= 0.5f) && ((error > 0.0f) || ((error >= 0.0f) && odd)))) {
-            code = whole + 1;
-        }
-        if ((rest < -0.5f) || ((rest <= -0.5f) && ((error < 0.0f) || ((error <= 0.0f) && odd)))) {
-            code = whole - 1;
-        }
     } else {
         code = not_available; /* NaN */
     }
@@ -132,21 +144,24 @@ ARS_SECTION_CODE void ars_can_unpack_vehicle_motion(const uint8_t data[8], ars_v
 
     code = (uint32_t)data[2] & 0xFFu;
     code |= ((uint32_t)data[3] & 0xFFu) << 8u;
-    signals->speed = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 200.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->speed = to_value((int32_t)code - 32768, 200.0f, -32768);
     if ((qualifier & 0x1u) == 0u) {
         signals->speed = ars_can_not_available();
     }
 
     code = (uint32_t)data[4] & 0xFFu;
     code |= ((uint32_t)data[5] & 0xFFu) << 8u;
-    signals->front_angle = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 20000.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->front_angle = to_value((int32_t)code - 32768, 20000.0f, -32768);
     if ((qualifier & 0x2u) == 0u) {
         signals->front_angle = ars_can_not_available();
     }
 
     code = (uint32_t)data[6] & 0xFFu;
     code |= ((uint32_t)data[7] & 0xFFu) << 8u;
-    signals->yaw_rate = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 5000.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->yaw_rate = to_value((int32_t)code - 32768, 5000.0f, -32768);
     if ((qualifier & 0x4u) == 0u) {
         signals->yaw_rate = ars_can_not_available();
     }
@@ -180,7 +195,8 @@ ARS_SECTION_CODE void ars_can_unpack_vehicle_conditions(const uint8_t data[8], a
 
     code = (uint32_t)data[2] & 0xFFu;
     code |= ((uint32_t)data[3] & 0xFFu) << 8u;
-    signals->rear_angle = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 20000.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->rear_angle = to_value((int32_t)code - 32768, 20000.0f, -32768);
 
     code = (uint32_t)data[4] & 0xFFu;
     signals->friction = to_value((int32_t)code, 100.0f, 255);
@@ -219,11 +235,13 @@ ARS_SECTION_CODE void ars_can_unpack_rear_steer_command(const uint8_t data[8], a
 
     code = (uint32_t)data[2] & 0xFFu;
     code |= ((uint32_t)data[3] & 0xFFu) << 8u;
-    signals->rear_angle = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 20000.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->rear_angle = to_value((int32_t)code - 32768, 20000.0f, -32768);
 
     code = (uint32_t)data[4] & 0xFFu;
     code |= ((uint32_t)data[5] & 0xFFu) << 8u;
-    signals->yaw_rate_reference = to_value((int32_t)(code ^ 0x8000u) - (int32_t)0x8000u, 5000.0f, -32768);
+    code ^= 0x8000u; /* two's complement */
+    signals->yaw_rate_reference = to_value((int32_t)code - 32768, 5000.0f, -32768);
 
     code = (uint32_t)data[6] & 0xFFu;
     code |= ((uint32_t)data[7] & 0xFFu) << 8u;

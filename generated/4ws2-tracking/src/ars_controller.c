@@ -97,16 +97,27 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* False for NaN. */
-ARS_SECTION_CODE static bool is_within(float value, float low, float high)
+ARS_SECTION_CODE static float magnitude(float value)
 {
-    return (value >= low) && (value <= high);
+    return (value < 0.0f) ? -value : value;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_within(float value, float largest)
+{
+    return magnitude(value) <= largest;
 }
 
 /* True for NaN, which stands for "not available". */
-ARS_SECTION_CODE static bool is_absent_or_within(float value, float low, float high)
+ARS_SECTION_CODE static bool is_absent_or_within(float value, float largest)
 {
-    return !((value < low) || (value > high));
+    return !(magnitude(value) > largest);
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_between(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
 }
 
 ARS_SECTION_CODE static float toward_zero(float value, float step)
@@ -123,26 +134,26 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    return is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)
-        && is_within(measurement->front_angle, -parameters->front_angle_max, parameters->front_angle_max)
-        && is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)
-        && is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)
-        && is_absent_or_within(measurement->friction, 0.0f, parameters->friction_max);
-}
-
 /* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
  * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
 ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const float magnitude = (measurement->speed < 0.0f) ? -measurement->speed : measurement->speed;
-    const float turn = measurement->speed * measurement->front_angle;
-    const float margin = (magnitude * parameters->rear_angle_max) + (parameters->wheelbase * parameters->yaw_rate_tolerance);
-    const float low = (turn < 0.0f) ? turn : 0.0f;
-    const float high = (turn > 0.0f) ? turn : 0.0f;
+    const float half_turn = 0.5f * (measurement->speed * measurement->front_angle);
+    const float rear = magnitude(measurement->speed) * parameters->rear_angle_max;
+    const float margin = (rear + (parameters->wheelbase * parameters->yaw_rate_tolerance)) + magnitude(half_turn);
 
-    return is_within(parameters->wheelbase * measurement->yaw_rate, low - margin, high + margin);
+    return is_within((parameters->wheelbase * measurement->yaw_rate) - half_turn, margin);
+}
+
+/* Every field is in its range, or is one that may be absent and is. */
+ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return is_within(measurement->speed, parameters->speed_max)
+        && is_within(measurement->front_angle, parameters->front_angle_max)
+        && is_within(measurement->yaw_rate, parameters->yaw_rate_max)
+        && is_absent_or_within(measurement->rear_angle, parameters->rear_angle_input_max)
+        && is_absent_or_within(measurement->friction, parameters->friction_max)
+        && !(measurement->friction < 0.0f);
 }
 
 /* Whether this sample may be used. A sample that is lost and a yaw rate that cannot be are counted apart: a sensor may be
@@ -150,12 +161,12 @@ ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, co
 ARS_SECTION_CODE static bool is_trusted(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const bool in_range = is_in_range(parameters, measurement);
+    bool trusted = false;
 
-    if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {
+    if (is_within(measurement->speed, parameters->speed_max)) {
         self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
     }
-    if (!in_range) {
+    if (!is_in_range(parameters, measurement)) {
         if (self->bad_samples < UINT16_MAX) {
             self->bad_samples++;
         }
@@ -163,13 +174,14 @@ ARS_SECTION_CODE static bool is_trusted(
         self->bad_samples = 0u;
         if (is_plausible(parameters, measurement)) {
             self->implausible_samples = 0u;
+            trusted = true;
         } else if (self->implausible_samples <= parameters->implausible_samples_max) {
             self->implausible_samples++;
         } else {
             /* the count stays above its limit */
         }
     }
-    return in_range && (self->implausible_samples == 0u);
+    return trusted;
 }
 
 ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
@@ -214,7 +226,7 @@ ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, co
  * slower the faster the car is. */
 ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
 {
-    const float speed = (self->speed < 0.0f) ? -self->speed : self->speed;
+    const float speed = magnitude(self->speed);
 
     if (speed < parameters->hold_speed) {
         const float share = speed / parameters->hold_speed;
@@ -264,7 +276,7 @@ typedef struct {
 /* Between the breakpoints linear, beyond them held. */
 ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
 {
-    uint32_t cell = 0u;
+    uint32_t lower = 0u;
     uint32_t k;
     float from;
     float share;
@@ -272,15 +284,15 @@ ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, flo
 
     for (k = 1u; k < ((uint32_t)ARS_SCHEDULE_POINTS - 1u); k++) {
         if (speed >= parameters->schedule_speed[k]) {
-            cell = k;
+            lower = k;
         }
     }
-    from = parameters->schedule_speed[cell];
-    share = clamp((speed - from) / (parameters->schedule_speed[cell + 1u] - from), 0.0f, 1.0f);
-    gains.proportional = parameters->proportional_gain[cell]
-        + (share * (parameters->proportional_gain[cell + 1u] - parameters->proportional_gain[cell]));
-    gains.integral = parameters->integral_gain[cell]
-        + (share * (parameters->integral_gain[cell + 1u] - parameters->integral_gain[cell]));
+    from = parameters->schedule_speed[lower];
+    share = clamp((speed - from) / (parameters->schedule_speed[lower + 1u] - from), 0.0f, 1.0f);
+    gains.proportional = parameters->proportional_gain[lower]
+        + (share * (parameters->proportional_gain[lower + 1u] - parameters->proportional_gain[lower]));
+    gains.integral = parameters->integral_gain[lower]
+        + (share * (parameters->integral_gain[lower + 1u] - parameters->integral_gain[lower]));
     return gains;
 }
 
@@ -289,7 +301,6 @@ ARS_SECTION_CODE static void law_init(ars_controller_t *self)
     ars_reference_model_start(&self->model, 0.0f, 0.0f, self->rear_angle);
     self->trim = 0.0f;
     self->integral = 0.0f;
-    self->starting = false;
     self->front_angle = 0.0f;
     self->front_rate = 0.0f;
     self->yaw_rate = 0.0f;
@@ -323,17 +334,14 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     return reference;
 }
 
-/* Bumpless: the model starts from the measured motion, and the step that follows sets the integral. */
-ARS_SECTION_CODE static void law_start(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+/* Bumpless: the model starts from the measured motion. */
+ARS_SECTION_CODE static void start_law(ars_controller_t *self, const ars_measurement_t *measurement)
 {
-    (void)parameters;
     self->front_angle = measurement->front_angle;
     self->front_rate = 0.0f;
     self->yaw_rate = measurement->yaw_rate;
     self->trim = 0.0f;
     ars_reference_model_start(&self->model, measurement->speed, measurement->yaw_rate, self->rear_angle);
-    self->starting = true;
     if (self->status == ARS_STATUS_STANDBY) { /* what was known of the road is old */
         self->reached = 0.0f;
         self->grip = grip_max;
@@ -344,8 +352,7 @@ ARS_SECTION_CODE static void law_start(
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
 {
-    const float magnitude = (map->yaw_rate < 0.0f) ? -map->yaw_rate : map->yaw_rate;
-    const float bound = parameters->trim_share * magnitude;
+    const float bound = parameters->trim_share * magnitude(map->yaw_rate);
     const float missing = clamp(map->yaw_rate - self->model.yaw_rate, -bound, bound);
     const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
 
@@ -364,7 +371,7 @@ ARS_SECTION_CODE static range_t feedback_range(
 
     /* Where the actuator is measured, the demand may run ahead of it by so much and no more: a stuck or slow actuator must
      * not wind the integral up. False for NaN, which stands for "not measured". */
-    if (is_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)) {
+    if (is_within(measurement->rear_angle, parameters->rear_angle_input_max)) {
         range.low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, range.low, range.high);
         range.high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, range.low, range.high);
     }
@@ -387,14 +394,14 @@ ARS_SECTION_CODE static void update_grip(
     const bool leftwards = self->yaw_rate_reference > 0.0f;
     const float asked = (leftwards ? self->yaw_rate_reference : -self->yaw_rate_reference) * measurement->speed;
     const float turning = (leftwards ? measurement->yaw_rate : -measurement->yaw_rate) * measurement->speed;
-    const float magnitude = (turning < 0.0f) ? -turning : turning;
+    const float reached = magnitude(turning);
     const float shortfall = asked - turning;
     const float remembered = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
     /* A turn that asks for little says nothing of the road: what was found out in the last one is then forgotten sooner. */
     const float recovery = (asked < (0.5f * self->grip)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
     float grip = self->grip + (recovery * sampling_time);
 
-    self->reached = (magnitude > remembered) ? magnitude : remembered;
+    self->reached = (reached > remembered) ? reached : remembered;
     if ((turning > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* one that comes from another turn does not slip */
         grip = self->grip - ((parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall));
     }
@@ -404,9 +411,9 @@ ARS_SECTION_CODE static void update_grip(
     self->grip = clamp(grip, parameters->friction_min / friction_per_grip, grip_max);
 }
 
-/* Returns whether a limit acted. */
-ARS_SECTION_CODE static bool law_step(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+/* One sample of the law. */
+ARS_SECTION_CODE static bool track(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, bool starts)
 {
     const float friction = friction_now(self, parameters, measurement);
     const ars_map_reference_t map = reference_ahead(self, parameters, measurement, friction);
@@ -423,9 +430,8 @@ ARS_SECTION_CODE static bool law_step(
     float command;
     bool limited;
 
-    if (self->starting) {
+    if (starts) {
         self->integral = self->rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
-        self->starting = false;
     }
     integral = self->integral;
     if (!measurement->inhibit) {
@@ -465,13 +471,22 @@ ARS_SECTION_CODE static bool law_step(
     return limited;
 }
 
+/* Returns whether a limit acted. */
+ARS_SECTION_CODE static bool law_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, bool starts)
+{
+    if (starts) {
+        start_law(self, measurement);
+    }
+    return track(self, parameters, measurement, starts);
+}
+
 ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {
-        law_start(self, parameters, measurement);
-    }
-    self->status = law_step(self, parameters, measurement) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+    const bool starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);
+
+    self->status = law_step(self, parameters, measurement, starts) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
 }
 
 /* The last word on the command. */
@@ -493,44 +508,44 @@ ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters
     uint32_t k;
 
     for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
-        valid = valid && is_within(parameters->schedule_speed[k], 0.0f, 200.0f);
+        valid = valid && is_between(parameters->schedule_speed[k], 0.0f, 200.0f);
         valid = valid && ((k == 0u) || (parameters->schedule_speed[k - 1u] < parameters->schedule_speed[k]));
-        valid = valid && is_within(parameters->proportional_gain[k], 0.0f, 10.0f);
-        valid = valid && is_within(parameters->integral_gain[k], 0.0f, 100.0f);
+        valid = valid && is_between(parameters->proportional_gain[k], 0.0f, 10.0f);
+        valid = valid && is_between(parameters->integral_gain[k], 0.0f, 100.0f);
     }
     return valid;
 }
 
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
-    return is_within(parameters->lead_time, 0.0f, 0.2f)
-        && is_within(parameters->lead_smoothing, 0.01f, 1.0f)
-        && is_within(parameters->lead_angle_max, 0.0f, 0.5f)
-        && is_within(parameters->yaw_increasing_max, 0.0f, 1.0f)
-        && is_within(parameters->trim_share, 0.0f, 0.2f)
-        && is_within(parameters->trim_rate, 0.01f, 20.0f)
-        && is_within(parameters->grip_shortfall, 0.1f, 20.0f)
-        && is_within(parameters->grip_loss_rate, 0.1f, 50.0f)
-        && is_within(parameters->grip_forgetting, 0.01f, 50.0f)
-        && is_within(parameters->grip_recovery, 0.01f, 100.0f)
-        && is_within(parameters->grip_recovery_idle, 0.01f, 100.0f)
-        && is_within(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
-        && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
-        && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
-        && is_within(parameters->friction_min, 0.01f, 1.0f)
-        && is_within(parameters->enable_speed, 0.01f, 100.0f)
-        && is_within(parameters->disable_speed, 0.01f, 100.0f)
-        && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
-        && is_within(parameters->speed_max, 1.0f, 200.0f)
-        && is_within(parameters->front_angle_max, 0.01f, 1.5f)
-        && is_within(parameters->yaw_rate_max, 0.01f, 20.0f)
-        && is_within(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
-        && is_within(parameters->friction_max, 0.01f, 2.0f)
-        && is_within(parameters->wheelbase, 0.1f, 20.0f)
-        && is_within(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
-        && is_within(parameters->hold_speed, 0.1f, 200.0f)
-        && is_within(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
-        && is_within(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
+    return is_between(parameters->lead_time, 0.0f, 0.2f)
+        && is_between(parameters->lead_smoothing, 0.01f, 1.0f)
+        && is_between(parameters->lead_angle_max, 0.0f, 0.5f)
+        && is_between(parameters->yaw_increasing_max, 0.0f, 1.0f)
+        && is_between(parameters->trim_share, 0.0f, 0.2f)
+        && is_between(parameters->trim_rate, 0.01f, 20.0f)
+        && is_between(parameters->grip_shortfall, 0.1f, 20.0f)
+        && is_between(parameters->grip_loss_rate, 0.1f, 50.0f)
+        && is_between(parameters->grip_forgetting, 0.01f, 50.0f)
+        && is_between(parameters->grip_recovery, 0.01f, 100.0f)
+        && is_between(parameters->grip_recovery_idle, 0.01f, 100.0f)
+        && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_between(parameters->friction_min, 0.01f, 1.0f)
+        && is_between(parameters->enable_speed, 0.01f, 100.0f)
+        && is_between(parameters->disable_speed, 0.01f, 100.0f)
+        && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->speed_max, 1.0f, 200.0f)
+        && is_between(parameters->front_angle_max, 0.01f, 1.5f)
+        && is_between(parameters->yaw_rate_max, 0.01f, 20.0f)
+        && is_between(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
+        && is_between(parameters->friction_max, 0.01f, 2.0f)
+        && is_between(parameters->wheelbase, 0.1f, 20.0f)
+        && is_between(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
+        && is_between(parameters->hold_speed, 0.1f, 200.0f)
+        && is_between(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
+        && is_between(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
         && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
         && (parameters->disable_speed < parameters->enable_speed)
         && (parameters->implausible_samples_max < UINT16_MAX)
@@ -579,7 +594,6 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);
     }
-    self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     limit(self, parameters, measurement);
     command.rear_angle = self->rear_angle;
     command.yaw_rate_reference = self->yaw_rate_reference;

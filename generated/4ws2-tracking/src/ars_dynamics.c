@@ -17,7 +17,10 @@
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 
-ARS_SECTION_CONST static const float speed_min = 1.0f; /* m/s */
+/* A speed that is NaN counts as the lowest; a compiler that may assume there is none, or reorder sums, would change the results. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
 
 ARS_SECTION_CODE static void linear_derivative(const float x[2], const float u[4], float dx[2])
 {
@@ -332,6 +335,8 @@ ARS_SECTION_CODE static void magic_formula_jacobian(const float x[2], const floa
 ARS_SECTION_CODE static void arrange(
     const ars_dynamics_state_t *state, const ars_dynamics_input_t *input, float x[2], float u[4])
 {
+    const float speed_min = 1.0f; /* m/s */
+
     x[0] = state->sideslip_angle;
     x[1] = state->yaw_rate;
     u[0] = (input->speed > speed_min) ? input->speed : speed_min;

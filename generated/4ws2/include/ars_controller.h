@@ -19,6 +19,10 @@
 
 #include "ars_limiter.h"
 
+#if ARS_LIMITER_BUILD != 0x78B6AAA8u
+#error "ars_limiter.h and this source come from different builds"
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif

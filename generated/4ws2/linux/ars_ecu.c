@@ -164,7 +164,6 @@ static int open_bus(const char *interface)
     const int size = RECEIVE_BUFFER;
     const unsigned int index = if_nametoindex(interface);
     struct sockaddr_can address;
-    int error;
     int bus = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
 
     if (bus < 0) {
@@ -178,7 +177,8 @@ static int open_bus(const char *interface)
     if ((index == 0u) /* to bind(), zero is every interface */
         || (setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FILTER, filters, sizeof filters) != 0)
         || (bind(bus, (const struct sockaddr *)&address, sizeof address) != 0)) {
-        error = errno;
+        const int error = errno;
+
         (void)close(bus);
         errno = error;
         bus = -1;
@@ -189,8 +189,6 @@ static int open_bus(const char *interface)
 /* Says why the bus could not be opened. */
 static int refuse_bus(const char *interface, int error)
 {
-    char remedy[160];
-
     if ((error == EAFNOSUPPORT) || (error == EPROTONOSUPPORT)) {
         return refuse(interface, "this kernel has no SocketCAN", "load it: sudo modprobe -a can_raw vcan");
     }
@@ -198,6 +196,8 @@ static int refuse_bus(const char *interface, int error)
         return refuse(interface, "not a CAN interface", "");
     }
     if (error == ENODEV) {
+        char remedy[160];
+
         (void)snprintf(remedy, sizeof remedy, "make one: sudo ip link add dev %s type vcan && sudo ip link set up %s",
             interface, interface);
         return refuse(interface, "no such CAN interface", remedy);

@@ -76,16 +76,27 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* False for NaN. */
-ARS_SECTION_CODE static bool is_within(float value, float low, float high)
+ARS_SECTION_CODE static float magnitude(float value)
 {
-    return (value >= low) && (value <= high);
+    return (value < 0.0f) ? -value : value;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_within(float value, float largest)
+{
+    return magnitude(value) <= largest;
 }
 
 /* True for NaN, which stands for "not available". */
-ARS_SECTION_CODE static bool is_absent_or_within(float value, float low, float high)
+ARS_SECTION_CODE static bool is_absent_or_within(float value, float largest)
 {
-    return !((value < low) || (value > high));
+    return !(magnitude(value) > largest);
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_between(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
 }
 
 ARS_SECTION_CODE static float toward_zero(float value, float step)
@@ -102,26 +113,26 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    return is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)
-        && is_within(measurement->front_angle, -parameters->front_angle_max, parameters->front_angle_max)
-        && is_within(measurement->yaw_rate, -parameters->yaw_rate_max, parameters->yaw_rate_max)
-        && is_absent_or_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)
-        && is_absent_or_within(measurement->friction, 0.0f, parameters->friction_max);
-}
-
 /* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
  * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
 ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const float magnitude = (measurement->speed < 0.0f) ? -measurement->speed : measurement->speed;
-    const float turn = measurement->speed * measurement->front_angle;
-    const float margin = (magnitude * parameters->rear_angle_max) + (parameters->wheelbase * parameters->yaw_rate_tolerance);
-    const float low = (turn < 0.0f) ? turn : 0.0f;
-    const float high = (turn > 0.0f) ? turn : 0.0f;
+    const float half_turn = 0.5f * (measurement->speed * measurement->front_angle);
+    const float rear = magnitude(measurement->speed) * parameters->rear_angle_max;
+    const float margin = (rear + (parameters->wheelbase * parameters->yaw_rate_tolerance)) + magnitude(half_turn);
 
-    return is_within(parameters->wheelbase * measurement->yaw_rate, low - margin, high + margin);
+    return is_within((parameters->wheelbase * measurement->yaw_rate) - half_turn, margin);
+}
+
+/* Every field is in its range, or is one that may be absent and is. */
+ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    return is_within(measurement->speed, parameters->speed_max)
+        && is_within(measurement->front_angle, parameters->front_angle_max)
+        && is_within(measurement->yaw_rate, parameters->yaw_rate_max)
+        && is_absent_or_within(measurement->rear_angle, parameters->rear_angle_input_max)
+        && is_absent_or_within(measurement->friction, parameters->friction_max)
+        && !(measurement->friction < 0.0f);
 }
 
 /* Whether this sample may be used. A sample that is lost and a yaw rate that cannot be are counted apart: a sensor may be
@@ -129,12 +140,12 @@ ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, co
 ARS_SECTION_CODE static bool is_trusted(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    const bool in_range = is_in_range(parameters, measurement);
+    bool trusted = false;
 
-    if (is_within(measurement->speed, -parameters->speed_max, parameters->speed_max)) {
+    if (is_within(measurement->speed, parameters->speed_max)) {
         self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
     }
-    if (!in_range) {
+    if (!is_in_range(parameters, measurement)) {
         if (self->bad_samples < UINT16_MAX) {
             self->bad_samples++;
         }
@@ -142,13 +153,14 @@ ARS_SECTION_CODE static bool is_trusted(
         self->bad_samples = 0u;
         if (is_plausible(parameters, measurement)) {
             self->implausible_samples = 0u;
+            trusted = true;
         } else if (self->implausible_samples <= parameters->implausible_samples_max) {
             self->implausible_samples++;
         } else {
             /* the count stays above its limit */
         }
     }
-    return in_range && (self->implausible_samples == 0u);
+    return trusted;
 }
 
 ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
@@ -193,7 +205,7 @@ ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, co
  * slower the faster the car is. */
 ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
 {
-    const float speed = (self->speed < 0.0f) ? -self->speed : self->speed;
+    const float speed = magnitude(self->speed);
 
     if (speed < parameters->hold_speed) {
         const float share = speed / parameters->hold_speed;
@@ -226,76 +238,65 @@ ARS_SECTION_CODE static void law_init(ars_controller_t *self)
     self->integral = self->rear_angle;
 }
 
-ARS_SECTION_CODE static float reference_error(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+/* What of a demand the angle limit lets through and, where the actuator is measured, the distance to it: a stuck or slow
+ * actuator must not wind the integral up. */
+ARS_SECTION_CODE static float allowed(
+    const ars_parameters_t *parameters, const ars_measurement_t *measurement, float demand)
 {
-    self->yaw_rate_reference = ars_map_yaw_rate_on_road(
-        measurement->speed, measurement->front_angle, known_friction(parameters, measurement));
-    return self->yaw_rate_reference - measurement->yaw_rate;
-}
+    const float low = measurement->rear_angle - parameters->rear_angle_error_max; /* NaN: not measured */
+    const float high = measurement->rear_angle + parameters->rear_angle_error_max;
+    float result = demand;
 
-/* Bumpless: with this integral the first demand is the angle that is commanded now. */
-ARS_SECTION_CODE static void law_start(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    const float error = reference_error(self, parameters, measurement);
-
-    self->integral = self->rear_angle + (parameters->proportional_gain * error);
+    if (result < low) {
+        result = low;
+    }
+    if (result > high) {
+        result = high;
+    }
+    return clamp(result, -parameters->rear_angle_max, parameters->rear_angle_max);
 }
 
 /* Returns whether a limit acted. */
 ARS_SECTION_CODE static bool law_step(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, bool starts)
 {
-    const float error = reference_error(self, parameters, measurement);
+    const float reference
+        = ars_map_yaw_rate_on_road(measurement->speed, measurement->front_angle, known_friction(parameters, measurement));
+    const float error = reference - measurement->yaw_rate;
     const float proportional = parameters->proportional_gain * error;
     const float step = command_step(parameters);
-    float integral = self->integral;
-    float low = -parameters->rear_angle_max;
-    float high = parameters->rear_angle_max;
+    /* Bumpless: with this integral the first demand is the angle that is commanded now. */
+    const float before = starts ? (self->rear_angle + proportional) : self->integral;
+    float integral = before;
+    float wanted;
     float demand;
     float command;
-    bool limited;
 
-    /* Where the actuator is measured, the demand may run ahead of it by so much and no more: a stuck or slow actuator must
-     * not wind the integral up. False for NaN, which stands for "not measured". */
-    if (is_within(measurement->rear_angle, -parameters->rear_angle_input_max, parameters->rear_angle_input_max)) {
-        low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, low, high);
-        high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, low, high);
-    }
     if (!measurement->inhibit) {
         integral -= (parameters->integral_gain * sampling_time) * error;
     }
-    demand = integral - proportional;
-    limited = (demand > high) || (demand < low);
-    if (limited) {
-        demand = clamp(demand, low, high);
-        if (!measurement->inhibit) {
-            integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
-        }
+    wanted = integral - proportional;
+    demand = allowed(parameters, measurement, wanted);
+    if (((demand > wanted) || (demand < wanted)) && !measurement->inhibit) {
+        integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
     }
-
     command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
-    if ((demand > command) || (demand < command)) {
-        limited = true;
-        /* The rate limit acts: let the integral not move further ahead of the command. */
-        if (((demand > command) && (integral > self->integral))
-            || ((demand < command) && (integral < self->integral))) {
-            integral = self->integral;
-        }
+    /* Where the rate limit acts: let the integral not move further ahead of the command. */
+    if (((demand > command) && (integral > before)) || ((demand < command) && (integral < before))) {
+        integral = before;
     }
+    self->yaw_rate_reference = reference;
     self->integral = integral;
     self->rear_angle = command;
-    return limited;
+    return (command > wanted) || (command < wanted);
 }
 
 ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    if ((self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED)) {
-        law_start(self, parameters, measurement);
-    }
-    self->status = law_step(self, parameters, measurement) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+    const bool starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);
+
+    self->status = law_step(self, parameters, measurement, starts) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
 }
 
 /* The last word on the command. */
@@ -313,25 +314,25 @@ ARS_SECTION_CODE static void limit(
 
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
-    return is_within(parameters->proportional_gain, 0.0f, 10.0f)
-        && is_within(parameters->integral_gain, 0.0f, 100.0f)
-        && is_within(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
-        && is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
-        && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
-        && is_within(parameters->friction_min, 0.01f, 1.0f)
-        && is_within(parameters->enable_speed, 0.01f, 100.0f)
-        && is_within(parameters->disable_speed, 0.01f, 100.0f)
-        && is_within(parameters->standby_rate, 1.0e-05f, 100.0f)
-        && is_within(parameters->speed_max, 1.0f, 200.0f)
-        && is_within(parameters->front_angle_max, 0.01f, 1.5f)
-        && is_within(parameters->yaw_rate_max, 0.01f, 20.0f)
-        && is_within(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
-        && is_within(parameters->friction_max, 0.01f, 2.0f)
-        && is_within(parameters->wheelbase, 0.1f, 20.0f)
-        && is_within(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
-        && is_within(parameters->hold_speed, 0.1f, 200.0f)
-        && is_within(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
-        && is_within(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
+    return is_between(parameters->proportional_gain, 0.0f, 10.0f)
+        && is_between(parameters->integral_gain, 0.0f, 100.0f)
+        && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_between(parameters->friction_min, 0.01f, 1.0f)
+        && is_between(parameters->enable_speed, 0.01f, 100.0f)
+        && is_between(parameters->disable_speed, 0.01f, 100.0f)
+        && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->speed_max, 1.0f, 200.0f)
+        && is_between(parameters->front_angle_max, 0.01f, 1.5f)
+        && is_between(parameters->yaw_rate_max, 0.01f, 20.0f)
+        && is_between(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
+        && is_between(parameters->friction_max, 0.01f, 2.0f)
+        && is_between(parameters->wheelbase, 0.1f, 20.0f)
+        && is_between(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
+        && is_between(parameters->hold_speed, 0.1f, 200.0f)
+        && is_between(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
+        && is_between(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
         && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
         && (parameters->disable_speed < parameters->enable_speed)
         && (parameters->implausible_samples_max < UINT16_MAX)
@@ -379,7 +380,6 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);
     }
-    self->rear_angle = clamp(self->rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     limit(self, parameters, measurement);
     command.rear_angle = self->rear_angle;
     command.yaw_rate_reference = self->yaw_rate_reference;

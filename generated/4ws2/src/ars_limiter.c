@@ -34,8 +34,19 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    return (value < 0.0f) ? -value : value;
+}
+
 /* False for NaN. */
-ARS_SECTION_CODE static bool is_within(float value, float low, float high)
+ARS_SECTION_CODE static bool is_within(float value, float largest)
+{
+    return magnitude(value) <= largest;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
@@ -64,16 +75,16 @@ ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_
 
 ARS_SECTION_CODE bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters)
 {
-    bool valid = is_within(parameters->rear_angle_max, 1.0e-04f, 1.0f)
-        && is_within(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
-        && is_within(parameters->in_phase_from_front_angle, 1.0e-04f, 1.0f)
-        && is_within(parameters->speed_max, 1.0f, 200.0f)
-        && is_within(parameters->front_angle_max, 0.01f, 1.5f);
+    bool valid = is_between(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_between(parameters->in_phase_from_front_angle, 1.0e-04f, 1.0f)
+        && is_between(parameters->speed_max, 1.0f, 200.0f)
+        && is_between(parameters->front_angle_max, 0.01f, 1.5f);
     uint32_t k;
 
     for (k = 0u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
-        valid = valid && is_within(parameters->opposite_phase_speed[k], 0.0f, 200.0f);
-        valid = valid && is_within(parameters->opposite_phase_max[k], 0.0f, 1.0f);
+        valid = valid && is_between(parameters->opposite_phase_speed[k], 0.0f, 200.0f);
+        valid = valid && is_between(parameters->opposite_phase_max[k], 0.0f, 1.0f);
         valid = valid && (parameters->opposite_phase_max[k] <= parameters->rear_angle_max);
         valid = valid && ((k == 0u) || (parameters->opposite_phase_speed[k - 1u] < parameters->opposite_phase_speed[k]));
     }
@@ -82,7 +93,7 @@ ARS_SECTION_CODE bool ars_limiter_parameters_valid(const ars_limiter_parameters_
 
 ARS_SECTION_CODE void ars_limiter_init(ars_limiter_t *self, float rear_angle)
 {
-    self->rear_angle = is_within(rear_angle, -1.0f, 1.0f) ? rear_angle : 0.0f;
+    self->rear_angle = is_between(rear_angle, -1.0f, 1.0f) ? rear_angle : 0.0f;
     self->speed = 0.0f;
     self->front_angle = 0.0f;
     self->speed_known = false;
@@ -94,17 +105,16 @@ ARS_SECTION_CODE float ars_limiter_step(
     const float step = parameters->rear_rate_max * sampling_time;
     float target = self->rear_angle;
 
-    if (is_within(input->speed, -parameters->speed_max, parameters->speed_max)) {
-        self->speed = (input->speed < 0.0f) ? -input->speed : input->speed;
+    if (is_within(input->speed, parameters->speed_max)) {
+        self->speed = magnitude(input->speed);
         self->speed_known = true;
     }
-    if (is_within(input->front_angle, -parameters->front_angle_max, parameters->front_angle_max)) {
+    if (is_within(input->front_angle, parameters->front_angle_max)) {
         self->front_angle = input->front_angle;
     }
     if (self->speed_known) {
         const float bound = opposite_phase_bound(parameters, self->speed);
-        const float turned = (self->front_angle < 0.0f) ? -self->front_angle : self->front_angle;
-        const float share = clamp(turned / parameters->in_phase_from_front_angle, 0.0f, 1.0f);
+                const float share = clamp(magnitude(self->front_angle) / parameters->in_phase_from_front_angle, 0.0f, 1.0f);
         const float in_phase = bound + (share * (parameters->rear_angle_max - bound));
         const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
         const float high = (self->front_angle > 0.0f) ? in_phase : bound;

@@ -8,8 +8,6 @@
  */
 #include "ars_map.h"
 
-#include <string.h>
-
 #include "ars_sections.h"
 
 #if ARS_MAP_BUILD != 0x78B6AAA8u
@@ -21,20 +19,24 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* Where a value lies on an axis: the cell, and 0 to 1 inside it. */
+/* Where a value lies on an axis: the breakpoint below it, and 0 to 1 from there to the next. */
 typedef struct {
-    uint32_t cell;
+    uint32_t lower;
     float fraction;
 } position_t;
 
+/* What the checksum is over: a number by its bits. */
+typedef union {
+    float value;
+    uint32_t bits;
+} table_number_t;
+
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
-ARS_SECTION_CONST static const float speed_top = 33.333332f;
 ARS_SECTION_CONST static const float speed_core_first = 5.5555553f;
 ARS_SECTION_CONST static const float speed_inverse_step = 3.6f;
 ARS_SECTION_CONST static const float speed_inverse_first_cell = 0.18f;
 
 /* Front angle: 102 breakpoints from 0 to 0.6109 rad: 100 cells of 0.00174533, one of 0.4363. */
-ARS_SECTION_CONST static const float front_angle_top = 0.61086524f;
 ARS_SECTION_CONST static const float front_angle_inverse_step = 572.9578f;
 ARS_SECTION_CONST static const float front_angle_core_last = 0.17453292f;
 ARS_SECTION_CONST static const float front_angle_inverse_last_cell = 2.2918313f;
@@ -1710,91 +1712,84 @@ static const float yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POIN
     }
 };
 
-/* Where to look, and what the road allows there. */
+/* Where to look. */
 typedef struct {
     position_t row;
     position_t column;
-    float speed;                /* m/s, not negative */
-    float lateral_acceleration; /* m/s^2, at most */
 } place_t;
 
-/* The value, or 0 where it is NaN or below zero. Adding zero turns a signalling NaN into a quiet one, so that every core
- * takes the same branch. */
-ARS_SECTION_CODE static float at_least_zero(float value)
-{
-    const float canonical = value + 0.0f;
-    return (canonical > 0.0f) ? canonical : 0.0f;
-}
+/* What the road allows. */
+typedef struct {
+    float lateral_acceleration_max; /* m/s^2 */
+} road_t;
 
-/* speed is not negative. */
+/* NaN and what is below zero count as zero; beyond the last breakpoint the last one holds. */
 ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
-    const float clamped = (speed > speed_top) ? speed_top : speed;
-    position_t position;
+    const float steps = (speed - speed_core_first) * speed_inverse_step;
+    position_t position = { 0u, 0.0f };
 
-    if (clamped < speed_core_first) {
-        position.cell = 0u;
-        position.fraction = clamped * speed_inverse_first_cell;
+    if (steps >= 100.0f) {
+        position.lower = 100u;
+        position.fraction = 1.0f;
+    } else if (speed >= speed_core_first) {
+        const uint32_t whole = (uint32_t)steps;
+
+        position.lower = whole + 1u;
+        position.fraction = steps - (float)whole;
+    } else if (speed > 0.0f) {
+        position.fraction = speed * speed_inverse_first_cell;
     } else {
-        const float steps = (clamped - speed_core_first) * speed_inverse_step;
-        uint32_t cell = (uint32_t)steps;
-
-        if (cell > 99u) {
-            cell = 99u;
-        }
-        position.cell = cell + 1u;
-        position.fraction = steps - (float)cell;
+        /* zero, below it, or NaN */
     }
     return position;
 }
 
-/* magnitude is not negative. */
+/* Not negative; NaN counts as zero; beyond the last breakpoint the last one holds. */
 ARS_SECTION_CODE static position_t locate_front_angle(float magnitude)
 {
-    const float clamped = (magnitude > front_angle_top) ? front_angle_top : magnitude;
-    position_t position;
+    const float steps = magnitude * front_angle_inverse_step;
+    position_t position = { 0u, 0.0f };
 
-    if (clamped >= front_angle_core_last) {
-        position.cell = 100u;
-        position.fraction = (clamped - front_angle_core_last) * front_angle_inverse_last_cell;
+    if (magnitude < front_angle_core_last) {
+        const uint32_t whole = (uint32_t)steps;
+
+        position.lower = whole;
+        position.fraction = steps - (float)whole;
+    } else if (magnitude >= front_angle_core_last) {
+        const float fraction = (magnitude - front_angle_core_last) * front_angle_inverse_last_cell;
+
+        position.lower = 100u;
+        position.fraction = (fraction < 1.0f) ? fraction : 1.0f;
     } else {
-        const float steps = clamped * front_angle_inverse_step;
-        uint32_t cell = (uint32_t)steps;
-
-        if (cell > 99u) {
-            cell = 99u;
-        }
-        position.cell = cell;
-        position.fraction = steps - (float)cell;
+        /* NaN */
     }
     return position;
-}
-
-ARS_SECTION_CODE static void set_road(place_t *place, float friction)
-{
-    place->lateral_acceleration = lateral_acceleration_cap;
-    if (friction < map_friction) { /* false for NaN: the map's own */
-        place->lateral_acceleration = lateral_acceleration_cap_per_friction * at_least_zero(friction);
-    }
 }
 
 /* Every table is for positive front angles: one search serves all of them. */
-ARS_SECTION_CODE static place_t place_of(float speed, float front_angle, float friction)
+ARS_SECTION_CODE static place_t place_of(float speed, float magnitude)
 {
-    place_t place;
+    const place_t place = { locate_speed(speed), locate_front_angle(magnitude) };
 
-    place.speed = at_least_zero(speed);
-    place.row = locate_speed(place.speed);
-    place.column = locate_front_angle(at_least_zero((front_angle < 0.0f) ? -front_angle : front_angle));
-    set_road(&place, friction);
     return place;
+}
+
+ARS_SECTION_CODE static road_t road_of(float friction)
+{
+    road_t road = { lateral_acceleration_cap };
+
+    if (friction < map_friction) { /* false for NaN: the map's own */
+        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * ((friction > 0.0f) ? friction : 0.0f);
+    }
+    return road;
 }
 
 ARS_SECTION_CODE static float interpolate(
     const float table[][ARS_MAP_FRONT_ANGLE_POINTS], const place_t *place)
 {
-    const float *const slower = &table[place->row.cell][place->column.cell];
-    const float *const faster = &table[place->row.cell + 1u][place->column.cell];
+    const float *const slower = &table[place->row.lower][place->column.lower];
+    const float *const faster = &table[place->row.lower + 1u][place->column.lower];
     const float left = slower[0] + (place->row.fraction * (faster[0] - slower[0]));
     const float right = slower[1] + (place->row.fraction * (faster[1] - slower[1]));
 
@@ -1807,28 +1802,42 @@ ARS_SECTION_CODE static float uncapped_yaw_rate(const place_t *place)
     return interpolate(yaw_rate_table, place);
 }
 
-ARS_SECTION_CODE static float capped(float yaw_rate, const place_t *place)
+ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *road)
 {
     float result = yaw_rate;
 
-    if ((yaw_rate * place->speed) > place->lateral_acceleration) {
-        result = place->lateral_acceleration / place->speed;
+    if ((yaw_rate * speed) > road->lateral_acceleration_max) {
+        result = road->lateral_acceleration_max / speed;
     }
     return result;
+}
+
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float magnitude, const road_t *road)
+{
+    const place_t place = place_of(speed, magnitude);
+
+    return capped(uncapped_yaw_rate(&place), speed, road);
+}
+
+/* The map is odd in the front angle. */
+ARS_SECTION_CODE static float yaw_rate_on(float speed, float front_angle, const road_t *road)
+{
+    return (front_angle < 0.0f) ? -yaw_rate_at(speed, -front_angle, road) : yaw_rate_at(speed, front_angle, road);
 }
 
 ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     float speed, float front_angle, float friction)
 {
-    const place_t place = place_of(speed, front_angle, friction);
-    const float yaw_rate = capped(uncapped_yaw_rate(&place), &place);
+    const road_t road = road_of(friction);
 
-    return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;
+    return yaw_rate_on(speed, front_angle, &road);
 }
 
 ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 {
-    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
+    const road_t road = road_of(map_friction);
+
+    return yaw_rate_on(speed, front_angle, &road);
 }
 
 /* Reflected polynomial 0x04C11DB7, four bits at a time. */
@@ -1843,10 +1852,9 @@ ARS_SECTION_CODE static uint32_t crc_of(uint32_t start, const float *numbers, ui
     uint32_t shift;
 
     for (index = 0u; index < count; index++) {
-        uint32_t bits;
-        (void)memcpy(&bits, &numbers[index], sizeof(bits));
+        const table_number_t number = { .value = numbers[index] };
         for (shift = 0u; shift < 32u; shift += 4u) {
-            crc = table[(crc ^ (uint32_t)(bits >> shift)) & 0xFu] ^ (crc >> 4u);
+            crc = table[(crc ^ (uint32_t)(number.bits >> shift)) & 0xFu] ^ (crc >> 4u);
         }
     }
     return crc;

@@ -23,6 +23,11 @@
 #error "ars_task.h and this source come from different builds"
 #endif
 
+/* NaN is an input here; a compiler that may assume there is none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
 /* Diagnostics of the second message lie so many bits above those of the first. */
 ARS_SECTION_CONST static const uint32_t conditions_shift = 5u;
 
@@ -57,7 +62,10 @@ ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data
     case ARS_E2E_REPEATED:
         self->causes |= (uint16_t)ARS_DIAGNOSTICS_MOTION_REPEATED;
         break;
-    default: /* SYNC, WRONG_SEQUENCE */
+    case ARS_E2E_SYNC:
+    case ARS_E2E_WRONG_SEQUENCE:
+    case ARS_E2E_NO_NEW_DATA: /* never of a frame that came */
+    default:
         self->causes |= (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_SEQUENCE;
         break;
     }
@@ -169,7 +177,7 @@ ARS_SECTION_CODE static void start(ars_task_t *self)
 
 /* A lost sample is told to the controller by signals that are not available. The speed is given as long as it is known: the
  * fail-safe depends on it. */
-ARS_SECTION_CODE static ars_command_t control(ars_task_t *self)
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self)
 {
     const bool motion_good = self->motion_input.good;
     const bool good = motion_good && self->conditions_input.good;
@@ -219,7 +227,7 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
 ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
 {
     const bool good = self->motion_input.good && self->conditions_input.good;
-    const ars_command_t command = control(self);
+    const ars_command_t command = step(self);
     uint32_t diagnostics = check_rhythm(self) | causes_of_controller(self, good);
     ars_rear_steer_command_t signals;
 
