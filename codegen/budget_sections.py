@@ -25,10 +25,15 @@ those."""
 
 COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 64}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
-    "pi": {"step_instructions_max": 170, "task_instructions_max": 1_100},
-    "proportional": {"step_instructions_max": 170, "task_instructions_max": 1_100},
-    "feedforward": {"step_instructions_max": 170 + SECOND_TABLE, "task_instructions_max": 1_100 + SECOND_TABLE},
-    "tracking": {"step_instructions_max": 1_500, "task_instructions_max": 2_500, "state_bytes_max": 128},
+    "pi": {"step_instructions_max": 300, "task_instructions_max": 1_100},
+    "proportional": {"step_instructions_max": 300, "task_instructions_max": 1_100},
+    "feedforward": {"step_instructions_max": 300 + SECOND_TABLE, "task_instructions_max": 1_100 + SECOND_TABLE},
+    "tracking": {
+        "step_instructions_max": 1_500,
+        "task_instructions_max": 2_500,
+        "task_stack_bytes_max": 320,
+        "state_bytes_max": 128,
+    },
 }
 """For a map with even breakpoints and one friction."""
 

@@ -20,7 +20,7 @@ KEYS = tuple(Budgets.model_fields)
     ("kind", "key", "value"),
     [
         ("pi", "lookup_instructions_max", 95),
-        ("pi", "step_instructions_max", 170),
+        ("pi", "step_instructions_max", 300),
         ("pi", "task_instructions_max", 1_100),
         ("pi", "task_stack_bytes_max", 250),
         ("pi", "state_bytes_max", 64),

@@ -12,7 +12,7 @@ from codegen import config as configuration
 from codegen.emit.can_view import task_view
 from codegen.errors import BuildError
 from codegen.sil.software import compile_build
-from codegen.verify import workloads
+from codegen.verify import states, workloads
 from codegen.verify.check import Effort, Subject
 from codegen.verify.counting import CONDITIONS, MEMORY, MOTION, TASK, Calls, Counter, Rows
 from codegen.verify.drives import Ground, drawn, recorded
@@ -173,7 +173,7 @@ class _Measuring:
         return search
 
     def _moved(self, rows: Rows) -> Rows:
-        return workloads.behind(workloads.histories(self._ground), rows)
+        return states.behind(states.histories(self._ground), rows)
 
     def _found(self, search: Search, judged: str, columns: Sequence[str]) -> Count:
         instructions, cycles = search.spread(judged, len(self._usual)), search.spread("cycles", len(self._usual))
@@ -203,7 +203,7 @@ class _Measuring:
             *workloads.steps_of(self._anywhere, self._generator),
         ]
         search = self._search("step", "controller_step", drives, "own", "instructions")
-        for way in workloads.long_ways(self._ground):
+        for way in states.long_ways(self._ground):
             self._counter.run("step", way.before)
             self._counter.count("step", way.then)
         found = self._found(search, "own", workloads.STEP_COLUMNS)
@@ -244,10 +244,10 @@ class _Measuring:
         drives += [*workloads.cycles_of([longest], generator, [0.0]), *workloads.cycles_of(anything, generator)]
         search.run(drives)
         search.improve(self._rounds, generator, self._moved)
-        for way in workloads.long_ways_of_task(self._ground):
+        for way in states.long_ways_of_task(self._ground):
             counter.run("task", workloads.events_of(way.before, counter).events)
             count(way.then)
-        counter.count("task", workloads.flooded())
+        counter.count("task", states.flooded())
         names = {MOTION: "on_can_frame, motion", CONDITIONS: "on_can_frame, conditions", TASK: counter.task_name}
         for kind, name in names.items():
             calls, typical = Calls.joined(parts[kind]), Calls.joined(parts[kind][: len(usual)])

@@ -59,7 +59,11 @@ CHECKS = (
         quick=True,
     ),
     Registered(
-        "budgets", "budgets", "codegen.verify.budgets", "Instructions, stack, flash and RAM on a Cortex-M4F are within budget"
+        "budgets",
+        "budgets",
+        "codegen.verify.budgets",
+        "Instructions, stack, flash and RAM on a Cortex-M4F are within budget",
+        quick=True,
     ),
     Registered(
         "proof",

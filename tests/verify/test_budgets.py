@@ -57,7 +57,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def make_few(patch: pytest.MonkeyPatch) -> None:
     for name, value in FEW.items():
         patch.setattr(f"codegen.verify.measure.{name}", value)
-    patch.setattr("codegen.verify.workloads.long_ways", lambda ground: ())
+    patch.setattr("codegen.verify.states.long_ways", lambda ground: ())
 
 
 @functools.cache

@@ -9,11 +9,12 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
-from codegen.verify import workloads
+from codegen.verify import states, workloads
 from codegen.verify.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
 from codegen.verify.drives import Ground, drawn
 from codegen.verify.on_target import measurements_of
-from codegen.verify.workloads import CYCLE_COLUMNS, Fault, cycles_of, events_of, long_ways, long_ways_of_task, steps_of
+from codegen.verify.states import behind, histories, long_ways, long_ways_of_task
+from codegen.verify.workloads import CYCLE_COLUMNS, STEP_COLUMNS, Fault, cycles_of, events_of, steps_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds
 
@@ -120,12 +121,14 @@ def test_extremes_are_the_last_numbers_that_the_controller_accepts() -> None:
     assert np.nanmax(drive[:, 0]) < np.nanmax(extreme[:, 0])
 
 
-def test_in_a_calm_drive_nothing_is_lost_and_errors_are_of_every_size() -> None:
+def test_in_a_calm_drive_little_is_lost_and_errors_are_of_every_size() -> None:
     drive = workloads.calm(ground(), 1_500, generator())
     assert drive.shape == (1_500, 6)
     commands = builds.compiled("pi").controller().run(measurements_of(drive))
-    assert Status.DEGRADED not in {command.status for command in commands}
-    assert Status.TRACKING in {command.status for command in commands}
+    lost = np.isnan(drive[:, 0])
+    assert 0.01 < lost.mean() < 0.1
+    assert {commands[sample].status for sample in np.flatnonzero(lost)} == {Status.DEGRADED}
+    assert {commands[sample].status for sample in np.flatnonzero(~lost)} == {Status.TRACKING, Status.LIMITED}
     error = np.abs([command.yaw_rate_reference for command in commands] - drive[:, 2])
     assert np.histogram(np.log10(error), bins=[-4, -2, -1, 0])[0].min() > 20
 
@@ -159,6 +162,30 @@ def test_after_a_silence_the_counter_must_prove_itself() -> None:
     assert [E2eStatus.SYNC] in told[-len(way.then) :]
 
 
+def test_histories_lead_to_states_of_their_own() -> None:
+    """Behind them the controller stands by, follows, holds, holds, and is one good sample away from coming back."""
+    good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
+    reached = []
+    for history in histories(ground()):
+        controller = builds.compiled("pi").controller()
+        reached += [controller.run(measurements_of(np.concatenate([history, good])[:, :6]))[-2].status]
+    assert reached == [Status.STANDBY, Status.TRACKING, Status.DEGRADED, Status.DEGRADED, Status.FAIL_SAFE]
+    last = builds.compiled("pi").controller().run(measurements_of(np.concatenate([histories(ground())[-1], good])[:, :6]))[-1]
+    assert last.status in (Status.TRACKING, Status.LIMITED)
+
+
+def test_rows_are_put_behind_each_history_and_mirrored() -> None:
+    rows = np.array([[15.0, 0.07, 0.3, 0.01, 0.8, 1.0, 1.0, 2.0, 0.0]], dtype=np.float32)
+    history = np.zeros((4, len(STEP_COLUMNS)), dtype=np.float32)
+    found = behind([history], rows)
+    assert found.shape == (2 + 2 * 5, 9)
+    mirrored = rows[0] * np.array([1, -1, -1, -1, 1, 1, 1, 1, 1])
+    assert np.array_equal(found[:2], [rows[0], mirrored])
+    goes_on = np.array([1, 1, 1, 1, 1, 1, 0, 1, 1])
+    assert np.array_equal(found[[6, 11]], [rows[0] * goes_on, mirrored * goes_on])
+    assert not found[2:6].any()
+
+
 def test_a_flood_overflows_the_count_of_frames() -> None:
-    kinds = workloads.flooded()["kind"].tolist()
+    kinds = states.flooded()["kind"].tolist()
     assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8

@@ -24,7 +24,7 @@ def test_the_search_puts_together_what_it_finds_apart() -> None:
     search = Search(hidden, "instructions")
     search.run(drives(2_000))
     assert search.spread("instructions", 1).largest < 140
-    search.run(drives(2_000), 12, np.random.default_rng(1))
+    search.improve(12, np.random.default_rng(1))
     assert search.spread("instructions", 1).largest == 140
     assert np.allclose(search.worst_input(), [0.3, -0.7, 0.1, 0.9], atol=0.05)
 
@@ -42,11 +42,27 @@ def test_what_is_kept_of_the_calls() -> None:
     assert spread.to_dict() == {"min": 0, "mean": 24.5, "max": 49}
 
 
+def test_the_longest_are_put_into_other_states() -> None:
+    """What is long only in a state that no drive is in."""
+
+    def count(rows: Rows) -> Figures:
+        return {"instructions": (100.0 + 10.0 * rows[:, 0] + np.where(rows[:, 1] > 5.0, 50.0, 0.0)).astype(np.int64)}
+
+    def moved(rows: Rows) -> Rows:
+        return np.column_stack([rows[:, 0], np.full(len(rows), 9.0), rows[:, 2:]]).astype(np.float32)
+
+    search = Search(count, "instructions")
+    search.run(drives(100))
+    search.improve(1, np.random.default_rng(0), moved)
+    assert search.spread("instructions", 1).largest >= 100 + 9 + 50
+
+
 def test_the_same_seed_gives_the_same_calls() -> None:
     worst = []
     for _ in range(2):
         search = Search(hidden, "instructions")
-        search.run(drives(200), 3, np.random.default_rng(7))
+        search.run(drives(200))
+        search.improve(3, np.random.default_rng(7))
         worst.append(search.worst_input().tolist())
     assert worst[0] == worst[1]
 
