@@ -9,6 +9,7 @@ from typing import Any
 
 from codegen import config as configuration
 from codegen.config import Config
+from codegen.emit.can_view import task_name
 from codegen.emit.folder import Folder
 from codegen.refmap import map as refmap
 from codegen.refmap.extend import extend
@@ -44,6 +45,12 @@ class Case:
     def kind(self) -> str:
         """Of the controller."""
         return self.built.software.config.controller.kind
+
+    @property
+    def task_function(self) -> str:
+        """Name of the C function that is the cyclic task."""
+        software = self.built.software
+        return f"{software.prefix}_{task_name(software.config.controller.sampling_time_s)}"
 
     def object(self, source: str) -> Path:
         """What a source was compiled to."""

@@ -110,6 +110,10 @@ class Compiler:
         """Objects to a shared library."""
         self._run(["-shared", *self.measuring, *map(str, objects), "-o", str(target), "-lm"], target.parent, target.name)
 
+    def link_program(self, objects: Sequence[Path], target: Path, more: Sequence[str]) -> None:
+        """Objects to a program."""
+        self._run([*more, *map(str, objects), "-o", str(target), "-lm"], target.parent, target.name)
+
     def _run(self, arguments: Sequence[str], folder: Path, where: str) -> None:
         done = subprocess.run([*self.command, *arguments], cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:

@@ -26,7 +26,12 @@ from tests.campaign.suite import Judge, whole
 SHOWS = "the project's own tests show of every condition of the generated C that it decides by itself"
 VERSION = "19"
 """Of clang and its tools: older ones do not know MC/DC."""
-COUPLED: dict[tuple[str, str], str] = {}
+ENTERED_BY = "the block is entered where one of two comparisons holds, and this is the other: with the first false it is true"
+TRACKING = "4ws2-tracking/src/ars_controller.c"
+COUPLED: dict[tuple[str, str], str] = {
+    (TRACKING, "(feedback < range.low)"): ENTERED_BY,
+    (TRACKING, "(demand < command)"): ENTERED_BY,
+}
 """Path and text of a condition that cannot change alone -> why. One that is covered, or gone, fails the part."""
 
 

@@ -20,7 +20,6 @@ from typing import Any
 from codegen.console import progress
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from tests.campaign import sanitized
 from tests.campaign.case import Case, case_of
 from tests.campaign.equivalents import Equivalent, read
 from tests.campaign.fates import Bench, Fate, Judged, fate_of
@@ -46,14 +45,13 @@ class Campaign:
 
     Attributes:
         folders: builds. paths: of the units, None for all. judges_of: who judges.
-        most: mutants to run, None for all. sanitize: whether survivors are judged again with sanitizers.
+        most: mutants to run, None for all.
     """
 
     folders: Sequence[Path]
     paths: Sequence[str] | None = None
     judges_of: JudgesOf = judges_of
     most: int | None = None
-    sanitize: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,17 +73,17 @@ class Tally:
 
 
 def run(folders: Sequence[Path], effort: Effort) -> Outcome:
-    """The part of the campaign. Raises BuildError where there is no compiler, MissingTool where it has no sanitizers."""
+    """The part of the campaign. Raises BuildError where there is no compiler."""
     equivalents = read()
-    sanitized.runtime()
-    tally = campaign(Campaign(folders, most=QUICK if effort.quick else None, sanitize=True))
+    tally = campaign(Campaign(folders, most=QUICK if effort.quick else None))
     return outcome_of(tally, equivalents)
 
 
 def campaign(of: Campaign) -> Tally:
     """Make and judge the mutants."""
     with ExitStack() as stack:
-        benches, todo = [], []
+        benches: list[Bench] = []
+        todo: list[tuple[int, Mutant]] = []
         before: frozenset[str] = frozenset()
         for folder in of.folders:
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-mutation-")))
@@ -100,8 +98,6 @@ def campaign(of: Campaign) -> Tally:
             f"{bench.case.name}: unaltered, it fails {name}: {said}" for bench in benches for name, said in bench.faults.items()
         ]
         judged = [] if faults else _judge(benches, _chosen(todo, of.most))
-    if of.sanitize:
-        judged = _judged_again(of.folders, judged)
     return Tally(exist, judged, faults)
 
 
@@ -127,20 +123,6 @@ def _chosen(todo: list[tuple[int, Mutant]], most: int | None) -> list[tuple[int,
 
     kept = sorted(map(rank, todo))[most - 1]
     return [one for one in todo if rank(one) <= kept]
-
-
-def _judged_again(folders: Sequence[Path], judged: list[Judged]) -> list[Judged]:
-    """Survivors with sanitizers."""
-    again: dict[tuple[str, Key], tuple[Fate, str]] = {}
-    for folder in folders:
-        keys = [one.mutant.key for one in judged if one.build == folder.name and one.fate is Fate.SURVIVED]
-        fates = sanitized.fates_of(folder, keys)
-        again |= {(folder.name, key): fate for key, fate in zip(keys, fates, strict=True)}
-    return [
-        Judged(one.build, one.mutant, fate, f"{by}, sanitized" if by else "")
-        for one in judged
-        for fate, by in [again.get((one.build, one.mutant.key), (one.fate, one.by))]
-    ]
 
 
 _at_work: tuple[Any, ...] = ()

@@ -13,6 +13,7 @@ from typing import Any
 
 from tests.campaign.case import Case
 from tests.campaign.suite_dynamics import check_dynamics
+from tests.campaign.suite_memory import check_memory
 from tests.campaign.suite_selftest import check_selftest
 from tests.campaign.tests_of import each_test
 from tests.sil import (
@@ -76,7 +77,8 @@ def _drives(case: Case) -> list[Judge]:
     points = _points(case)
     changes: dict[str, dict[str, Any]] = {"as built": {}}
     if case.kind == "pi":
-        changes |= {name: dict(one) for name, one in CHANGES.items()}
+        plain: Any = CHANGES
+        changes |= plain
         acts = {"rear_rate_max": 0.2, "opposite_phase_max": [0.03] * (points[1] // 2) + [0.01] * (points[1] - points[1] // 2)}
         changes["a limiter that acts"] = {"limiter": acts}
     if case.kind == "tracking":
@@ -170,8 +172,7 @@ def _limiter(case: Case) -> list[Judge]:
     named = [
         Judge(name, _of_units(check)) for name, check in (*((one.__name__, one) for one in checks_edges_units.CHECKS), *checks)
     ]
-    edges = [Judge(name, _of_build(check)) for name, check in checks_in(checks_edges) if "init" in name]
-    return [Judge("model of the limiter", known), *edges, *named]
+    return [Judge("model of the limiter", known), *_inits(), *named]
 
 
 def _map(case: Case) -> list[Judge]:
@@ -217,13 +218,17 @@ def _e2e(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
         answers_frames.check_e2e(case.built, kept(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
 
-    return [Judge("Python's receiver", known), Judge("init", _of_build(checks_edges.check_init_sets_everything))]
+    return [Judge("Python's receiver", known), *_inits()]
+
+
+def _inits() -> list[Judge]:
+    return [Judge(name, _of_build(check)) for name, check in checks_in(checks_edges) if "init" in name]
 
 
 def _task(case: Case) -> list[Judge]:
     but = (*NOT_OF_ONE_BUILD, *(OF_THE_PAPER_S_LAW if case.kind == "tracking" else ()))
     tests = [Judge(name, _of_build(test)) for name, test in each_test(test_task, test_edges_task, but=but)]
-    return [*tests, Judge("init", _of_build(checks_edges.check_init_sets_everything))]
+    return [*tests, *_inits()]
 
 
 def _loops(case: Case) -> list[Judge]:
@@ -245,13 +250,17 @@ UNITS: dict[str, Callable[[Case], list[Judge]]] = {
 """By the name of the unit."""
 
 
+MEMORY = "sanitized program"
+
+
 def judges_of(case: Case, path: str) -> list[Judge]:
     """The judges of a unit, given by the path of its source."""
     unit = path.removeprefix(f"src/{case.built.software.prefix}_").removesuffix(".c")
-    return UNITS[unit](case)
+    return [*UNITS[unit](case), Judge(MEMORY, check_memory)]
 
 
 def whole(case: Case) -> list[Judge]:
     """Every judge of every unit of a case, and the closed loop and its faults around them."""
     found = {judge.name: judge for path in case.tree.units for judge in judges_of(case, path)}
+    del found[MEMORY]  # a program of its own, which counts nothing here
     return [*found.values(), *_loops(case)]

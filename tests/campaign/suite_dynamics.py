@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.vehicle.dynamics import TyreModel
+from codegen.vehicle.dynamics import TyreModel, single_track
 from tests.campaign.case import Case
 from tests.emit import test_casadi_c as machine
 
@@ -21,7 +21,7 @@ def _known(case: Case) -> list[tuple[str, Any, Any]]:
     wide = machine.as_double(x, u)
     known = []
     for model in MODELS:
-        functions, name = machine.single_track(config, model), machine.c_name(model)
+        functions, name = single_track(config, model), machine.c_name(model)
         (bound,) = machine.rounding_bounds(functions.derivative, *wide)
         known.append((name, machine.machine_derivative(config, model, x, u), bound))
         both = machine.by_rows(*machine.rounding_bounds(functions.jacobian, *wide))

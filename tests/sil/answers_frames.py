@@ -48,10 +48,12 @@ def answers_of_can(built: Built) -> list[Framed]:
         message = can.messages()[role]
         reals = {name: signal for name, signal in message.signals().items() if isinstance(signal, RealSignal)}
         rest = {"inhibit": (False, True), "status": tuple(range(16)), "diagnostics": tuple(1 << k for k in range(16))}
-        others = [{name: value} for name, values in rest.items() if name in message.signals() for value in values]
-        contents = [kind(**(dict.fromkeys(reals, math.nan) | {name: value}))
-                    for name, signal in reals.items() for value in _values(signal, real)]  # fmt: skip
-        contents += [kind(**(dict.fromkeys(reals, 0.01) | other)) for other in others]
+        others: list[dict[str, Any]] = [
+            {name: value} for name, values in rest.items() if name in message.signals() for value in values
+        ]
+        nothing: dict[str, Any] = dict.fromkeys(reals, math.nan)
+        contents = [kind(**nothing | {name: value}) for name, signal in reals.items() for value in _values(signal, real)]
+        contents += [kind(**dict.fromkeys(reals, 0.01) | other) for other in others]
         frames = [bytes(rng.integers(0, 256, 8, dtype=np.uint8)) for _ in range(300)]
         frames += [bytes(1 << bit % 8 if byte == bit // 8 else 0 for byte in range(8)) for bit in range(64)]
         frames += [
@@ -68,7 +70,9 @@ def _bits_of_nothing(built: Built) -> int:
     software = built.software
     task = software.new("task")
     software.function("task_init")(task, software.parameters())
-    return int.from_bytes(bytes(software.ffi.buffer(software.ffi.addressof(task, "motion"))[0 : np.dtype(software.real).itemsize]), "little")
+    return int.from_bytes(
+        bytes(software.ffi.buffer(software.ffi.addressof(task, "motion"))[0 : np.dtype(software.real).itemsize]), "little"
+    )
 
 
 def check_can(built: Built, known: list[Framed]) -> None:
@@ -107,7 +111,8 @@ class Received:
 def answers_of_e2e(built: Built, count: int = 4000) -> Received:
     """Frames that come, stay away, repeat, jump, break; long runs of each."""
     settings, rng = built.software.config.can.e2e, np.random.default_rng(6)
-    receiver, counter, events = Receiver(settings), 0, []
+    receiver, counter = Receiver(settings), 0
+    events: Events = []
     kinds = ("next",) * 6 + ("silence", "repeat", "jump", "corrupt", "fifteen")
     while len(events) < count:
         kind, length = rng.choice(kinds), int(rng.choice([1, 1, 1, 2, 3, 5, 20]))
@@ -121,17 +126,17 @@ def answers_of_e2e(built: Built, count: int = 4000) -> Received:
                 body = bytes((0, data[1] | 0x0F)) + data[2:]
                 data = bytes((crc(0x101, body),)) + body[1:]
             if kind == "silence":
-                events.append((None, receiver.no_new_data()))
+                events.append((None, int(receiver.no_new_data())))
             else:
-                events.append((data, receiver.check(0x101, data)))
-    assert {status for _, status in events} == {int(status) for status in E2eStatus}
+                events.append((data, int(receiver.check(0x101, data))))
+    assert {status for _, status in events} == set(map(int, E2eStatus))
     starts = [_start(settings, silent, jump) for silent in range(7) for jump in range(1, 15)]
     long = [_silence(settings, silent, jump) for silent in (*range(1, 18), *range(254, 262), 300) for jump in (1, 2, 14)]
     protected = []
     for index in range(600):
         data_id, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
         protected.append((data_id, index % 15, body, protect(data_id, index % 15, body)))
-    return Received([[(data, int(status)) for data, status in events], *starts, *long], protected)
+    return Received([events, *starts, *long], protected)
 
 
 def _start(settings: E2e, silent: int, jump: int) -> Events:

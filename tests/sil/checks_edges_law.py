@@ -6,6 +6,7 @@ Each check takes a build and raises AssertionError where it does not hold; those
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,9 @@ def rough(built: Built, seed: int, count: int = 3000) -> list[Measurement]:
     rear = np.where(spells(rng.random(count) < 0.4, 20), spells(rng.uniform(-0.07, 0.07, count), 8), math.nan)
     friction = spells(rng.choice([math.nan] * 6 + [0.9, 0.5, 0.1, 0.05, 0.0], count), 40)
     inhibit = spells(rng.random(count) < 0.15, 5)
-    rows = zip(speed, front, yaw_rate, rear, friction, inhibit, strict=True)
-    return [Measurement(*(float(value) for value in row[:5]), inhibit=bool(row[5])) for row in rows]
+    columns = [np.asarray(column, dtype=np.float64).tolist() for column in (speed, front, yaw_rate, rear, friction)]
+    samples = [Measurement(*row) for row in zip(*columns, strict=True)]
+    return [replace(sample, inhibit=bool(held)) for sample, held in zip(samples, inhibit, strict=True)]
 
 
 def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
@@ -163,13 +165,14 @@ def check_tracking_shortfall_that_is_allowed(built: Built) -> None:
 
 def check_tracking_at_the_end_of_its_range(built: Built) -> None:
     """A demand that is just at the end of its range is not limited, one unit in the last place beyond is."""
+    rest = built.software.controller(0.0).state
     for side in BOTH:
         controller = _running(built)
         most = controller.parameters.rear_angle_max
         for integral, status in ((most, Status.TRACKING), (built.next(most, 1.0), Status.LIMITED)):
             controller.state.integral = side * integral
             controller.state.rear_angle = controller.state.limiter.rear_angle = side * most
-            controller.state.model = built.software.controller(0.0).state.model
+            controller.state.model = rest.model
             command = controller.step(Measurement(SPEED, 0.0, 0.0, inhibit=True))
             assert (command.yaw_rate_reference, command.rear_angle) == (0.0, side * most)
             assert command.status is status, (side, integral)

@@ -140,8 +140,8 @@ def check_ranges(built: Built) -> None:
     for parameter in (*view.ranged, *view.ranged_arrays):
         low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
         defaults = software.parameters()  # owns its arrays
-        good = getattr(defaults, parameter.name)
-        good = good if isinstance(good, float) else list(good)
+        given = getattr(defaults, parameter.name)
+        good: Any = given if isinstance(given, float) else list(given)
         others = COMPANIONS.get(parameter.name, {})
 
         def valid(value: float, k: int, name: str = parameter.name, good: Any = good, others: Any = others) -> bool:

@@ -9,9 +9,9 @@ from typing import Any
 from codegen.verify.proof.boxes import Box
 from codegen.verify.proof.c_types import VOID, Pointer, Scalar, Struct, leaves
 from codegen.verify.proof.claims import Call, Claims, Needs
-from codegen.verify.proof.entries import INITIALISERS, base_of
+from codegen.verify.proof.entries import INITIALISERS, OUTPUTS, base_of
 from codegen.verify.proof.executor import Executor
-from codegen.verify.proof.invariants import Invariant, Path, states_inside, within
+from codegen.verify.proof.invariants import Invariant, Path, dotted, states_inside, within
 from codegen.verify.proof.machine import Kind, sort_of
 from codegen.verify.proof.memory import INDEX_WIDTH, Reference, State, Typed
 from codegen.verify.proof.source import CannotJudge, Function, Parameter, place_of
@@ -86,6 +86,8 @@ class Contract:
         if parameter.length is not None:
             last = machine.pool.whole(parameter.length - 1, INDEX_WIDTH)
             machine.element(state, reference, last, node)
+        if parameter.is_const or not any(each in self.function.name for each in (*INITIALISERS, *OUTPUTS)):
+            self._need_written(machine, parameter, reference, state, node)
         judge = self.judge(target)
         if judge is not None and judge != self.function:
             machine.need(Kind.CLAIM, state, machine.judged(judge, argument, state), node, "the parameters are valid")
@@ -94,6 +96,18 @@ class Contract:
             leaf = self._reader(state, reference, inner, node)
             for text, _, term in invariant.holds(machine.pool, leaf):
                 machine.need(Kind.INVARIANT, state, term, node, text)
+
+    @staticmethod
+    def _need_written(machine: Executor, parameter: Parameter, reference: Reference, state: State, node: Any) -> None:
+        """Whatever the function may read has to be there."""
+        assert isinstance(parameter.ctype, Pointer)
+        target = parameter.ctype.target
+        if reference.root in machine.constant_roots or machine.is_table(reference.root):
+            return
+        for path in [(index,) for index in range(parameter.length)] if parameter.length else [path for path, _ in leaves(target)]:
+            if (reference.root, (*base_of(reference), *path)) not in state.memory:
+                text = f"{parameter.name}->{dotted(path)}"
+                machine.need(Kind.WRITTEN, state, machine.pool.false, node, text)
 
     @staticmethod
     def _reader(state: State, reference: Reference, inner: Path, node: Any) -> Callable[[Path], Term]:

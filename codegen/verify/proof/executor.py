@@ -9,7 +9,7 @@ from pycparser import c_ast
 
 from codegen.verify.proof.c_types import VOID
 from codegen.verify.proof.loops import Loops
-from codegen.verify.proof.machine import Frame
+from codegen.verify.proof.machine import Frame, Kind
 from codegen.verify.proof.memory import Reference, State, Typed, joined, learn_choice, merged
 from codegen.verify.proof.source import CannotJudge, Function, place_of
 from codegen.verify.proof.terms import Term
@@ -39,6 +39,8 @@ class Executor(Loops):
         aside.memory = memory
         kept, self.obligations = self.obligations, {}
         self._judgements[key] = self.run(judge, [parameters], aside, judge.node).term
+        if any(each.kind == Kind.WRITTEN for each in self.obligations):
+            raise CannotJudge(judge.place, "parameters of which some may not be written")
         self.obligations = kept
         return self._judgements[key]
 

@@ -15,6 +15,8 @@ from codegen.verify.proof.terms import Term
 
 TURNS_MAX = 40
 """Of a loop that is run turn by turn."""
+NESTED_TURNS_MAX = 4
+"""Of one with another loop inside."""
 
 
 class Loops(Expressions):
@@ -30,7 +32,7 @@ class Loops(Expressions):
             assert entered is not None
             state = entered
         turns = self._turns(frame, node, state)
-        if turns is not None and turns > TURNS_MAX:
+        if turns is not None and turns > (NESTED_TURNS_MAX if _holds_loop(node.stmt) else TURNS_MAX):
             end: State | None = self._summary(frame, node, state, turns)
         else:
             end = self._turn_by_turn(frame, node, state)
@@ -140,3 +142,7 @@ class Loops(Expressions):
     def meeting(self, base: State, states: list[State]) -> State | None:
         """Where several ways meet."""
         raise NotImplementedError
+
+
+def _holds_loop(node: Any) -> bool:
+    return isinstance(node, c_ast.For) or any(_holds_loop(child) for _, child in node.children())

@@ -175,6 +175,10 @@ class Machine:
         """Of constants that are no tables."""
         return self._constants
 
+    def is_table(self, root: str) -> bool:
+        """Whether an object is a constant array of numbers."""
+        return root in self._tables
+
     @property
     def tables(self) -> list[Table]:
         """That were read."""

@@ -15,7 +15,7 @@ from codegen.verify.proof.floats import FORMATS
 from codegen.verify.proof.forward import forward
 from codegen.verify.proof.terms import Pool, Term
 
-DEPTH_MAX = 2
+DEPTH_MAX = 4
 """Of choices that are looked into while one thing is taken to hold."""
 COMPARISONS = ("flt", "fle", "feq")
 WHOLE_COMPARISONS = ("eq", "ult", "ule", "slt", "sle")
