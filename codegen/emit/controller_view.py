@@ -17,6 +17,9 @@ from codegen.refmap.lookup import Lookup
 SPEED_UNKNOWN = 1000.0
 """m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
 
+REST_MIN = 0.01
+"""m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
+
 REFERENCE_OVERSHOOT = 1.15
 """Of the reference model's yaw rate over what the road is taken to allow."""
 
@@ -46,6 +49,7 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     speed_unknown: str
+    rest_min: str
     grip: GripView
     known: tuple[str, ...]
     known_tolerance: str
@@ -139,6 +143,7 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         speed_unknown=literal(SPEED_UNKNOWN, precision),
+        rest_min=literal(REST_MIN, precision),
         grip=_grip_view(total, precision),
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),

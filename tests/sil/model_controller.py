@@ -221,7 +221,7 @@ class ModelProportional(ModelController):
         p = self.parameter
         squared, arm, slip = m.speed * m.speed, p("rear_arm"), p("rear_slip_per_acceleration")
         rest = (p("wheelbase") - arm) + (p("understeer_coefficient") + slip) * squared
-        wanted = -((arm - slip * squared) / rest) * m.front_angle
+        wanted = -((arm - slip * squared) / max(rest, self.real(0.01))) * m.front_angle
         bound = p("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))
         return self.map_yaw_rate(m), bool(self.angle != wanted)

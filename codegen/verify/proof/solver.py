@@ -28,8 +28,8 @@ ROUNDS_MAX = 40
 """Of asking again, for one obligation."""
 REFINED_MAX = 12
 """Operations of which more is found out in one round."""
-SECONDS_MAX = 20
-"""For one question."""
+EFFORT_MAX = 400_000_000
+"""For one question, in z3's own steps, which are the same on every machine: half a minute or so."""
 
 
 class Answer(StrEnum):
@@ -164,7 +164,7 @@ class _Question:
     def __init__(self, prover: Prover, terms: Sequence[Term]) -> None:
         self._prover, encoder = prover, prover.encoder
         self._solver = z3.SolverFor("QF_FD")
-        self._solver.set("timeout", SECONDS_MAX * 1000)
+        self._solver.set("rlimit", EFFORT_MAX)
         self._solver.add(*(encoder.truth(term) for term in terms))
         self._laws: list[Any] = []
         for term in prover.cone(terms):
