@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzz_harness import HARNESSES, Name, driver, seeds, source
-from codegen.verify.sanitized import Compiler, compiled, environment, find_compiler, findings_of
+from codegen.verify.sanitized import Compiler, compiled, environment, find_compiler, findings_of, launcher
 
 SHOWS = (
     "no frames, measurements, starts or accepted parameters that fuzzing finds make the code crash, leave its bounds, use a "
@@ -84,7 +84,7 @@ def _run(compiler: Compiler, subject: Subject, name: Name, corpus: Sequence[byte
         stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
         try:
             result = subprocess.run(
-                [program.path, stored, str(inputs), str(SEED)],
+                [*launcher(), str(program.path), str(stored), str(inputs), str(SEED)],
                 env=environment(),
                 stdin=subprocess.DEVNULL,
                 capture_output=True,

@@ -66,7 +66,7 @@ _CANARY_FAULTS = {"a": "heap-buffer-overflow", "c": "outside the range of repres
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
 _ADDRESS = re.compile(r"==ERROR: AddressSanitizer: (?P<what>[\w-]+)")
 _ACCESS = re.compile(r"^(?P<how>READ|WRITE) of size (?P<size>\d+)", re.MULTILINE)
-_FRAME = re.compile(r"^\s+#\d+ 0x[0-9a-f]+ in (?P<function>\S+) (?P<place>\S+:\d+)(?::\d+)?", re.MULTILINE)
+_FRAME = re.compile(r"^\s+#\d+ 0x[0-9a-f]+ in (?P<function>\S+) (?P<place>[^\s:]+:\d+)", re.MULTILINE)
 _PROPERTY = re.compile(r"^(?P<what>property not held: .+)$", re.MULTILINE)
 
 
@@ -120,9 +120,19 @@ def _finds_planted_faults(command: tuple[str, ...]) -> bool:
         return False
 
 
+@lru_cache(maxsize=1)
+def launcher() -> tuple[str, ...]:
+    """Words before a sanitized program: without a random layout of its memory where that is allowed here, for older runtimes do
+    not find room for their shadow in every one."""
+    program = shutil.which("setarch")
+    if program is None or subprocess.run([program, "-R", "true"], capture_output=True, check=False).returncode != 0:
+        return ()
+    return (program, "-R")
+
+
 def _stderr_of(program: Path, argument: str) -> str:
     result = subprocess.run(
-        [program, argument],
+        [*launcher(), str(program), argument],
         env=environment(),
         stdin=subprocess.DEVNULL,
         capture_output=True,

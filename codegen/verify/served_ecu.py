@@ -27,7 +27,7 @@ from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS, bench_sources
 from codegen.verify.check import Subject
 from codegen.verify.on_target import Drive
-from codegen.verify.sanitized import Compiler, Program, compiled, environment, findings_of
+from codegen.verify.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
 
 FloatArray = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
@@ -196,7 +196,9 @@ def _around(subject: Subject) -> dict[str, bytes]:
 @contextlib.contextmanager
 def _running(program: Program, log: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
     try:
-        process = subprocess.Popen([program.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment())
+        process = subprocess.Popen(
+            [*launcher(), str(program.path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
+        )
     except OSError as error:
         raise BuildError(f"the sanitized program cannot be started: {error.strerror}", where="sanitizers") from error
     watch = threading.Timer(SECONDS_MAX, process.kill)

@@ -149,7 +149,7 @@ NOT_OF_ONE_BUILD = (
         "the_name_follows",
         "every_element_of_an_array",
     ),
-    *("the_schedule_rises", "several_maps"),
+    *("the_schedule_rises"),
 )
 """Tests that build others, or compare builds; what they ask of one build is asked by a check beside them."""
 

@@ -15,16 +15,16 @@ from tests.campaign.case import Case
 from tests.campaign.coverage import Covered
 from tests.campaign.mcdc import Condition
 from tests.campaign.part import FOLDERS
-from tests.campaign.suite import Judge, judges_of
+from tests.campaign.suite import MEMORY, Judge, judges_of
 
 PI = FOLDERS[0]
-E2E = "4ws2/src/ars_e2e.c"
+E2E, CAN = "4ws2/src/ars_e2e.c", "4ws2/src/ars_can.c"
 needs_clang = pytest.mark.skipif(shutil.which("clang-19") is None, reason="clang-19 is not installed")
 
 
-def of_e2e(case: Case) -> Sequence[Judge]:
+def of_frames(case: Case) -> Sequence[Judge]:
     """The tests of one unit alone."""
-    return judges_of(case, "src/ars_e2e.c")
+    return [judge for judge in judges_of(case, "src/ars_can.c") if judge.name != MEMORY]
 
 
 def lazy(case: Case) -> Sequence[Judge]:
@@ -57,18 +57,18 @@ def test_lines_and_branches_that_no_test_runs_are_told() -> None:
 
 
 def test_the_tests_of_a_unit_run_all_of_it() -> None:
-    (e2e,) = [unit for unit in coverage.measured(PI, of_e2e) if unit.path == E2E]
-    assert coverage.outcome_of([e2e]).verdict is Verdict.PASSED, e2e.missed
-    assert e2e.lines > 50
+    (can,) = [unit for unit in coverage.measured(PI, of_frames) if unit.path == CAN]
+    assert coverage.outcome_of([can]).verdict is Verdict.PASSED, can.missed
+    assert can.lines > 50
 
 
 @needs_clang
 def test_conditions_that_no_test_decides_are_told() -> None:
     missed = {one.text for one in mcdc.measured(PI, lazy) if one.path == E2E and not one.covered}
     assert "(counter > counter_max)" in missed
-    e2e = [one for one in mcdc.measured(PI, of_e2e) if one.path == E2E]
-    assert e2e
-    assert mcdc.outcome_of(e2e, {}).verdict is Verdict.PASSED
+    can = [one for one in mcdc.measured(PI, of_frames) if one.path == CAN]
+    assert can
+    assert mcdc.outcome_of(can, {}).verdict is Verdict.PASSED
 
 
 def test_tests_that_the_c_does_not_pass_measure_nothing() -> None:

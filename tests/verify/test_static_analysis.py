@@ -68,7 +68,7 @@ def test_violations_and_faults_are_found_where_they_are() -> None:
         "can": c_function("int32_t ars_octal(int32_t x)", "return x + 017;"),
         "selftest": c_function("int32_t ars_beyond(void)", "const int32_t pair[2] = { 0, 0 };", "return pair[2];"),
         "task": "#include <stdlib.h>\n"
-        + c_function("void ars_heap(uint32_t x)", "uint32_t *y = malloc(sizeof(*y));", "*y = x;"),
+        + c_function("uint32_t *ars_heap(uint32_t x)", "uint32_t *y = malloc(sizeof(*y));", "*y = x;", "return y;"),
     }
     files = {**folder.files}
     start = {}

@@ -72,9 +72,7 @@ def needs_of(function: Function, prefix: str) -> list[Needs]:
     return [_finite_or_absent] if function.name.startswith(f"{prefix}_can_pack_") else []
 
 
-def _finite_or_absent(
-    machine: Machine, state: State, arguments: Mapping[str, Typed]
-) -> Iterator[tuple[str, Term]]:
+def _finite_or_absent(machine: Machine, state: State, arguments: Mapping[str, Typed]) -> Iterator[tuple[str, Term]]:
     """Of the signals of a frame: a number, or NaN for what is not available."""
     signals = arguments["signals"].reference
     assert isinstance(signals.ctype, Struct)
@@ -145,12 +143,12 @@ def _counter_sent(call: Call) -> Iterator[tuple[str, Term]]:
     most = pool.whole(E2E_COUNTER_MAX, 8)
     yield "the counter for the next frame is at most 14", pool.apply("ule", TRUTH, call.behind("counter", ()), most)
     was_in_range = pool.apply("ule", TRUTH, call.before("counter", ()), most)
-    yield "the counter in the frame is at most 14 where it was", pool.or_(
-        pool.not_(was_in_range), pool.apply("ule", TRUTH, nibble, most)
+    yield (
+        "the counter in the frame is at most 14 where it was",
+        pool.or_(pool.not_(was_in_range), pool.apply("ule", TRUTH, nibble, most)),
     )
 
 
 def _not_a_number(call: Call) -> Iterator[tuple[str, Term]]:
     ((_, term),) = call.results.values()
     yield "it is NaN", call.pool.not_(call.pool.is_number(term))
-

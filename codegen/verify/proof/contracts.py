@@ -17,6 +17,7 @@ from codegen.verify.proof.memory import INDEX_WIDTH, Reference, State, Typed
 from codegen.verify.proof.source import CannotJudge, Function, Parameter, place_of
 from codegen.verify.proof.terms import Term
 
+
 @dataclass
 class Contract:
     """Of a public function that was proven.
@@ -104,7 +105,9 @@ class Contract:
         target = parameter.ctype.target
         if reference.root in machine.constant_roots or machine.is_table(reference.root):
             return
-        for path in [(index,) for index in range(parameter.length)] if parameter.length else [path for path, _ in leaves(target)]:
+        for path in (
+            [(index,) for index in range(parameter.length)] if parameter.length else [path for path, _ in leaves(target)]
+        ):
             if (reference.root, (*base_of(reference), *path)) not in state.memory:
                 text = f"{parameter.name}->{dotted(path)}"
                 machine.need(Kind.WRITTEN, state, machine.pool.false, node, text)

@@ -12,7 +12,7 @@ from codegen.verify.proof.machine import Obligation, sort_of
 from codegen.verify.proof.memory import INDEX_WIDTH, Key, Payload, Reference, State, Typed
 from codegen.verify.proof.ranges import Scope
 from codegen.verify.proof.source import CannotJudge, Function, Parameter
-from codegen.verify.proof.terms import Term
+from codegen.verify.proof.terms import BOOL, Term
 
 INITIALISERS = ("_init", "_start")
 """Ends of the names of functions that write a whole state, whatever it held."""
@@ -29,6 +29,7 @@ class Entry:
     Attributes:
         arguments: by the names of the parameters.
         assumptions: what the inputs fulfil.
+        typical: that the parameters are the build's own, where it has such.
         obligations: what has to hold inside.
         before: what was in memory before the call.
         state: behind the call.
@@ -38,6 +39,7 @@ class Entry:
     function: Function
     arguments: dict[str, Typed]
     assumptions: list[Term] = field(default_factory=list)
+    typical: list[Term] = field(default_factory=list)
     obligations: list[Obligation] = field(default_factory=list)
     before: dict[Key, Payload] = field(default_factory=dict)
     state: State | None = None
@@ -137,6 +139,7 @@ class Caller:
             entry.assumptions += self.assume_invariants(made, target, state)
             if parameter.is_const:
                 entry.assumptions += self.assume_valid(made, target, state, function)
+                entry.typical += self.typical_of(made, target, state, function)
 
     def give_numbers(self, entry: Entry, made: Reference, target: CType, prefix: str, state: State) -> None:
         """A variable for each number; for each pointer, valid parameters."""
@@ -150,6 +153,7 @@ class Caller:
             self.give_numbers(entry, pointed, leaf.target, f"{prefix}{dotted(path)}->", state)
             if isinstance(leaf.target, Struct):
                 entry.assumptions += self.assume_valid(pointed, leaf.target, state, entry.function)
+                entry.typical += self.typical_of(pointed, leaf.target, state, entry.function)
 
     def assume_invariants(self, made: Reference, target: CType, state: State) -> list[Term]:
         """Take all invariants inside to hold; as terms."""
@@ -187,8 +191,31 @@ class Caller:
             state.scope.adopt(self._prepared[valid].fork())
         return [valid]
 
+    def typical_of(self, made: Reference, target: Struct, state: State, function: Function) -> list[Term]:
+        """That parameters are those that the build was made with."""
+        machine, pool = self.machine, self.machine.pool
+        default = next((each for each in machine.program.objects if each.name.endswith("_parameters_default")), None)
+        if default is None or self.judge_of(target) is None:
+            return []
+        root = machine.global_object(function.unit, default.name, None)
+        inner = next((path for path, ctype in _structs(default.ctype) if ctype == target), None)
+        found = []
+        for path, _ in () if inner is None else leaves(target):
+            term, value = state.memory[(made.root, path)], machine.constant_at(root.root, (*(inner or ()), *path))
+            if isinstance(term, Term) and isinstance(value, Term) and term.sort != BOOL:
+                found.append(pool.feq(term, value) if term.sort < 0 else pool.eq(term, value))
+        return found
+
     def judge_of(self, target: CType) -> Function | None:
         """The function that says whether parameters are valid."""
         if not isinstance(target, Struct) or not target.name.endswith("parameters_t"):
             return None
         return self.machine.program.public(f"{target.name.removesuffix('_t')}_valid")
+
+
+def _structs(ctype: CType, path: Path = ()) -> Iterator[tuple[Path, CType]]:
+    """A struct and those inside it."""
+    if isinstance(ctype, Struct):
+        yield path, ctype
+        for name, inner in ctype.fields:
+            yield from _structs(inner, (*path, name))

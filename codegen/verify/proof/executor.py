@@ -251,4 +251,3 @@ STATEMENTS: dict[type, Rule] = {
     c_ast.EmptyStatement: Executor.nothing,
     **dict.fromkeys((c_ast.While, c_ast.DoWhile, c_ast.Goto, c_ast.Label), Executor.refuse),
 }
-

@@ -17,8 +17,8 @@ GROWTH = 16.0
 """Bounds that move with each step are tried at powers of this."""
 LANDMARK_WIDTH = 8
 """Bits of counters that may end at a number that the program names; wider ones count as free."""
-REACH = 2.0**64
-"""Beyond, a number counts as unbounded."""
+REACH = 2.0**16
+"""Beyond, a number counts as unbounded: one that only stops to grow because single precision does not see the next step is that."""
 
 
 @dataclass(frozen=True)

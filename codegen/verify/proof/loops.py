@@ -96,9 +96,7 @@ class Loops(Expressions):
         state.put((counter.root, ()), term, place_of(node))
         return state
 
-    def _changed_by(
-        self, frame: Frame, node: Any, state: State, counter: Reference, span: tuple[int, int]
-    ) -> set[Key]:
+    def _changed_by(self, frame: Frame, node: Any, state: State, counter: Reference, span: tuple[int, int]) -> set[Key]:
         """What a turn may write of what there was before, found by trying until nothing new appears."""
         kept = dict(self.obligations)
         changed: set[Key] = set()

@@ -175,6 +175,10 @@ class Machine:
         """Of constants that are no tables."""
         return self._constants
 
+    def constant_at(self, root: str, path: tuple[str | int, ...]) -> Payload | None:
+        """A number inside a constant."""
+        return self._constants[root].get((root, path))
+
     def is_table(self, root: str) -> bool:
         """Whether an object is a constant array of numbers."""
         return root in self._tables
@@ -430,4 +434,3 @@ def sort_of(scalar: Scalar) -> int:
 
 def _innermost(ctype: CType) -> CType:
     return _innermost(ctype.element) if isinstance(ctype, Array) else ctype
-

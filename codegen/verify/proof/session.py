@@ -169,7 +169,7 @@ class Session:
         obligations = [*entry.obligations, *self._behind(entry)]
         if not self._prover.may_hold(entry.assumptions):
             self.report.troubles.append(f"{entry.function.place}: no input fulfils what {entry.function.name} is given")
-        for verdict in self._prover.prove(entry.assumptions, obligations):
+        for verdict in self._prover.prove(entry.assumptions, obligations, entry.typical):
             self.report.verdicts.append((entry.function.name, verdict))
 
     def _behind(self, entry: Entry) -> Iterator[Obligation]:
@@ -201,6 +201,7 @@ class Session:
         assert entry.state is not None
         pool, state = self.machine.pool, entry.state
         for inner, each in states_inside(invariant.ctype, self.states):
+
             def leaf(path: Path, inner: Path = inner) -> Term:
                 return entry.behind(parameter.name, (*inner, *path))
 
@@ -286,7 +287,13 @@ def _candidates(target: Struct, others: dict[str, Invariant]) -> list[Clause]:
     own = [(path, leaf) for path, leaf in own_leaves(target, others) if isinstance(leaf, Scalar)]
     flags = [path for path, leaf in own if leaf.family == Family.BOOL]
     statuses = [path for path, leaf in own if path[-1] == "status"]
-    return [Clause(status, value, flag, holds) for status in statuses for value in range(5) for flag in flags for holds in (True, False)]
+    return [
+        Clause(status, value, flag, holds)
+        for status in statuses
+        for value in range(5)
+        for flag in flags
+        for holds in (True, False)
+    ]
 
 
 def _sort(scalar: Scalar) -> int:
@@ -303,4 +310,3 @@ def _landmarks(program: Program) -> set[int]:
             if text.rstrip("uU").isdigit():
                 found.add(int(text.rstrip("uU")))
     return found
-

@@ -15,19 +15,17 @@ from typing import Any
 
 import z3
 
-from codegen.verify.proof.boxes import INF
-from codegen.verify.proof.concrete import computed, value_of
+from codegen.verify.proof.concrete import computed
 from codegen.verify.proof.encode import Encoder, Float
-from codegen.verify.proof.facts import Bounded, Fact
+from codegen.verify.proof.facts import Fact
 from codegen.verify.proof.floats import FORMATS
 from codegen.verify.proof.machine import Obligation
+from codegen.verify.proof.refine import refinements
 from codegen.verify.proof.semantics import Value, signed
 from codegen.verify.proof.terms import BOOL, Pool, Term, inside
 
 ROUNDS_MAX = 40
 """Of asking again, for one obligation."""
-REFINED_MAX = 12
-"""Operations of which more is found out in one round."""
 EFFORT_MAX = 400_000_000
 """For one question, in z3's own steps, which are the same on every machine: half a minute or so."""
 
@@ -60,8 +58,16 @@ class Prover:
         self._pool, self.encoder = pool, encoder
         self.questions = 0
 
-    def prove(self, assumptions: Sequence[Term], obligations: Iterable[Obligation]) -> list[Verdict]:
-        """All of them together first; then those alone that are left."""
+    def prove(
+        self, assumptions: Sequence[Term], obligations: Iterable[Obligation], typical: Sequence[Term] = ()
+    ) -> list[Verdict]:
+        """All of them together first; then those alone that are left.
+
+        Args:
+            assumptions: what the inputs fulfil.
+            obligations: what has to hold then.
+            typical: what inputs may fulfil too that make a counterexample easier to find and to read.
+        """
         waiting = list(obligations)
         verdicts: dict[Obligation, Verdict] = {}
         while waiting:
@@ -70,7 +76,7 @@ class Prover:
                 verdicts |= {each: Verdict(each, Answer.PROVED) for each in waiting}
                 break
             alone = waiting if broken is None else broken
-            verdicts |= {each: self._alone(assumptions, each) for each in alone}
+            verdicts |= {each: self._alone(assumptions, each, typical) for each in alone}
             waiting = [each for each in waiting if each not in verdicts]
         return list(verdicts.values())
 
@@ -124,9 +130,17 @@ class Prover:
                     waiting.append(each)
         return sorted(seen, key=lambda term: term.number)
 
-    def _alone(self, assumptions: Sequence[Term], obligation: Obligation) -> Verdict:
+    def _alone(self, assumptions: Sequence[Term], obligation: Obligation, typical: Sequence[Term]) -> Verdict:
         terms = [*assumptions, obligation.path, self._pool.not_(obligation.goal)]
-        question = _Question(self, terms)
+        if typical:
+            verdict = self._searched([*terms, *typical], obligation)
+            if verdict.answer == Answer.COUNTEREXAMPLE:
+                return verdict
+        return self._searched(terms, obligation)
+
+    def _searched(self, terms: Sequence[Term], obligation: Obligation) -> Verdict:
+        """Round by round, until z3 has nothing more against it, or something that is true."""
+        question, cone = _Question(self, terms), inside(terms)
         inputs: dict[Term, Value] = {}
         for _ in range(ROUNDS_MAX):
             answer, model = question.ask()
@@ -134,13 +148,12 @@ class Prover:
                 return Verdict(obligation, Answer.PROVED)
             if model is None:
                 break
-            cone = inside(terms)
             believed = {term: self._believed(model, term) for term in cone}
             inputs = {term: believed[term] for term in cone if term.op in ("var", "entry")}
             true = computed(terms, inputs)
             if all(true[each] for each in terms):
                 return Verdict(obligation, Answer.COUNTEREXAMPLE, _named_inputs(obligation, inputs))
-            refined = _refined(cone, believed, inputs)
+            refined = refinements(cone, believed, inputs)
             if not refined:
                 break
             question.learn(refined)
@@ -201,78 +214,3 @@ def _named_inputs(obligation: Obligation, inputs: dict[Term, Value]) -> tuple[tu
     """Those that the obligation depends on, by name, in the order in which they came up."""
     cone = inside([obligation.path, obligation.goal])
     return tuple((str(term.data), inputs[term]) for term in cone if term.op == "var" and term in inputs)
-
-
-def _refined(cone: Sequence[Term], believed: dict[Term, Value], inputs: dict[Term, Value]) -> list[Fact]:
-    """What operations truly give for the operands that z3 chose, where it made something else of them."""
-    found: list[Fact] = []
-    terms = 0
-    for term in cone:
-        rule = REFINEMENTS.get(term.op)
-        if rule is not None and terms < REFINED_MAX:
-            args = [believed[each] for each in term.args]
-            true = value_of(term, args, inputs)
-            if true != believed[term] and not (true != true and believed[term] != believed[term]):
-                found += rule(term, args, true)
-                terms += 1
-    return found
-
-
-def _of_sum(term: Term, args: list[Any], true: Any) -> list[Fact]:
-    (a, b), (x, y) = term.args, args
-    return [
-        Fact((Bounded(a, -INF, x), Bounded(b, -INF, y)), Bounded(term, -INF, true)),
-        Fact((Bounded(a, x, INF), Bounded(b, y, INF)), Bounded(term, true, INF)),
-    ]
-
-
-def _of_product(term: Term, args: list[Any], true: Any) -> list[Fact]:
-    """Farther from zero, each in its direction, and nearer."""
-    (a, b), (x, y) = term.args, args
-    return [
-        Fact((_toward_zero(a, x), _toward_zero(b, y)), _toward_zero(term, true)),
-        Fact((_away(a, x), _away(b, y)), _away(term, true)),
-    ]
-
-
-def _of_quotient(term: Term, args: list[Any], true: Any) -> list[Fact]:
-    (a, b), (x, y) = term.args, args
-    tiny = math.copysign(FORMATS[-term.sort].tiniest, y)
-    beside = Bounded(b, min(tiny, y), max(tiny, y)) if y != 0.0 else Bounded(b, y, y)
-    return [
-        Fact((_toward_zero(a, x), _away(b, y)), _toward_zero(term, true)),
-        Fact((_away(a, x), beside), _away(term, true)),
-    ]
-
-
-def _toward_zero(term: Term, value: float) -> Bounded:
-    return Bounded(term, min(value, 0.0), max(value, 0.0))
-
-
-def _away(term: Term, value: float) -> Bounded:
-    if value == 0.0:
-        return Bounded(term, 0.0, 0.0)
-    return Bounded(term, value, INF) if value > 0.0 else Bounded(term, -INF, value)
-
-
-def _of_whole(term: Term, args: list[Any], true: Any) -> list[Fact]:
-    width, (a,) = term.args[0].sort, term.args
-    value = signed(args[0], width) if term.data else args[0]
-    low, high = (-(1 << (width - 1)), (1 << (width - 1)) - 1) if term.data else (0, (1 << width) - 1)
-    return [
-        Fact((Bounded(a, low, value, bool(term.data)),), Bounded(term, -INF, true)),
-        Fact((Bounded(a, value, high, bool(term.data)),), Bounded(term, true, INF)),
-    ]
-
-
-def _of_real(term: Term, args: list[Any], true: Any) -> list[Fact]:
-    value = signed(true, term.sort) if term.data else true
-    form, x = FORMATS[-term.args[0].sort], args[0]
-    if x != x or abs(value) >= form.whole_below or (value == 0 and abs(x) >= 1.0):
-        return []
-    low, high = (float(value), form.down(float(value + 1))) if value > 0 else (form.up(float(value - 1)), float(value))
-    low, high = (low, high) if value else (form.up(-1.0), form.down(1.0))
-    return [Fact((Bounded(term.args[0], low, high),), Bounded(term, value, value, bool(term.data)))]
-
-
-REFINEMENTS = {"fadd": _of_sum, "fmul": _of_product, "fdiv": _of_quotient, "of_whole": _of_whole, "of_real": _of_real}

@@ -215,6 +215,11 @@ class Program:
         """Of all units."""
         return (function for unit in self.units.values() for function in unit.functions.values())
 
+    @property
+    def objects(self) -> Iterator[Object]:
+        """Outside the functions, of all units."""
+        return (each for unit in self.units.values() for each in unit.objects.values())
+
     def public(self, name: str) -> Function | None:
         """The function of that name that all units see."""
         return next((each for each in self.functions if each.name == name and not each.is_static), None)
@@ -267,4 +272,3 @@ def _is_const(node: Any) -> bool:
     while node is not None and not isinstance(node, c_ast.TypeDecl):
         node = getattr(node, "type", None)
     return node is not None and "const" in node.quals
-

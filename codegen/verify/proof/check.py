@@ -1,0 +1,93 @@
+"""The check "proof" of `codegen verify`: what is claimed of the shipped files, and what came of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from codegen.emit.laws import LAWS
+from codegen.errors import BuildError
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.map_reference import lookup_of
+from codegen.verify.packages import MissingTool, module
+from codegen.verify.proof.machine import Widened
+
+SHOWS = (
+    "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "
+    "invariant stays, commands are finite and within their limit, indices, conversions and divisions are defined"
+)
+YAW_RATE, REAR_ANGLE = Widened(0.0, 10.0), Widened(-0.5, 0.5)
+"""What the numbers of the tables may be calibrated to: rad/s and rad."""
+
+LIMITS = (
+    "it holds for the C as the standard has it, in round-to-nearest; that the compiler keeps to it is for the processor in the loop",
+    "pointers are valid, a state is used by one call at a time, and `inhibit` is true or false",
+    f"the numbers of the map are from {YAW_RATE.low:g} to {YAW_RATE.high:g} rad/s, those of a table of rear angles from "
+    f"{REAR_ANGLE.low:g} to {REAR_ANGLE.high:g} rad",
+    "products and quotients are known by their bounds alone; it says nothing of the quality of control",
+)
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Prove what there is to prove; `effort` changes nothing.
+
+    Raises:
+        MissingTool: `z3-solver` or `ziglang` is not installed.
+    """
+    del effort
+    z3 = module("z3", "z3-solver")
+    tools = {"z3": str(z3.get_version_string())}
+    if not subject.is_single:
+        return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the proof is of single precision",), limits=LIMITS, tools=tools)
+    from codegen.verify.proof.executor import Executor
+    from codegen.verify.proof.session import Session
+    from codegen.verify.proof.solver import Answer
+    from codegen.verify.proof.source import CannotJudge, Program
+
+    hashes = {path: subject.sha256(path) for path in sorted(subject.sources())}
+    try:
+        findings = _outside(subject)
+        program = Program.read(subject.sources())
+        report = Session(Executor(program, {"yaw_rate_table": YAW_RATE, "rear_angle_table": REAR_ANGLE}), subject.prefix).run()
+    except MissingTool:
+        raise
+    except BuildError as error:
+        return Outcome(SHOWS, "could not be completed", Verdict.FAILED, (str(error),), limits=LIMITS, tools=tools)
+    except CannotJudge as error:
+        finding = f"{error.place}: cannot be judged: {error.what}"
+        return Outcome(SHOWS, "could not be completed", Verdict.FAILED, (finding,), limits=LIMITS, tools=tools)
+    findings += report.troubles
+    for function, verdict in report.verdicts:
+        if verdict.answer is not Answer.PROVED:
+            obligation = verdict.obligation
+            inputs = ", ".join(f"{name} {value}" for name, value in verdict.inputs[:12])
+            told = f"{obligation.place}: {function}: {verdict.answer}: {obligation.kind}: {obligation.text}"
+            findings.append(f"{told}; with {inputs}" if inputs else told)
+    proved = sum(verdict.answer is Answer.PROVED for _, verdict in report.verdicts)
+    kinds = Counter(str(verdict.obligation.kind) for _, verdict in report.verdicts)
+    return Outcome(
+        SHOWS,
+        f"{proved} of {len(report.verdicts)} obligations proved",
+        Verdict.FAILED if findings else Verdict.PASSED,
+        tuple(findings),
+        {
+            "obligations": dict(sorted(kinds.items())),
+            "proved": proved,
+            "invariants": {name: found.words() for name, found in sorted(report.invariants.items())},
+            "sha256": hashes,
+        },
+        LIMITS,
+        tools,
+    )
+
+
+def _outside(subject: Subject) -> list[str]:
+    """Numbers of the shipped tables that are not in the range that the proof is for."""
+    lookup = lookup_of(subject)
+    tables = [("yaw_rate_table", lookup.tables, YAW_RATE)]
+    if LAWS[subject.kind].uses_rear_angle:
+        tables.append(("rear_angle_table", lookup.rear_tables, REAR_ANGLE))
+    return [
+        f"{name}: numbers from {table.min():g} to {table.max():g}, the proof is for {allowed.low:g} to {allowed.high:g}"
+        for name, table, allowed in tables
+        if not (table.min() >= allowed.low and table.max() <= allowed.high)
+    ]

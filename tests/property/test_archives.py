@@ -1,0 +1,230 @@
+"""The loader of maps against bytes that are changed again and again, and against headers that are whole and wrong."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from codegen import config as configuration
+from codegen.errors import CodegenError, MapError
+from codegen.refmap import map as refmap
+from codegen.refmap.map import FrictionLayer, ReferenceMap
+from tests.property.guard import MEMORY_MAX, bounded
+
+SPEED, FRONT_ANGLE = np.array([5.0, 10.0, 20.0]), np.array([0.01, 0.05])
+YAW_RATE = np.minimum(np.outer(SPEED / 3.14, FRONT_ANGLE), 5.0 / SPEED[:, np.newaxis])
+
+
+def arrays() -> dict[str, Any]:
+    meta = json.dumps(refmap.make_meta(configuration.preset(), "4ws-2", "exact"))
+    feasible = np.array([[True, True], [True, True], [True, False]])
+    return {
+        "vx": SPEED,
+        "delta_f": FRONT_ANGLE,
+        "yaw_rate": YAW_RATE,
+        "beta": np.full((3, 2), -0.02),
+        "delta_r": np.full((3, 2), 0.03),
+        "feasible": feasible,
+        "active": np.ones((3, 2), dtype=np.uint8),
+        "meta": np.array(meta),
+    }
+
+
+def solved() -> ReferenceMap:
+    return refmap.from_arrays(arrays(), "test")
+
+
+def stacked() -> ReferenceMap:
+    own = solved()
+    layers = tuple(FrictionLayer(friction, own) for friction in (0.3, 0.6))
+    return refmap.from_bytes(refmap.to_bytes(ReferenceMap(**{**vars(own), "layers": layers})), "test")
+
+
+def packed(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", compression) as archive:
+        for key, content in members.items():
+            archive.writestr(f"{key}.npy", content)
+    return stream.getvalue()
+
+
+def npy(array: Any) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, np.asarray(array), allow_pickle=False)
+    return stream.getvalue()
+
+
+MEMBERS = {key: npy(array) for key, array in arrays().items()}
+ARCHIVES = (
+    packed({key: MEMBERS[key] for key in ("vx", "delta_f", "yaw_rate")}),
+    packed(MEMBERS, zipfile.ZIP_DEFLATED),
+    refmap.to_bytes(solved()),
+    refmap.to_bytes(stacked()),
+)
+
+
+def check(data: bytes) -> None:
+    """A map that is whole, or one line of error: never anything else, never more memory than the limit of a file."""
+    with bounded():
+        try:
+            loaded = refmap.from_bytes(data, "fuzz")
+        except MapError as error:
+            assert error.remedy
+            assert "\n" not in str(error)
+            return
+        for found in (loaded, *(layer.map for layer in loaded.layers)):
+            assert found.yaw_rate.shape == found.feasible.shape == (loaded.speed.size, loaded.front_angle.size)
+            np.testing.assert_array_equal(np.isnan(found.yaw_rate), ~found.feasible)
+            assert found.feasible.any()
+        assert refmap.to_bytes(refmap.from_bytes(refmap.to_bytes(loaded), "again")) == refmap.to_bytes(loaded)
+
+
+PLACE = st.floats(0.0, 1.0, exclude_max=True)
+SIGNATURES = (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"\x93NUMPY", b"'descr'", b"'shape'")
+"""Where the fields lie that say how large something is."""
+NUMBERS = (0, 1, 2, 0x7FFF, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF)
+
+
+class ChangedArchive(RuleBasedStateMachine):
+    """One archive, changed at any place, with each change checked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.data = bytearray(ARCHIVES[0])
+
+    @initialize(start=st.sampled_from(ARCHIVES))
+    def begin(self, start: bytes) -> None:
+        self.data = bytearray(start)
+
+    def at(self, place: float) -> int:
+        return int(place * len(self.data))
+
+    @rule(place=PLACE, bit=st.integers(0, 7))
+    def flip(self, place: float, bit: int) -> None:
+        if self.data:
+            self.data[self.at(place)] ^= 1 << bit
+
+    @rule(place=PLACE, content=st.binary(max_size=12))
+    def insert(self, place: float, content: bytes) -> None:
+        where = self.at(place)
+        self.data[where:where] = content
+
+    @rule(place=PLACE, length=st.integers(1, 200))
+    def remove(self, place: float, length: int) -> None:
+        where = self.at(place)
+        del self.data[where : where + length]
+
+    @rule(place=PLACE)
+    def cut_short(self, place: float) -> None:
+        del self.data[self.at(0.5 + 0.5 * place) :]
+
+    @rule(place=PLACE, to=PLACE, length=st.integers(1, 400))
+    def copy(self, place: float, to: float, length: int) -> None:
+        part = self.data[self.at(place) : self.at(place) + length]
+        self.data[self.at(to) : self.at(to) + len(part)] = part
+
+    @rule(other=st.sampled_from(ARCHIVES), place=PLACE)
+    def splice(self, other: bytes, place: float) -> None:
+        where = self.at(place)
+        self.data[where:] = other[int(place * len(other)) :]
+
+    @rule(
+        signature=st.sampled_from(SIGNATURES),
+        which=st.integers(0, 9),
+        offset=st.integers(0, 46),
+        number=st.sampled_from(NUMBERS),
+        wide=st.booleans(),
+    )
+    def say_another_size(self, signature: bytes, which: int, offset: int, number: int, wide: bool) -> None:
+        places = [k for k in range(len(self.data)) if self.data.startswith(signature, k)]
+        if places:
+            where = places[which % len(places)] + len(signature) + offset
+            field = struct.pack("<I", number) if wide else struct.pack("<H", number & 0xFFFF)
+            if where + len(field) <= len(self.data):
+                self.data[where : where + len(field)] = field
+
+    @invariant()
+    def is_read_or_refused(self) -> None:
+        check(bytes(self.data))
+
+
+TestChangedArchive = ChangedArchive.TestCase
+TestChangedArchive.settings = settings(max_examples=60, stateful_step_count=8, deadline=None)
+
+
+DESCRIPTIONS = st.sampled_from(
+    [
+        *("'<f8'", "'>f8'", "'<f4'", "'<f2'", "'<i8'", "'|i1'", "'|u1'", "'|b1'", "'<c16'", "'|O'", "'|V8'", "'|S0'", "'<U1'"),
+        *("'<U100000000'", "'<M8[s]'", "'<f16'", "[('a', '<f8')]", "[('a', '|O')]", "('<f8', (2,))", "'f8,f8'", "None", "8"),
+    ]
+)
+SIZES = st.sampled_from([-1, 0, 1, 2, 3, 6, 2**16, 2**31, 2**32, 2**62, 2**63, 2**64])
+HEADERS = st.builds(
+    "{{'descr': {}, 'fortran_order': {}, 'shape': {}, {}}}".format,
+    DESCRIPTIONS,
+    st.sampled_from(["True", "False", "None", "2"]),
+    st.lists(SIZES, max_size=4).map(lambda sizes: str(tuple(sizes)))
+    | st.sampled_from(["[3]", "3", "(3.0,)", "((3,),)", "'x'"]),
+    st.sampled_from(["", "'x': 1", "'shape': (3,)", "(", "'a'*9"]),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    key=st.sampled_from(sorted(MEMBERS)),
+    header=HEADERS,
+    version=st.sampled_from([(1, 0), (2, 0), (3, 0), (0, 0), (255, 1)]),
+    claimed=st.none() | st.integers(0, 2**16 - 1),
+    content=st.sampled_from([b"", SPEED.tobytes(), YAW_RATE.tobytes(), bytes(100)]) | st.binary(max_size=64),
+    compression=st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]),
+)
+def test_headers_that_are_whole_and_wrong(
+    key: str, header: str, version: tuple[int, int], claimed: int | None, content: bytes, compression: int
+) -> None:
+    text = header.encode() + b"\n"
+    length = struct.pack("<H" if version[0] == 1 else "<I", len(text) if claimed is None else claimed)
+    member = b"\x93NUMPY" + bytes(version) + length + text + content
+    check(packed({**MEMBERS, key: member}, compression))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    names=st.lists(st.sampled_from(["vx", "delta_f", "yaw_rate", "vx.npy", "../vx", "/vx", "", "a/b", "v\u00e9"]), max_size=6),
+    data=st.data(),
+)
+def test_any_names_and_contents_of_members(names: list[str], data: st.DataObject) -> None:
+    contents = st.sampled_from([MEMBERS["vx"], MEMBERS["yaw_rate"], b""]) | st.binary(max_size=40)
+    check(packed({name: data.draw(contents) for name in names}))
+
+
+# A file of some kB that unpacks to 60 MiB of one-byte numbers: as real numbers they would be eight times as many bytes.
+WIDE = 60 * 2**20
+LONG = np.arange(7_000)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"vx": np.zeros(WIDE, dtype=np.int8)},
+        {"friction": np.zeros(WIDE, dtype=np.uint8), "friction_yaw_rate": np.zeros(1)},
+        {"vx": LONG * 0.01, "delta_f": LONG * 1e-4, "yaw_rate": np.zeros((LONG.size, LONG.size), dtype=np.uint8)},
+        {"feasible": np.ones(WIDE, dtype=bool)},
+    ],
+    ids=["axis", "frictions", "table", "feasible"],
+)
+def test_narrow_numbers_do_not_unpack_to_more_than_the_limit(changes: dict[str, Any]) -> None:
+    """What is read and what is made of it: twice the limit, and a little for the rest."""
+    plain = {key: arrays()[key] for key in ("vx", "delta_f", "yaw_rate")}
+    data = packed({key: npy(array) for key, array in {**plain, **changes}.items()}, zipfile.ZIP_DEFLATED)
+    assert len(data) < 2**20
+    with bounded(2 * MEMORY_MAX + 2**22), pytest.raises(CodegenError):
+        refmap.from_bytes(data, "fuzz")

@@ -1,0 +1,169 @@
+"""The loaders of TOML (`ars.toml`, scenario files) against texts that are changed again and again: one line of error, or a
+configuration that is whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from codegen import config as configuration
+from codegen.errors import CodegenError
+from hil_sim import scenario_files
+from tests.property.guard import bounded
+
+SCENARIO = """name = "wet-lane-change"
+base = "sine-with-dwell"
+speed_km_h = 70.0
+friction = 0.6
+
+[[faults]]
+kind = "drop"
+start_s = 1.5
+duration_s = 0.2
+message = "VehicleMotion"
+
+[[faults]]
+kind = "delay"
+start_s = 2.5
+duration_s = 0.2
+cycles = 2
+"""
+CONFIGURATIONS = (configuration.preset_text("paper"), configuration.preset_text("recommended"))
+
+
+def load_configuration(path: Path) -> None:
+    loaded = configuration.load(path)
+    assert configuration.parse(json.loads(loaded.to_json()), "again") == loaded
+
+
+def load_scenario(path: Path) -> None:
+    assert scenario_files.load(path).duration > 0.0
+
+
+LOADERS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
+    "configuration": (load_configuration, CONFIGURATIONS),
+    "scenario": (load_scenario, (SCENARIO,)),
+}
+
+
+def check(path: Path, content: bytes, load: Callable[[Path], None]) -> None:
+    path.write_bytes(content)
+    with bounded():
+        try:
+            load(path)
+        except CodegenError as error:
+            assert str(error).startswith(str(path))
+            assert "\n" not in str(error)
+            assert error.remedy
+
+
+NUMBERS = "0 -1 1e400 -1e-400 nan inf -inf 0x7fffffffffffffff 0o777 0b1 1_000 true 1979-05-27T07:32:00Z 07:32:00"
+TEXTS = ('""', '"off"', '"\\u0000"', '"\\uFFFF"', '"x\\ny"', "'''\n'''", f'"{"x" * 500}"')
+NESTED = ("[]", "[1, 2]", "[[1], [2]]", '["a"]', "[1, true]", "[nan, 1]", "{}", "{a = 1}", "{a.b.c = 1}", "[" * 90 + "]" * 90)
+VALUES = st.sampled_from([*NUMBERS.split(), "9" * 400, *TEXTS, *NESTED])
+KEYS = st.sampled_from(
+    ["x", "mass_kg", '""', '"a b"', '"\\u001b[31m"', "a.b.c", "vehicle", "vehicle.mass_kg", "1", "cases", "kind"]
+)
+LINES = st.builds("{} = {}".format, KEYS, VALUES) | st.builds("[{}]".format, KEYS) | st.builds("[[{}]]".format, KEYS)
+ANYTHING = st.text(max_size=30)
+"""Control characters and parts of other planes among them; what is not UTF-8 is tried on the bytes."""
+
+
+class ChangedText(RuleBasedStateMachine):
+    """One text, its lines changed, with each change checked."""
+
+    lines: list[str]
+    load: Callable[[Path], None]
+    path: Path
+
+    @initialize(name=st.sampled_from(sorted(LOADERS)), data=st.data())
+    def begin(self, name: str, data: st.DataObject) -> None:
+        self.load, texts = LOADERS[name]
+        self.lines = data.draw(st.sampled_from(texts)).splitlines()
+
+    def at(self, place: int) -> int:
+        return place % max(len(self.lines), 1)
+
+    @rule(place=st.integers(0, 10**4), value=VALUES)
+    def give_another_value(self, place: int, value: str) -> None:
+        settable = [k for k, line in enumerate(self.lines) if "=" in line and not line.startswith("#")]
+        if settable:
+            k = settable[place % len(settable)]
+            self.lines[k] = f"{self.lines[k].partition('=')[0]}= {value}"
+
+    @rule(place=st.integers(0, 10**4), line=LINES | ANYTHING)
+    def insert(self, place: int, line: str) -> None:
+        self.lines.insert(self.at(place), line)
+
+    @rule(place=st.integers(0, 10**4), count=st.integers(1, 5))
+    def remove(self, place: int, count: int) -> None:
+        del self.lines[self.at(place) : self.at(place) + count]
+
+    @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4))
+    def repeat(self, place: int, to: int) -> None:
+        if self.lines:
+            self.lines.insert(self.at(to), self.lines[self.at(place)])
+
+    @rule(place=st.integers(0, 10**4), cut=st.integers(0, 60), more=ANYTHING)
+    def cut_a_line(self, place: int, cut: int, more: str) -> None:
+        if self.lines:
+            self.lines[self.at(place)] = self.lines[self.at(place)][:cut] + more
+
+    @invariant()
+    def is_read_or_refused(self) -> None:
+        if hasattr(self, "lines"):
+            check(self.path, "\n".join(self.lines).encode("utf-8", errors="surrogatepass"), self.load)
+
+
+def test_changed_texts(tmp_path: Path) -> None:
+    ChangedText.path = tmp_path / "fuzz.toml"
+    changed = ChangedText.TestCase()
+    changed.settings = settings(max_examples=60, stateful_step_count=8, deadline=None)
+    changed.runTest()
+
+
+@pytest.mark.parametrize("name", sorted(LOADERS))
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(changes=st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=3), st.integers(0, 3)), max_size=5))
+def test_changed_bytes(name: str, tmp_path: Path, changes: list[tuple[float, bytes, int]]) -> None:
+    load, texts = LOADERS[name]
+    content = bytearray(texts[0].encode())
+    for place, new, removed in changes:
+        where = int(place * len(content))
+        content[where : where + removed] = new
+    check(tmp_path / "fuzz.toml", bytes(content), load)
+
+
+@pytest.mark.parametrize("name", sorted(LOADERS))
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=300) | st.text(max_size=200).map(str.encode))
+def test_anything(name: str, tmp_path: Path, content: bytes) -> None:
+    check(tmp_path / "fuzz.toml", content, LOADERS[name][0])
+
+
+LARGE = {
+    "dotted key": "a" + ".a" * 500_000 + " = 1",
+    "dotted table": "[a" + ".a" * 500_000 + "]",
+    "nested lists": "a = " + "[" * 400_000,
+    "nested tables": "a = " + "{a = " * 200_000,
+    "hexadecimal digits": "speed_km_h = 0x" + "f" * 5_000,
+    "hexadecimal digits of a known key": "[vehicle]\nmass_kg = 0x" + "f" * 5_000,
+    "very many of them": "speed_km_h = 0x" + "f" * 900_000,
+    "binary digits": "[[faults]]\ncycles = 0b" + "1" * 50_000,
+    "decimal digits": "speed_km_h = " + "9" * 900_000,
+    "tables": "[[a]]\n" * 150_000,
+    "text": "name = '" + "x" * 1_000_000 + "'",
+}
+"""Of lengths that the limit on the file lets through."""
+
+
+@pytest.mark.parametrize("name", sorted(LOADERS))
+@pytest.mark.parametrize("what", LARGE)
+def test_what_is_large(name: str, what: str, tmp_path: Path) -> None:
+    check(tmp_path / "fuzz.toml", LARGE[what].encode(), LOADERS[name][0])
