@@ -73,6 +73,9 @@ __all__ = [
 Preset = Literal["paper", "recommended"]
 
 MAX_FILE_BYTES = 2**20
+MAX_LINE = 2**14
+"""Characters of a line of TOML."""
+
 """Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
 
 
@@ -216,6 +219,9 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
     """The tables of a TOML text; an error of `kind` for the first line that is none."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > MAX_LINE:  # the reader's time grows with the square of a key's parts
+            raise kind(f"over {MAX_LINE >> 10} KiB on a line", where=f"{where}, line {number}", remedy="break it up")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -270,6 +276,14 @@ def _section_at(location: tuple[int | str, ...]) -> type[BaseModel] | None:
     return current
 
 
+def shown(value: object) -> str:
+    """A value of the user's for a message; Python does not print a number of thousands of digits."""
+    try:
+        return repr(value)
+    except ValueError:
+        return "a number of so many digits"
+
+
 def _first_fault(error: ValidationError, where: object) -> ConfigError:
     # A misspelt key explains a value that seems missing, so it is told first.
     faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
@@ -284,11 +298,11 @@ def _first_fault(error: ValidationError, where: object) -> ConfigError:
     if fault["type"] == "value_error":
         message = str(fault["ctx"]["error"])
     elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        message = f"a table is needed, not {fault['input']!r}; write [{key}] and its keys below"
+        message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
     elif fault["type"] == "missing":
         message = "this key is missing; add it"
     else:
-        message = f"{fault['msg']} (not {fault['input']!r})"
+        message = f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return ConfigError(what, where=f"{where}: {key}", remedy=remedy or "mend the value")
 

@@ -203,6 +203,9 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         error = np.abs(_column(result, "yaw_rate_reference_rad_s") - _column(result, "yaw_rate_rad_s")).max()
         proportional, integral = feedback(_column(result, "speed_m_s"))
         bound = math.degrees((2.0 * proportional.max() + integral.max() * controller.sampling_time_s) * error)
+    if any(fault.kind == "ecu-restart" for fault in case.faults):
+        # The car refuses the first commands of an ECU that begins again, until their counter has proved itself.
+        bound *= 1 + config.can.e2e.sync_counter_init + config.can.e2e.max_delta_counter_init
     lost = any(fault.message == config.can.rear_steer_command.name for fault in case.faults)
     # A command is rounded to its code: a step between two of them is off by one code at most.
     return bound + code + (controller.rear_angle_error_max_deg if lost else 0.0)

@@ -23,7 +23,7 @@ from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from codegen.config import Config, parse_toml
+from codegen.config import Config, parse_toml, shown
 from codegen.errors import CodegenError, suggestion
 from codegen.sections import Range, Section, check_name
 from hil_sim import recorded_drives
@@ -31,7 +31,7 @@ from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.recorded_drives import MAX_DURATION, MIN_DURATION
 from hil_sim.scenarios import SCENARIOS, Scenario
 
-MAX_FILE_BYTES = 64 * 2**20
+MAX_FILE_BYTES, MAX_TOML_BYTES = 64 * 2**20, 2**20
 
 
 def load(path: Path, config: Config | None = None) -> Scenario:
@@ -46,18 +46,18 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     """
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
-    text = _read(path)
+    text = _read(path, MAX_FILE_BYTES if path.suffix.lower() == ".csv" else MAX_TOML_BYTES)
     if path.suffix.lower() == ".csv":
         return recorded_drives.parse(text, path)
     return _from_toml(text, path, Config() if config is None else config)
 
 
-def _read(path: Path) -> str:
+def _read(path: Path, limit: int) -> str:
     try:
         if path.exists() and not path.is_file():  # a device would be read without end, a pipe waited for
             raise CodegenError("not a file", where=path, remedy="name a .csv or .toml file")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise CodegenError(f"over {MAX_FILE_BYTES >> 20} MiB", where=path, remedy="cut it into shorter files")
+        if path.stat().st_size > limit:
+            raise CodegenError(f"over {limit >> 20} MiB", where=path, remedy="cut it into shorter files")
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise CodegenError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
@@ -190,6 +190,6 @@ def _first_fault(error: ValidationError, path: Path) -> CodegenError:
         return CodegenError("unknown key", where=where, remedy=remedy)
     if fault["type"] == "missing":
         return CodegenError("this key is missing", where=where, remedy="add it")
-    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {fault['input']!r})"
+    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return CodegenError(what, where=where, remedy=remedy or "mend the value")

@@ -104,4 +104,6 @@ def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str) ->
         # NumPy's own reader would allocate the shape that the header claims before it looks at the data.
         if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
             raise ValueError(f"shape {shape} does not fit {len(data) - stream.tell()} bytes")
+        # A narrow number becomes one of 8 bytes.
+        check_size(math.prod(shape) * max(dtype.itemsize, 8), MAX_UNPACKED_BYTES, place)
         return np.ndarray(shape, dtype, data, stream.tell(), order="F" if fortran_order else "C")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
+from codegen.emit.c_outline import units
 from codegen.emit.deviations import FILE, Deviation, category_of, excerpt, read_deviations
 from codegen.emit.misra_rules import RULES
 from codegen.errors import BuildError, CodegenError
@@ -33,6 +35,9 @@ LIMITS = (
 
 GCC_PREFIX = "-W"
 """Of gcc's names for what it finds."""
+
+SIGNIFICANT = 31
+"""Characters of an external name that a C99 linker must tell apart (ISO/IEC 9899:1999, 5.2.4.1)."""
 
 
 Rows = list[tuple[int, Deviation]]
@@ -62,7 +67,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
     found = sorted(once([*found, *analysis.findings]))
     faults = (*_row_faults(rows), *_differences(subject, rows, found, with_gcc=not not_run))
-    return _outcome(rows, found, faults, analysis.left, not_run)
+    limits = (*LIMITS, *_more_limits(subject, analysis.left))
+    return replace(_outcome(rows, found, faults, not_run), limits=limits)
 
 
 def _gcc() -> str:
@@ -139,10 +145,22 @@ def _code(texts: dict[str, list[str]], finding: Finding) -> str:
     return excerpt(lines[finding.line - 1]) if 0 < finding.line <= len(lines) else ""
 
 
-def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], left: tuple[str, ...], not_run: str) -> Outcome:
+def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
+    """What else this build leaves open."""
+    if left:
+        yield f"gcc did not follow every path of {', '.join(left)} to its end."
+    names = {each.name for unit in units(subject.files) for each in unit.functions if not each.static}
+    alike = [start for start, count in Counter(name[:SIGNIFICANT] for name in names).items() if count > 1]
+    if alike:
+        yield (
+            f"With the prefix {subject.prefix}, external names differ in their first {SIGNIFICANT} characters only in part, which "
+            "rule 5.1 asks for and the addon does not see: look whether the linker keeps more of them."
+        )
+
+
+def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], not_run: str) -> Outcome:
     rules = Counter(row.rule for _, row in rows)
     gcc = None if not_run else host_gcc.gcc()
-    deep = ", ".join(left) if left else ""
     return Outcome(
         shows=SHOWS,
         figure=f"{len(faults)} findings but for {len(rows)} deviations, none of them mandatory",
@@ -153,7 +171,6 @@ def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], left
             "deviations": {rule: rules[rule] for rule in sorted(rules, key=_by_number)},
             "checks_left_out": dict(misra.NOT_FOR_LIBRARIES),
         },
-        limits=(*LIMITS, *((f"gcc did not follow every path of {deep} to its end.",) if left else ())),
         tools={"cppcheck": misra.program_version(), **({"gcc": host_gcc.gcc_version(gcc)} if gcc else {})},
     )
 

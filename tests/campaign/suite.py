@@ -140,22 +140,27 @@ def _controller(case: Case) -> list[Judge]:
 
 
 NOT_OF_ONE_BUILD = (
-    *("the_default_rate_limit", "of_every_kind", "bumpless", "each_is_taken_to_the_ends", "every_number_has_a_range"),
-    *(
-        "another_period",
-        "planted",
-        "single_and_double",
-        "plain_shared_library",
-        "the_name_follows",
-        "every_element_of_an_array",
-    ),
-    *("the_schedule_rises"),
+    "another_period",
+    "bumpless",
+    "each_is_taken_to_the_ends",
+    "every_element_of_an_array",
+    "every_number_has_a_range",
+    "of_every_kind",
+    "plain_shared_library",
+    "planted",
+    "single_and_double",
+    "the_default_rate_limit",
+    "the_name_follows",
+    "the_schedule_rises",
 )
 """Tests that build others, or compare builds; what they ask of one build is asked by a check beside them."""
 
 OF_THE_TESTS_OWN_SCHEDULE = (
-    *("check_tracking_same_as_model", "check_gain_schedule", "check_tracking_inhibit", "check_tracking_bumpless"),
-    *("check_tracking_anti_windup",),
+    "check_gain_schedule",
+    "check_tracking_anti_windup",
+    "check_tracking_bumpless",
+    "check_tracking_inhibit",
+    "check_tracking_same_as_model",
 )
 """Checks that know the gains that the tests build with: here the models' answers stand for them."""
 

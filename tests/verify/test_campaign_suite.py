@@ -49,7 +49,8 @@ class Sample(ModuleType):
 @pytest.fixture
 def sample() -> Sample:
     module = Sample("sample")
-    module.seen = seen = []
+    seen: list[object] = []
+    module.seen = seen
 
     def test_plain() -> None:
         seen.append("plain")
@@ -84,6 +85,7 @@ def test_each_test_is_called_for_all_of_its_parameters(sample: Sample, monkeypat
 @pytest.mark.parametrize("left_out", [*suite.NOT_OF_ONE_BUILD, *suite.OF_THE_PAPER_S_LAW])
 def test_what_is_left_out_is_there(left_out: str) -> None:
     """By another name it would be asked, or be left out unseen."""
+    assert len(left_out) > 5
     assert any(left_out in name for name, _ in each_test(*MODULES)) or any(left_out in dir_name(module) for module in MODULES)
 
 
@@ -116,3 +118,12 @@ def test_the_sanitized_program_passes(number: int, tmp_path: Path) -> None:
 def test_the_sanitized_program_sees_an_address_out_of_bounds(number: int, changed: dict[str, str], tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match=r"ERROR|runtime error"):
         check_memory(made(tmp_path, number, **changed))
+
+
+def test_most_tests_are_asked(tmp_path: Path) -> None:
+    """How many judges a build has: fewer would be a slip."""
+    for number, least in ((0, 190), (1, 140)):
+        case = made(tmp_path / str(number), number)
+        case.compiler.compile_all(case.tree)
+        case.open(tmp_path / f"{number}.so")
+        assert len(suite.whole(case)) >= least

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 from codegen.config import Kind
+from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.deviations import FILE, read_deviations
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.errors import CodegenError
+from codegen.refmap.solve import solve_case
 from codegen.verify import gcc_analyzer, host_gcc, misra, static_analysis
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.cross import source_tree
@@ -165,6 +167,18 @@ def test_c_that_does_not_compile_is_a_finding() -> None:
     outcome = judged(folder, {**folder.files, "src/ars_limiter.c": folder.files["src/ars_limiter.c"] + planted.encode()})
     assert outcome.verdict is Verdict.FAILED
     assert any(finding.startswith(f"src/ars_limiter.c:{line}: ") and "ars_nowhere" in finding for finding in outcome.findings)
+
+
+@pytest.mark.parametrize(("prefix", "told"), [("ars", False), ("rear_axle", True)])
+def test_names_that_are_alike_for_a_linker_are_told(prefix: str, told: bool) -> None:
+    """The addon compares more characters than C99 promises."""
+    options = BuildOptions("sample", prefix=prefix)
+    config = builds.config_of("pi")
+    folder = build(solve_case(config, builds.CASE), config, options, BuildInputs("s.npz", "0" * 64, "preset"))
+    outcome = judged(folder)
+    assert outcome.findings == ()
+    assert any("rule 5.1" in limit and prefix in limit for limit in outcome.limits) == told
+    assert set(static_analysis.LIMITS) <= set(outcome.limits)
 
 
 # --- the tools ------------------------------------------------------------------------------------------------------

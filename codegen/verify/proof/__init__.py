@@ -4,7 +4,8 @@ The way of a build through it:
 
 - `source` parses the preprocessed units (`c_types` has the types of C);
 - `executor` runs a function once for all inputs and keeps what has to hold, as terms (`terms`);
-- `ranges` knows between which numbers each term lies and writes down why, as facts that hold by themselves: rounding is monotone;
+- `ranges` knows between which numbers each term lies and writes down why, as facts that hold by themselves: rounding keeps
+  the order;
 - `encode` turns terms and facts into z3's bit vectors, where floats are ordered whole numbers; `solver` asks;
 - `contracts` proves one function after the other, callees first, and finds what every state keeps; `claims` says what is shown;
 - `check` is the check of `codegen verify`.

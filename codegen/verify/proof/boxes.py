@@ -113,7 +113,8 @@ def meet(a: Box, b: Box, sort: int) -> Box:
     if isinstance(a, Whole) and isinstance(b, Whole):
         low, high = max(a.low, b.low), min(a.high, b.high)
         return tightened(Whole(low, high, max(a.signed_low, b.signed_low), min(a.signed_high, b.signed_high)), sort)
-    assert isinstance(a, Truth) and isinstance(b, Truth)
+    assert isinstance(a, Truth)
+    assert isinstance(b, Truth)
     return Truth(a.may_hold and b.may_hold, a.may_fail and b.may_fail)
 
 
@@ -124,7 +125,8 @@ def hull(a: Box, b: Box) -> Box:
     if isinstance(a, Whole) and isinstance(b, Whole):
         signs = min(a.signed_low, b.signed_low), max(a.signed_high, b.signed_high)
         return Whole(min(a.low, b.low), max(a.high, b.high), *signs)
-    assert isinstance(a, Truth) and isinstance(b, Truth)
+    assert isinstance(a, Truth)
+    assert isinstance(b, Truth)
     return Truth(a.may_hold or b.may_hold, a.may_fail or b.may_fail)
 
 

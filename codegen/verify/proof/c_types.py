@@ -76,7 +76,7 @@ _INTS = {"char": 8, "short": 16, "int": 32, "long long": 64}
 
 
 def scalar_named(words: tuple[str, ...]) -> Scalar | Void | None:
-    """Of the words of a declaration such as ("unsigned", "short"); None for what is not known, such as `long`: its width varies."""
+    """Of the words of a declaration such as ("unsigned", "short"); None for what is not known, as `long`: its width varies."""
     rest = [word for word in words if word not in ("signed", "unsigned")]
     name = " ".join(rest) or "int"
     if name in ("short int", "long long int"):

@@ -19,7 +19,7 @@ YAW_RATE, REAR_ANGLE = Widened(0.0, 10.0), Widened(-0.5, 0.5)
 """What the numbers of the tables may be calibrated to: rad/s and rad."""
 
 LIMITS = (
-    "it holds for the C as the standard has it, in round-to-nearest; that the compiler keeps to it is for the processor in the loop",
+    "it is of the C as the standard has it, rounding to nearest; what a compiler makes of it is for the processor in the loop",
     "pointers are valid, a state is used by one call at a time, and `inhibit` is true or false",
     f"the numbers of the map are from {YAW_RATE.low:g} to {YAW_RATE.high:g} rad/s, those of a table of rear angles from "
     f"{REAR_ANGLE.low:g} to {REAR_ANGLE.high:g} rad",

@@ -9,9 +9,9 @@ from typing import Any
 from codegen.verify.proof.boxes import Box
 from codegen.verify.proof.c_types import VOID, Pointer, Scalar, Struct, leaves
 from codegen.verify.proof.claims import Call, Claims, Needs
-from codegen.verify.proof.entries import INITIALISERS, OUTPUTS, base_of
+from codegen.verify.proof.entries import INITIALISERS, OUTPUTS, base_of, named
 from codegen.verify.proof.executor import Executor
-from codegen.verify.proof.invariants import Invariant, Path, dotted, states_inside, within
+from codegen.verify.proof.invariants import Invariant, Path, states_inside, within
 from codegen.verify.proof.machine import Kind, sort_of
 from codegen.verify.proof.memory import INDEX_WIDTH, Reference, State, Typed
 from codegen.verify.proof.source import CannotJudge, Function, Parameter, place_of
@@ -109,8 +109,7 @@ class Contract:
             [(index,) for index in range(parameter.length)] if parameter.length else [path for path, _ in leaves(target)]
         ):
             if (reference.root, (*base_of(reference), *path)) not in state.memory:
-                text = f"{parameter.name}->{dotted(path)}"
-                machine.need(Kind.WRITTEN, state, machine.pool.false, node, text)
+                machine.need(Kind.WRITTEN, state, machine.pool.false, node, f"{named(parameter, path)} is written")
 
     @staticmethod
     def _reader(state: State, reference: Reference, inner: Path, node: Any) -> Callable[[Path], Term]:

@@ -1,7 +1,7 @@
 """Terms as z3's bit vectors.
 
-A float is a pair: whether it is NaN, and the whole number that orders it among the others (`floats.Format.key`), so that comparing
-floats is comparing numbers. What an operation gives is a number of which the laws below hold, and the facts that were found: not
+A float is a pair: whether it is NaN, and the whole number that orders it among the others (`floats.Format.key`), so that
+comparing floats is comparing numbers. What an operation gives is a number of which the laws below hold and the facts found: not
 its exact bits. What follows from these holds for the exact result too. Both zeros are one: what tells them apart, a division by
 zero, is shown not to happen.
 """
@@ -151,7 +151,7 @@ def _key(term: Term, value: float) -> Any:
 
 
 def _sum(term: Term, c: Any, a: Float, b: Float) -> tuple[Float, list[Any]]:
-    """Monotone: not beyond one operand against the other's sign; zero only where they cancel; never less than exact near zero."""
+    """Monotone: not beyond one operand against the other's sign; zero only where they cancel; exact near zero."""
     top = _key(term, INF)
     nan = z3.Or(a.nan, b.nan, z3.And(a.key == top, b.key == -top), z3.And(a.key == -top, b.key == top))
     opposite = -b.key

@@ -64,6 +64,13 @@ class Entry:
         return found
 
 
+def named(parameter: Parameter, path: Path) -> str:
+    """A number that a parameter points to, as C writes it."""
+    if parameter.length is not None:
+        return f"{parameter.name}{dotted(path)}"
+    return f"{parameter.name}->{dotted(path)}" if path else f"*{parameter.name}"
+
+
 def base_of(reference: Reference) -> Path:
     """Where an object begins: of a pointer to the first element of an array, the array."""
     path = reference.path

@@ -158,7 +158,8 @@ class Executor(Loops):
         yes: State | None = state.branch(self.pool, condition, True)
         no: State | None = state.branch(self.pool, condition, False)
         exits = self._exits(frame)
-        assert yes is not None and no is not None
+        assert yes is not None
+        assert no is not None
         yes = self.statement(frame, node.iftrue, yes)
         no = no if node.iffalse is None else self.statement(frame, node.iffalse, no)
         if yes is None or no is None:

@@ -1,7 +1,7 @@
 """Facts of floating-point arithmetic about single terms, each true by itself, whatever path the program took.
 
-A fact says: where the conditions hold and each of the terms of the premises is a number in its bounds, the term of the conclusion is
-NaN or lies in its own. When a result is NaN is known exactly, so that no fact has to say it.
+A fact says: where the conditions hold and each of the terms of the premises is a number in its bounds, the term of the
+conclusion is NaN or lies in its own. When a result is NaN is known exactly, so that no fact has to say it.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def of_box(term: Term, a: Real, b: Real, result: Real) -> Fact:
 def weighted(old: Real, new: Real, weight: Real, form: Format) -> Real | None:
     """`old + weight (new - old)`, rounded three times; None for bounds that say nothing.
 
-    The exact value is largest and smallest in corners. Each rounding adds at most half a unit of its result, of which none is above
-    |old| + |new| times the weight. Two operands of one sign, weighted with 0 to 1, never give a result of the other: |weight d| <= |d|,
+    The exact value is largest and smallest in corners. Each rounding adds at most half a unit of its result, none of them
+    above |old| + |new| times the weight. Of one sign and weighted with 0 to 1, they give none of the other: |weight d| <= |d|,
     and d = new - old, rounded, is not beyond -old.
     """
     reach = (old.largest + new.largest) * max(1.0, weight.largest)
@@ -82,7 +82,7 @@ def weighted(old: Real, new: Real, weight: Real, form: Format) -> Real | None:
     ]
     slack = 16.0 * form.unit_roundoff * reach + 8.0 * form.tiniest
     low, high = min(corners) - slack, max(corners) + slack
-    if 0.0 <= weight.low and weight.high <= 1.0:
+    if weight.low >= 0.0 and weight.high <= 1.0:
         low = max(low, 0.0) if min(old.low, new.low) >= 0.0 else low
         high = min(high, 0.0) if max(old.high, new.high) <= 0.0 else high
     return Real(form.at_most(low), form.at_least(high), False)
@@ -169,7 +169,7 @@ def of_whole_number(term: Term, a: Whole, result: Real) -> Fact:
 
 
 def largest_kept(grows: float, limit: float, form: Format, guess: float, factor: float | None = None) -> float | None:
-    """The largest x for which `x + grows`, or `x factor` for a factor above zero, rounded, is not above a limit; None: not found."""
+    """The largest x for which `x + grows`, or `x factor` for a factor above zero, rounded, is not above a limit; else None."""
 
     def result(x: float) -> float:
         return form.add(x, grows) if factor is None else form.mul(x, factor)

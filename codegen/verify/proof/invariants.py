@@ -1,4 +1,4 @@
-"""What every state that the code can leave behind fulfils: a box for each of its numbers, and which flags go with which status."""
+"""What every state that the code can leave behind fulfils: a box for each number, and which flags go with which status."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROWTH = 16.0
 LANDMARK_WIDTH = 8
 """Bits of counters that may end at a number that the program names; wider ones count as free."""
 REACH = 2.0**16
-"""Beyond, a number counts as unbounded: one that only stops to grow because single precision does not see the next step is that."""
+"""Beyond, a number counts as unbounded: one that stops growing only because single precision misses the next step is that."""
 
 
 @dataclass(frozen=True)

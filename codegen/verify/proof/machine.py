@@ -162,10 +162,11 @@ class Machine:
             if not (isinstance(term, Term) and term.is_const):
                 raise CannotJudge(root.partition(":")[0], f"{root}: an entry that is not constant")
             flat.append(term.data)
-        lengths, inner = [], ctype
+        lengths: list[int] = []
+        inner: CType = ctype
         while isinstance(inner, Array):
             lengths.append(inner.length or 0)
-            inner = inner.element  # type: ignore[assignment]
+            inner = inner.element
         widened = self._free_tables.get(root.rpartition(":")[2]) if len(lengths) > 1 else None
         low, high = (min(flat), max(flat)) if widened is None else (widened.low, widened.high)
         return Table(root, tuple(lengths), tuple(flat), low, high, widened is not None)
@@ -211,7 +212,7 @@ class Machine:
             if isinstance(each, c_ast.NamedInitializer):
                 if len(each.name) != 1 or not isinstance(each.name[0], c_ast.ID) or each.name[0].name not in names:
                     raise CannotJudge(place_of(each), "this designator")
-                position, each = names.index(each.name[0].name), each.expr  # noqa: PLW2901
+                position, each = names.index(each.name[0].name), each.expr
             if position >= len(parts):
                 raise CannotJudge(place_of(each), "an initialiser too many")
             given[position] = each
@@ -256,7 +257,8 @@ class Machine:
             raise CannotJudge(place_of(node), "an index into what is no array")
         step = self.pool.apply("add", INDEX_WIDTH, pointer.path[-1], index)
         array = self._type_at(pointer.root, pointer.path[:-1])
-        assert isinstance(array, Array) and array.length is not None
+        assert isinstance(array, Array)
+        assert array.length is not None
         length = self.pool.whole(array.length, INDEX_WIDTH)
         text = f"of {array.length}"
         goal = self.pool.apply("ult", TRUTH, step, length)

@@ -1,4 +1,4 @@
-"""Between which values every term lies at one place of the program: found forward from the operands, narrowed by what was asked.
+"""Between which values every term lies at one place of the program: found forward from operands, narrowed by what was asked.
 
 Nothing here is trusted: what is found serves to write facts down, and a fact holds by itself.
 """

@@ -70,7 +70,7 @@ def _as_far_as_wrong(term: Term, args: list[Any], believed: Any) -> list[Fact]:
         if math.isnan(believed) or math.isnan(own) or math.isnan(other) or math.isinf(other):
             continue
 
-        def result(x: float, other: float = other) -> float:
+        def result(x: float, other: float = other, form: Format = form) -> float:
             return form.add(x, other) if term.op == "fadd" else form.mul(x, other)
 
         if math.isnan(result(own)):

@@ -11,7 +11,7 @@ from codegen.verify.proof.c_types import Array, CType, Family, Pointer, Scalar, 
 from codegen.verify.proof.claims import Call, needs_of, of_function
 from codegen.verify.proof.contracts import Contract
 from codegen.verify.proof.encode import Encoder
-from codegen.verify.proof.entries import INITIALISERS, Caller, Entry
+from codegen.verify.proof.entries import INITIALISERS, Caller, Entry, named
 from codegen.verify.proof.executor import Executor
 from codegen.verify.proof.invariants import (
     Clause,
@@ -75,7 +75,7 @@ class Session:
     def _groups(self) -> Iterator[list[Function]]:
         """Public functions, those of one kind of state together, behind all that they call."""
         public = [function for function in self.machine.program.callees_first() if not function.is_static]
-        kept = {}
+        kept: dict[str, list[Function]] = {}
         for function in public:
             target = _self_of(function)
             if target is not None:
@@ -182,7 +182,7 @@ class Session:
         for parameter in function.parameters:
             yield from self._state_behind(entry, parameter)
             for path, term in _numbers(entry, parameter):
-                name = f"{parameter.name}->{dotted(path)}".removesuffix("->")
+                name = named(parameter, path)
                 if term is None:
                     yield Obligation(Kind.WRITTEN, function.place, pool.true, pool.false, f"{name} is written")
                 elif self._caller.state_of(parameter) is None:

@@ -1,15 +1,15 @@
 """Asks z3 whether obligations hold, and what breaks them where they do not.
 
-z3 sees each operation on floats through its laws and the facts. Where it answers with numbers that break an obligation, the terms
-are computed from its inputs: either the obligation is broken indeed, or some operation does not give what z3 made of it. Then the
-operation's true result at that point becomes a fact, with what follows by monotonicity, and z3 is asked again.
+z3 sees each operation on floats through its laws and the facts. Where it answers with numbers that break an obligation, the
+terms are computed from its inputs: either the obligation is broken, or some operation does not give what z3 made of it. The
+operation's true result at that point then becomes a fact, with what follows by monotonicity, and z3 is asked again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -24,7 +24,7 @@ from codegen.verify.proof.refine import refinements
 from codegen.verify.proof.semantics import Value, signed
 from codegen.verify.proof.terms import BOOL, Pool, Term, inside
 
-ROUNDS_MAX = 40
+ROUNDS_MAX = 100
 """Of asking again, for one obligation."""
 EFFORT_MAX = 400_000_000
 """For one question, in z3's own steps, which are the same on every machine: half a minute or so."""
@@ -44,11 +44,13 @@ class Verdict:
 
     Attributes:
         inputs: of a counterexample, or of what z3 could not exclude: by name.
+        is_typical: whether the parameters are the build's own, and left out of the inputs.
     """
 
     obligation: Obligation
     answer: Answer
     inputs: tuple[tuple[str, Value], ...] = ()
+    is_typical: bool = False
 
 
 class Prover:
@@ -135,7 +137,9 @@ class Prover:
         if typical:
             verdict = self._searched([*terms, *typical], obligation)
             if verdict.answer == Answer.COUNTEREXAMPLE:
-                return verdict
+                fixed = {str(variable.data) for term in typical for variable in term.args if variable.op == "var"}
+                inputs = tuple((name, value) for name, value in verdict.inputs if name not in fixed)
+                return replace(verdict, inputs=inputs, is_typical=True)
         return self._searched(terms, obligation)
 
     def _searched(self, terms: Sequence[Term], obligation: Obligation) -> Verdict:

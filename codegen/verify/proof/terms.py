@@ -61,7 +61,7 @@ class Term:
         op: of `semantics`, or "const", "var", "entry", "ite".
         args: operands.
         sort: of the result.
-        data: the value of a constant, the name of a variable, the table of an entry, or what the operation needs beside operands.
+        data: the value of a constant, the name of a variable, the table of an entry, or what the operation needs else.
         number: in the order in which they were made; operands come first.
         leaves: how many constants it chooses from, 0 where it is not such a choice.
     """
