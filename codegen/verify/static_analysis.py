@@ -153,7 +153,7 @@ def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
     alike = [start for start, count in Counter(name[:SIGNIFICANT] for name in names).items() if count > 1]
     if alike:
         yield (
-            f"With the prefix {subject.prefix}, external names differ in their first {SIGNIFICANT} characters only in part, which "
+            f"With the prefix {subject.prefix}, only some external names differ in their first {SIGNIFICANT} characters, which "
             "rule 5.1 asks for and the addon does not see: look whether the linker keeps more of them."
         )
 
