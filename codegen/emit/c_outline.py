@@ -73,4 +73,4 @@ class Unit:
 def units(files: Mapping[str, bytes]) -> tuple[Unit, ...]:
     """The sources for an ECU among the files of a build, by path."""
     paths = sorted(path for path in files if path.startswith("src/") and path.endswith(".c"))
-    return tuple(Unit(path, files[path].decode("ascii")) for path in paths)
+    return tuple(Unit(path, files[path].decode("ascii", "replace")) for path in paths)

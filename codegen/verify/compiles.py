@@ -128,7 +128,7 @@ def _cxx_linkage(subject: Subject, plan: Sequence[Compilation], tree: Path) -> I
     ]
     first = len(lines) + 1
     lines += [*(f"    reinterpret_cast<const void *>(&{name})," for name in defined), "};", ""]
-    (tree / LINKAGE).write_text("\n".join(lines), encoding="ascii")
+    (tree / LINKAGE).write_text("\n".join(lines), encoding="utf-8")
     try:
         clang_cxx((f"-std={CXX_STANDARDS[0]}",), (LINKAGE,), tree, "linkage")
     except BuildError as error:
