@@ -139,7 +139,8 @@ class Caller:
         invariant = self.state_of(parameter)
         if invariant is not None and not parameter.is_const and function.name.endswith(INITIALISERS):
             return
-        if invariant is None and not parameter.is_const and any(each in function.name for each in OUTPUTS):
+        is_output = invariant is None and name != "self" and not parameter.is_const
+        if is_output and any(each in function.name for each in OUTPUTS):
             return
         self.give_numbers(entry, made, target, f"{name}->", state)
         if isinstance(target, Struct):
