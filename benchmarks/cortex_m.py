@@ -18,9 +18,9 @@ from codegen.emit.folder import Folder
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
 from codegen.verify.cortex_m import InstructionCounts, worst_step
-from codegen.verify.cross import compile_image
-from codegen.verify.emulator import DATA, CortexM4
 from codegen.verify.packages import module
+from codegen.verify.target.cross import compile_image
+from codegen.verify.target.emulator import DATA, CortexM4
 
 CASE = "4ws-2"
 STEP_MAX = 1_500

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 
 from codegen.emit.text import literal
-from codegen.verify.cross import CORTEX_M4F, source_tree, zig
+from codegen.verify.target.cross import CORTEX_M4F, source_tree, zig
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from codegen.sil.software import Measurement, Software, Status, compile_build
 from codegen.verify.drives import Ground, crossed, drawn, recorded
-from codegen.verify.on_target import RESULT, Drive, Steps, Target, measurements_of
+from codegen.verify.target.on_target import RESULT, Drive, Steps, Target, measurements_of
 
 __all__ = [
     "Agreement",

@@ -18,7 +18,7 @@ from codegen.config import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Software
-from codegen.verify.on_target import Drive
+from codegen.verify.target.on_target import Drive
 from hil_sim.scenarios import SCENARIOS
 
 FloatArray = npt.NDArray[np.float64]

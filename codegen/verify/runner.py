@@ -40,28 +40,28 @@ CHECKS = (
     Registered(
         "compiles",
         "compiles",
-        "codegen.verify.compiles",
+        "codegen.verify.compilation.check",
         "The C compiles without a warning for every core, as C99, C11 and C++, and calls nothing that it should not",
         quick=True,
     ),
     Registered(
         "static-analysis",
         "static analysis",
-        "codegen.verify.static_analysis",
+        "codegen.verify.analysis.check",
         "Every finding of MISRA C:2012, cppcheck and gcc's analyser is a line of deviations.md",
         quick=True,
     ),
     Registered(
         "processor-in-the-loop",
         "processor in the loop",
-        "codegen.verify.pil",
+        "codegen.verify.pil.check",
         "The code of other processors computes what the host computes, bit for bit",
         quick=True,
     ),
     Registered(
         "budgets",
         "budgets",
-        "codegen.verify.budgets",
+        "codegen.verify.budgets.check",
         "Instructions, stack, flash and RAM on a Cortex-M4F are within budget",
         quick=True,
     ),
@@ -74,10 +74,10 @@ CHECKS = (
     Registered(
         "sanitizers",
         "sanitizers",
-        "codegen.verify.sanitizers",
+        "codegen.verify.sanitizers.check",
         "Drives and faults on the bus go as defined, with no undefined behaviour",
     ),
-    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing", "No stream of bytes makes it crash, or breaks a bound"),
+    Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No stream of bytes makes it crash, or breaks a bound"),
 )
 SLOWEST_FIRST = ("proof", "sanitizers", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
 

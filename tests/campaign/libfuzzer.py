@@ -1,5 +1,5 @@
-"""libFuzzer on both harnesses of `codegen.verify.fuzz_harness`, with clang: the same properties as in `codegen verify`, for as
-long as one likes.
+"""libFuzzer on both harnesses of `codegen.verify.fuzzing.harness`, with clang: the same properties as in `codegen verify`, for
+as long as one likes.
 
     python -m tests.campaign.libfuzzer [FOLDER ...] [--seconds 60]
 
@@ -21,10 +21,10 @@ from pathlib import Path
 from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.fuzz_harness import HARNESSES, Name, seeds, source
-from codegen.verify.fuzzing import SHOWS
+from codegen.verify.fuzzing.check import SHOWS
+from codegen.verify.fuzzing.harness import HARNESSES, Name, seeds, source
 from codegen.verify.packages import MissingTool
-from codegen.verify.sanitized import Compiler, compiled, environment, findings_of
+from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.campaign.part import FOLDERS, ROOT
 
 SECONDS, QUICK_SECONDS = 60, 5

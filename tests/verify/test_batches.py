@@ -10,12 +10,12 @@ import pytest
 
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.software import Status
-from codegen.verify import stimuli, traffic
-from codegen.verify.batches import FRAMES, Program, Rows, program_of
-from codegen.verify.cross import POWERPC_BE
 from codegen.verify.drives import Ground, recorded
-from codegen.verify.runners import HOST_FLAGS, OnHost, OnTarget
-from codegen.verify.stimuli import Source, specials
+from codegen.verify.pil import stimuli, traffic
+from codegen.verify.pil.batches import FRAMES, Program, Rows, program_of
+from codegen.verify.pil.runners import HOST_FLAGS, OnHost, OnTarget
+from codegen.verify.pil.stimuli import Source, specials
+from codegen.verify.target.cross import POWERPC_BE
 from tests.verify import builds
 
 COUNT = 4_000
@@ -74,7 +74,7 @@ def test_a_row_starts_from_the_state_that_the_one_before_it_left() -> None:
 
 def test_commands_are_those_of_the_controller_itself() -> None:
     """Built another way: the class that the closed loop steps, from the same samples."""
-    from codegen.verify.on_target import drive_of, measurements_of
+    from codegen.verify.target.on_target import drive_of, measurements_of
 
     software, batch = builds.compiled("tracking"), program().batches["controller"]
     drive = recorded(software)[0]
@@ -91,7 +91,7 @@ def test_long_batches_are_run_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = source().numbers(batch, 500)
     target = OnTarget(program(), POWERPC_BE)
     whole = target.run(batch, rows)
-    monkeypatch.setattr("codegen.verify.runners.DATA_BYTES", 1024)
+    monkeypatch.setattr("codegen.verify.pil.runners.DATA_BYTES", 1024)
     assert (target.run(batch, rows) == whole).all()
     assert target.run(batch, rows[:0]).shape == (0, len(batch.outputs))
 

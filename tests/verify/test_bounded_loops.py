@@ -6,7 +6,7 @@ import pytest
 
 from codegen.config import Kind
 from codegen.errors import BuildError
-from codegen.verify.bounded_loops import complaints
+from codegen.verify.budgets.bounded_loops import complaints
 from tests.verify import builds
 
 FOOT = "float planted(float x);\nfloat planted(float x)\n{\n    uint32_t i;\n    uint32_t n = (uint32_t)x;\n"

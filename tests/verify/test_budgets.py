@@ -13,9 +13,9 @@ import pytest
 
 from codegen.config import Kind
 from codegen.emit.folder import Folder
-from codegen.verify import budgets
+from codegen.verify.budgets import check as budgets
+from codegen.verify.budgets.measure import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.measure import CYCLE
 from codegen.verify.packages import MissingTool
 from tests.verify import builds
 
@@ -56,8 +56,8 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def make_few(patch: pytest.MonkeyPatch) -> None:
     for name, value in FEW.items():
-        patch.setattr(f"codegen.verify.measure.{name}", value)
-    patch.setattr("codegen.verify.states.long_ways", lambda ground: ())
+        patch.setattr(f"codegen.verify.budgets.measure.{name}", value)
+    patch.setattr("codegen.verify.budgets.states.long_ways", lambda ground: ())
 
 
 @functools.cache

@@ -10,9 +10,11 @@ import pytest
 from codegen.config import Kind
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
-from codegen.verify import compiles, host_gcc, mixtures
+from codegen.verify import host_gcc
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.object_symbols import is_allowed
+from codegen.verify.compilation import check as compiles
+from codegen.verify.compilation import mixtures
+from codegen.verify.compilation.object_symbols import is_allowed
 from codegen.verify.packages import MissingTool
 from tests.verify import builds
 

@@ -16,7 +16,7 @@ from codegen.sil.software import Measurement, Status
 from codegen.verify import cortex_m
 from codegen.verify.cortex_m import InstructionCounts, compare_with_host, count_steps, worst_step, worst_step_instructions
 from codegen.verify.drives import Ground, drawn, recorded
-from codegen.verify.on_target import drive_of
+from codegen.verify.target.on_target import drive_of
 from tests.verify import builds
 
 STEP_MAX = 1_500
@@ -119,7 +119,7 @@ def test_worst_input_is_the_measurement_of_the_longest_step(folder: Folder) -> N
 def test_drives_longer_than_the_targets_memory_are_run_in_parts(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = drawn(Ground.of(folder.manifest), 300)[2]
     whole = count_steps(folder.files, folder.manifest, [drive])
-    monkeypatch.setattr("codegen.verify.on_target.CHUNK", 7)
+    monkeypatch.setattr("codegen.verify.target.on_target.CHUNK", 7)
     assert count_steps(folder.files, folder.manifest, [drive]).to_dict() == whole.to_dict()
 
 

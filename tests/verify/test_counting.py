@@ -9,8 +9,8 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.emit.folder import Folder
-from codegen.verify.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Calls, Counter, Rows
-from codegen.verify.cycles import REFILL
+from codegen.verify.budgets.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Calls, Counter, Rows
+from codegen.verify.budgets.cycles import REFILL
 from tests.verify import builds
 
 NOPS = 40
@@ -107,7 +107,7 @@ def test_lookups_and_limiter() -> None:
 
 def test_many_rows_are_counted_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = counter().count("step", STEPS)
-    monkeypatch.setattr("codegen.verify.counting.ROWS_MAX", 3)
+    monkeypatch.setattr("codegen.verify.budgets.counting.ROWS_MAX", 3)
     assert counter().count("step", STEPS).instructions.tolist() == whole.instructions.tolist()
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from codegen.verify.cycles import FLOAT_DIVISION, REFILL, Flow, decode
-from codegen.verify.emulator import instructions_in
+from codegen.verify.budgets.cycles import FLOAT_DIVISION, REFILL, Flow, decode
+from codegen.verify.target.emulator import instructions_in
 
 AT = 0x0800_0100
 

@@ -11,7 +11,7 @@ from codegen.config import Config
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Status
 from codegen.verify.drives import DELAY_SAMPLES, Ground, crossed, drawn, recorded
-from codegen.verify.on_target import COLUMNS, drive_of, measurements_of
+from codegen.verify.target.on_target import COLUMNS, drive_of, measurements_of
 from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify import emulator
-from codegen.verify.cross import CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE, Core, compile_image
-from codegen.verify.emulator import DATA, CortexM4, Processor, Stray, instructions_in
+from codegen.verify.target import emulator
+from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE, Core, compile_image
+from codegen.verify.target.emulator import DATA, CortexM4, Processor, Stray, instructions_in
 
 CORES = pytest.mark.parametrize("core", [CORTEX_M4F, CORTEX_M7, CORTEX_M33, POWERPC_BE], ids=lambda core: core.name)
 

@@ -11,9 +11,12 @@ from codegen.config import Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.refmap.solve import solve_case
-from codegen.verify import fuzz_harness, fuzzing, sanitized, sanitizers
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.fuzzing import check as fuzzing
+from codegen.verify.fuzzing import harness as fuzz_harness
 from codegen.verify.packages import MissingTool
+from codegen.verify.sanitizers import check as sanitizers
+from codegen.verify.sanitizers import sanitized
 from tests.verify import builds, planted
 
 TRACKING = builds.made("tracking")
@@ -118,7 +121,7 @@ def test_a_skipped_crc(where: str, others_pass: bool, monkeypatch: pytest.Monkey
         r"can: property not held: a frame that must not be used makes no difference \(\d+, \d+\), at input \d+ of ", finding
     )
     if others_pass:
-        monkeypatch.setattr("codegen.verify.trap_build.trapped", lambda subject, effort: ())
+        monkeypatch.setattr("codegen.verify.sanitizers.trap_build.trapped", lambda subject, effort: ())
         assert sanitizers.check(subject, Effort(quick=True)).verdict is Verdict.PASSED
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from codegen.config import Kind
 from codegen.sil.software import Status
-from codegen.verify import pil
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 from codegen.verify.packages import MissingTool
+from codegen.verify.pil import check as pil
+from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
 from tests.verify import builds, planted
 
 STEPS = 1_500
@@ -273,7 +273,7 @@ def test_a_missing_compiler_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_numbers_are_told_so_that_they_can_be_given_again() -> None:
-    from codegen.verify.streams import number_told
+    from codegen.verify.pil.streams import number_told
 
     assert number_told(np.uint32(0x3DCCCCCD)) == "0.100000001 (0x3dcccccd)"
     assert number_told(np.uint64(0x7FF0000000000001)) == "nan (0x7ff0000000000001)"

@@ -7,9 +7,9 @@ import functools
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.cross import compile_image
-from codegen.verify.emulator import DATA, CortexM4
-from codegen.verify.program import STACK_FLAG, NoBound, Program
+from codegen.verify.budgets.program import STACK_FLAG, NoBound, Program
+from codegen.verify.target.cross import compile_image
+from codegen.verify.target.emulator import DATA, CortexM4
 
 SOURCE = """
 #include <stdint.h>

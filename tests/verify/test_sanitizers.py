@@ -13,11 +13,13 @@ from codegen.config import Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.refmap.solve import solve_case
-from codegen.verify import sanitized, sanitizers, served_ecu, suites
+from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Ground
-from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool
+from codegen.verify.sanitizers import check as sanitizers
+from codegen.verify.sanitizers import sanitized, served_ecu
+from codegen.verify.sanitizers.map_reference import lookup_of
 from tests.verify import builds, planted
 
 TRACKING = builds.made("tracking")
@@ -35,7 +37,7 @@ def compiler() -> sanitized.Compiler:
 @pytest.fixture
 def no_trap_build(monkeypatch: pytest.MonkeyPatch) -> None:
     """That half has tests of its own."""
-    monkeypatch.setattr("codegen.verify.trap_build.trapped", lambda subject, effort: ())
+    monkeypatch.setattr("codegen.verify.sanitizers.trap_build.trapped", lambda subject, effort: ())
 
 
 @pytest.fixture
@@ -234,7 +236,7 @@ def test_code_that_does_not_return_is_ended(monkeypatch: pytest.MonkeyPatch) -> 
 def test_without_a_compiler_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "")
-    monkeypatch.setattr("codegen.verify.trap_build.trapped", lambda subject, effort: ())
+    monkeypatch.setattr("codegen.verify.sanitizers.trap_build.trapped", lambda subject, effort: ())
     outcome = checked(planted.subject_of(TRACKING))
     assert outcome.verdict is Verdict.NOT_RUN
     (reason,) = outcome.findings
@@ -253,7 +255,7 @@ def test_without_a_trap_build_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> 
     def refuse(subject: Subject, effort: Effort) -> tuple[str, ...]:
         raise MissingTool("it is not installed", where="unicorn", remedy="install it")
 
-    monkeypatch.setattr("codegen.verify.trap_build.trapped", refuse)
+    monkeypatch.setattr("codegen.verify.sanitizers.trap_build.trapped", refuse)
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.verdict, outcome.findings) == (
         Verdict.NOT_RUN,
@@ -264,7 +266,7 @@ def test_without_a_trap_build_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.usefixtures("no_faults")
 def test_what_traps_makes_it_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.verify.trap_build.trapped", lambda subject, effort: ("src/ars_map.c:1: a trap",))
+    monkeypatch.setattr("codegen.verify.sanitizers.trap_build.trapped", lambda subject, effort: ("src/ars_map.c:1: a trap",))
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, ("src/ars_map.c:1: a trap",))
 

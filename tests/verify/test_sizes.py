@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.sizes import Sizes, compile_objects, defines, sizes_of
+from codegen.verify.budgets.sizes import Sizes, compile_objects, defines, sizes_of
 
 SOURCE = b"""
 #include <stdint.h>

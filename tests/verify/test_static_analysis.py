@@ -15,11 +15,13 @@ from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.errors import CodegenError
 from codegen.refmap.solve import solve_case
-from codegen.verify import gcc_analyzer, host_gcc, misra, static_analysis
+from codegen.verify import host_gcc
+from codegen.verify.analysis import check as static_analysis
+from codegen.verify.analysis import gcc_analyzer, misra
+from codegen.verify.analysis.number_tables import without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.cross import source_tree
-from codegen.verify.number_tables import without_tables
 from codegen.verify.packages import MissingTool
+from codegen.verify.target.cross import source_tree
 from tests.verify import builds
 
 

@@ -6,10 +6,11 @@ import pytest
 
 from codegen.config import Kind
 from codegen.errors import BuildError
-from codegen.verify import runners, trap_build
 from codegen.verify.check import Effort, Subject
 from codegen.verify.packages import MissingTool
-from codegen.verify.trap_build import trapped
+from codegen.verify.pil import runners
+from codegen.verify.sanitizers import trap_build
+from codegen.verify.sanitizers.trap_build import trapped
 from tests.verify import builds, planted
 
 PI = builds.made("pi")

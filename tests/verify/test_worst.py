@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from codegen.verify.counting import Rows
-from codegen.verify.worst import PARENTS, WINDOW, Figures, Search, Spread, described, spread_of
+from codegen.verify.budgets.counting import Rows
+from codegen.verify.budgets.worst import PARENTS, WINDOW, Figures, Search, Spread, described, spread_of
 
 
 def drives(count: int, seed: int = 0) -> list[Rows]:

@@ -7,9 +7,9 @@ from collections import Counter
 from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool, module
 from codegen.verify.proof.machine import Widened
+from codegen.verify.sanitizers.map_reference import lookup_of
 
 SHOWS = (
     "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "

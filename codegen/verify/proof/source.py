@@ -8,8 +8,8 @@ from typing import Any, Self
 
 from pycparser import c_ast, c_parser
 
-from codegen.verify.cross import preprocess
 from codegen.verify.proof.c_types import INT, Array, CType, Pointer, Scalar, Struct, scalar_named, size_of
+from codegen.verify.target.cross import preprocess
 
 
 class CannotJudge(Exception):

@@ -1,0 +1,184 @@
+"""What static analysers find in the C, held against the build's own `deviations.md`: no line more, no line less."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from codegen.emit.c_outline import units
+from codegen.emit.deviations import FILE, Deviation, category_of, excerpt, read_deviations
+from codegen.emit.misra_rules import RULES
+from codegen.errors import BuildError, CodegenError
+from codegen.verify import host_gcc
+from codegen.verify.analysis import gcc_analyzer, misra
+from codegen.verify.analysis.findings import Finding, once
+from codegen.verify.analysis.number_tables import without_tables
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.packages import MissingTool
+from codegen.verify.target.cross import source_tree
+
+SHOWS = (
+    "cppcheck with the rules of MISRA C:2012 and gcc -fanalyzer find nothing in the C but what deviations.md lists, a line for "
+    "each rule and line, with its reason, and none of a mandatory rule"
+)
+
+PROGRAMS = ("example", "linux")
+"""Folders of programs for a host."""
+
+LIMITS = (
+    "The addon judges what it can decide of the rules; those that ask for a judgement, and the directives, are for a reviewer.",
+    "The programs in example/ and linux/ are for a host: they are judged without the rules of MISRA.",
+    "The analysers do not see the large tables of numbers: that all are plain literals, and none is missing, is seen apart.",
+    "gcc -fanalyzer looks at one source at a time, and is made for C on a host.",
+)
+
+GCC_PREFIX = "-W"
+"""Of gcc's names for what it finds."""
+
+SIGNIFICANT = 31
+"""Characters of an external name that a C99 linker must tell apart (ISO/IEC 9899:1999, 5.2.4.1)."""
+
+
+Rows = list[tuple[int, Deviation]]
+"""Rows of `deviations.md` with the numbers of their lines there."""
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Check 2.
+
+    Raises:
+        MissingTool: cppcheck is not installed, or does not work.
+        CodegenError: a folder without a `deviations.md`, or sources that cannot be stored.
+    """
+    del effort  # it is quick as it is
+    rows = _rows(subject)
+    files = subject.sources("include", "src", *PROGRAMS)
+    with source_tree(without_tables(files, "zeros")) as tree:
+        programs = [folder for folder in PROGRAMS if subject.sources(folder)]
+        found = [*misra.judged_by_misra(tree), *misra.judged_as_programs(tree, programs)]
+    try:
+        with source_tree(without_tables(files, "elsewhere")) as tree:
+            analysis = gcc_analyzer.analyse(_gcc(), _units(subject), tree)
+        not_run = ""
+    except MissingTool as error:
+        analysis, not_run = gcc_analyzer.Analysis((), ()), str(error)
+    except BuildError as error:
+        analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
+    found = sorted(once([*found, *analysis.findings]))
+    faults = (*_row_faults(rows), *_differences(subject, rows, found, with_gcc=not not_run))
+    limits = (*LIMITS, *_more_limits(subject, analysis.left))
+    return replace(_outcome(rows, found, faults, not_run), limits=limits)
+
+
+def _gcc() -> str:
+    program = host_gcc.gcc()
+    if program is None:
+        raise MissingTool(host_gcc.MISSING)
+    return program
+
+
+def _rows(subject: Subject) -> Rows:
+    if FILE not in subject.files:
+        raise CodegenError(f"it has no {FILE}", where=subject.name, remedy="build it again with `codegen build`")
+    try:
+        return list(read_deviations(subject.files[FILE].decode("ascii", "replace")))
+    except ValueError as error:
+        raise CodegenError(str(error), where=f"{subject.name}/{FILE}", remedy="build it again with `codegen build`") from None
+
+
+def _units(subject: Subject) -> list[str]:
+    """Sources that this machine's gcc has the headers for."""
+    programs = PROGRAMS if sys.platform == "linux" else PROGRAMS[:1]
+    return sorted(path for path in subject.sources("src", *programs) if path.endswith(".c"))
+
+
+def _not_compiled(error: BuildError) -> Finding:
+    file, _, line = error.where.rpartition(":")
+    place = (file, int(line)) if line.isdecimal() else (error.where, 0)
+    return Finding(*place, "gcc", error.what)
+
+
+def _row_faults(rows: Rows) -> Iterator[str]:
+    """Rows that no finding could justify."""
+    known: dict[tuple[str, int, str], int] = {}
+    for number, row in rows:
+        place = f"{FILE}:{number}: rule {row.rule}"
+        first = known.setdefault((row.file, row.line, row.rule), number)
+        if first != number:
+            yield f"{place} at {row.file}:{row.line} is listed in line {first} already"
+        if category_of(row.rule) == "mandatory":
+            yield f"{place} is mandatory: there is no deviation from it"
+        elif row.category != category_of(row.rule):
+            yield f"{place} is {category_of(row.rule)}, not {row.category}"
+        if not row.reason.strip():
+            yield f"{place} has no reason"
+
+
+def _differences(subject: Subject, rows: Rows, found: Sequence[Finding], with_gcc: bool) -> Iterator[str]:
+    """Findings without a row, and rows without a finding.
+
+    A row stands for a line by its text: where lines were added to a file, those below have moved and are still the same.
+    """
+    texts = {
+        path: content.decode("ascii", "replace").split("\n")
+        for path, content in subject.sources("include", "src", *PROGRAMS).items()
+    }
+    codes = {finding: _code(texts, finding) for finding in found}
+    left = {(row.file, row.line, row.rule, row.code): (number, row) for number, row in rows}
+    open_findings = [
+        finding for finding in found if left.pop((finding.file, finding.line, finding.rule, codes[finding]), None) is None
+    ]
+    for finding in open_findings:
+        moved = next((key for key in left if (key[0], *key[2:]) == (finding.file, finding.rule, codes[finding])), None)
+        if moved is None:
+            yield f"{finding}, not in {FILE}"
+        else:
+            del left[moved]
+    for number, row in left.values():
+        if with_gcc or not row.rule.startswith(GCC_PREFIX):
+            yield f"{FILE}:{number}: rule {row.rule} is not broken at {row.file}:{row.line}: a deviation without a finding"
+
+
+def _code(texts: dict[str, list[str]], finding: Finding) -> str:
+    lines = texts.get(finding.file, [])
+    return excerpt(lines[finding.line - 1]) if 0 < finding.line <= len(lines) else ""
+
+
+def _more_limits(subject: Subject, left: Sequence[str]) -> Iterator[str]:
+    """What else this build leaves open."""
+    if left:
+        yield f"gcc did not follow every path of {', '.join(left)} to its end."
+    names = {each.name for unit in units(subject.files) for each in unit.functions if not each.static}
+    alike = [start for start, count in Counter(name[:SIGNIFICANT] for name in names).items() if count > 1]
+    if alike:
+        yield (
+            f"With the prefix {subject.prefix}, only some external names differ in their first {SIGNIFICANT} characters, which "
+            "rule 5.1 asks for and the addon does not see: look whether the linker keeps more of them."
+        )
+
+
+def _outcome(rows: Rows, found: Sequence[Finding], faults: tuple[str, ...], not_run: str) -> Outcome:
+    rules = Counter(row.rule for _, row in rows)
+    gcc = None if not_run else host_gcc.gcc()
+    return Outcome(
+        shows=SHOWS,
+        figure=f"{len(faults)} findings but for {len(rows)} deviations, none of them mandatory",
+        verdict=Verdict.FAILED if faults else Verdict.NOT_RUN if not_run else Verdict.PASSED,
+        findings=(*faults, not_run) if not_run else faults,
+        figures={
+            "findings": dict(sorted(Counter(_tool(finding.rule) for finding in found).items())),
+            "deviations": {rule: rules[rule] for rule in sorted(rules, key=_by_number)},
+            "checks_left_out": dict(misra.NOT_FOR_LIBRARIES),
+        },
+        tools={"cppcheck": misra.program_version(), **({"gcc": host_gcc.gcc_version(gcc)} if gcc else {})},
+    )
+
+
+def _tool(rule: str) -> str:
+    return "MISRA C:2012" if rule in RULES else "gcc" if rule.startswith((GCC_PREFIX, "gcc")) else "cppcheck"
+
+
+def _by_number(rule: str) -> tuple[bool, list[int], str]:
+    return rule not in RULES, [int(part) for part in rule.split(".")] if rule in RULES else [], rule

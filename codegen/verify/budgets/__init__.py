@@ -1,0 +1,1 @@
+"""Check 4: instructions, stack, flash and RAM on a Cortex-M4F."""

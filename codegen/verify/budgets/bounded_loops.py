@@ -1,0 +1,195 @@
+"""That every loop of the generated C ends after a number of rounds that is known when it is compiled.
+
+With that, and without recursion, there is a largest number of instructions that a call can take. The rule, on the syntax tree:
+
+- the only loop is `for (i = constant; i < constant; i++)`, or likewise downwards or with another constant step;
+- its counter is not written in its body;
+- no `while`, `do` or `goto`; no call through a pointer; no function that calls itself, however indirectly.
+
+A bound may also be a parameter of a static function whose every call passes a constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pycparser import c_ast, c_parser
+
+from codegen.errors import BuildError
+from codegen.verify.target.cross import preprocess
+
+LIBRARY = ("memcpy",)
+"""Of constant size wherever the generated C calls it."""
+
+UPWARDS, DOWNWARDS = {"<": "upwards", "<=": "upwards"}, {">": "downwards"}
+STEPS = {"p++": "upwards", "++": "upwards", "+=": "upwards", "p--": "downwards", "--": "downwards", ">>=": "downwards"}
+"""Not "-=", which can step over its end, and below zero."""
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function and where it stands."""
+
+    unit: str
+    node: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.node.decl.name)
+
+    @property
+    def is_static(self) -> bool:
+        return "static" in self.node.decl.storage
+
+    @property
+    def parameters(self) -> list[str]:
+        declared = self.node.decl.type.args
+        return [str(parameter.name) for parameter in declared.params] if declared else []
+
+
+def complaints(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> tuple[str, ...]:
+    """What breaks the rule in the sources of a build, a line each with file and line; empty where nothing does.
+
+    Raises:
+        CodegenError: `ziglang`, which resolves the preprocessor's lines, is not installed.
+        BuildError: C that is not C99.
+    """
+    sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
+    units = sorted(path for path in sources if path.endswith(".c"))
+    return _Program(preprocess(sources, units), (*LIBRARY, *manifest["dynamics_library_functions"])).complaints()
+
+
+class _Program:
+    """All units of a build, parsed."""
+
+    def __init__(self, units: Mapping[str, str], library: tuple[str, ...]) -> None:
+        self._library = library
+        self._constants: set[str] = set()
+        self._functions: list[_Function] = []
+        for unit, text in units.items():
+            try:
+                tree = c_parser.CParser().parse(text, unit)
+            except c_parser.ParseError as error:
+                raise BuildError(f"not plain C99: {error}", where=unit) from error
+            self._constants |= {str(node.name) for node in _all(tree, c_ast.Enumerator)}
+            self._functions += [_Function(unit, node) for node in tree.ext if isinstance(node, c_ast.FuncDef)]
+
+    def complaints(self) -> tuple[str, ...]:
+        found = []
+        for function in self._functions:
+            found += [
+                f"{_place(node)}: {type(node).__name__.lower()} in {function.name}"
+                for node in _all(function.node.body, c_ast.While, c_ast.DoWhile, c_ast.Goto)
+            ]
+            for loop in _all(function.node.body, c_ast.For):
+                why = self._why_unbounded(loop, function)
+                found += [f"{_place(loop)}: {why} in {function.name}"] if why else []
+            found += self._strange_calls(function)
+        return (*found, *self._recursions())
+
+    def _why_unbounded(self, loop: Any, function: _Function) -> str:
+        """What is wrong with a for loop; "" for nothing."""
+        head = loop.init
+        if not (isinstance(head, c_ast.Assignment) and head.op == "=" and isinstance(head.lvalue, c_ast.ID)):
+            return "a for loop that does not start with counter = constant"
+        counter, condition = str(head.lvalue.name), loop.cond
+        if not self._is_constant(head.rvalue):
+            return "a for loop from what is no constant"
+        if not (isinstance(condition, c_ast.BinaryOp) and _is_name(condition.left, counter)):
+            return "a for loop whose condition does not compare its counter"
+        if not (self._is_constant(condition.right) or self._is_always_constant(condition.right, function)):
+            return "a for loop to what is no constant"
+        way = {**UPWARDS, **DOWNWARDS}.get(condition.op)
+        if way is None or STEPS.get(self._step(loop.next, counter)) != way:
+            return "a for loop that does not step towards its end"
+        return "a for loop whose body writes its counter" if _writes(loop.stmt, counter) else ""
+
+    def _step(self, step: Any, counter: str) -> str:
+        """The operator that moves the counter by a constant other than zero; "" where there is none."""
+        if isinstance(step, c_ast.UnaryOp) and _is_name(step.expr, counter):
+            return str(step.op)
+        if isinstance(step, c_ast.Assignment) and _is_name(step.lvalue, counter):
+            by = step.rvalue
+            moves = isinstance(by, c_ast.Constant) and by.type.endswith("int") and int(by.value.rstrip("uUlL"), 0) > 0
+            return str(step.op) if moves else ""
+        return ""
+
+    def _is_constant(self, node: Any) -> bool:
+        if isinstance(node, c_ast.ID):
+            return node.name in self._constants
+        if isinstance(node, c_ast.Cast):
+            return self._is_constant(node.expr)
+        if isinstance(node, c_ast.BinaryOp):
+            return self._is_constant(node.left) and self._is_constant(node.right)
+        return isinstance(node, c_ast.Constant)
+
+    def _is_always_constant(self, node: Any, function: _Function) -> bool:
+        """Whether it is a parameter that no call and no statement gives anything but a constant."""
+        if not (isinstance(node, c_ast.ID) and function.is_static and node.name in function.parameters):
+            return False
+        place = function.parameters.index(node.name)
+        calls = [
+            call
+            for other in self._functions
+            if other.unit == function.unit
+            for call in _all(other.node.body, c_ast.FuncCall)
+            if _is_name(call.name, function.name)
+        ]
+        return not _writes(function.node.body, node.name) and all(self._is_constant(call.args.exprs[place]) for call in calls)
+
+    def _strange_calls(self, function: _Function) -> list[str]:
+        found = []
+        for call in _all(function.node.body, c_ast.FuncCall):
+            if not isinstance(call.name, c_ast.ID) or self._called(function, call.name.name) is None:
+                name = call.name.name if isinstance(call.name, c_ast.ID) else "a pointer"
+                found += [] if name in self._library else [f"{_place(call)}: a call of {name} in {function.name}"]
+        return found
+
+    def _called(self, caller: _Function, name: str) -> _Function | None:
+        """The function of that name that a unit sees: its own first."""
+        named = [function for function in self._functions if function.name == name]
+        own = [function for function in named if function.unit == caller.unit]
+        return next(iter(own or [function for function in named if not function.is_static]), None)
+
+    def _recursions(self) -> list[str]:
+        found, done = [], set()
+
+        def visit(function: _Function, callers: tuple[_Function, ...]) -> None:
+            if function in callers:
+                cycle = " -> ".join(each.name for each in (*callers[callers.index(function) :], function))
+                found.append(f"{_place(function.node)}: recursion, {cycle}")
+            elif function not in done:
+                for call in _all(function.node.body, c_ast.FuncCall):
+                    other = self._called(function, call.name.name) if isinstance(call.name, c_ast.ID) else None
+                    if other is not None:
+                        visit(other, (*callers, function))
+                done.add(function)
+
+        for function in self._functions:
+            visit(function, ())
+        return found
+
+
+def _all(node: Any, *kinds: type) -> Iterator[Any]:
+    if isinstance(node, kinds):
+        yield node
+    for _, child in node.children():
+        # Nothing of interest is inside the initialisers of a table, and they are most of the tree.
+        if not (isinstance(child, c_ast.InitList) and c_ast.Enumerator in kinds):
+            yield from _all(child, *kinds)
+
+
+def _is_name(node: Any, name: str) -> bool:
+    return isinstance(node, c_ast.ID) and node.name == name
+
+
+def _writes(node: Any, name: str) -> bool:
+    assigned = (_is_name(each.lvalue, name) for each in _all(node, c_ast.Assignment))
+    changed = (each.op in ("p++", "p--", "++", "--", "&") and _is_name(each.expr, name) for each in _all(node, c_ast.UnaryOp))
+    return any(assigned) or any(changed)
+
+
+def _place(node: Any) -> str:
+    return f"{node.coord.file}:{node.coord.line}"

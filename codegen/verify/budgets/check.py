@@ -1,0 +1,165 @@
+"""Whether the code keeps its budgets on a Cortex-M4F: instructions, stack, memory of an instance, flash."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from codegen import config as configuration
+from codegen.budget_sections import MapShape
+from codegen.config import Config
+from codegen.errors import BuildError
+from codegen.refmap.axis import Axis
+from codegen.verify.budgets.cycles import REFILL
+from codegen.verify.budgets.measure import CYCLE, Count, Taken, measure
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+
+SHOWS = (
+    "Compiled with clang -O2 for a Cortex-M4F and counted call by call, the longest calls found, the stack, the memory of an "
+    "instance and the flash keep their budgets; no object has memory of its own that is written"
+)
+LIMITS = (
+    "The longest calls are measured maxima over drives and a search, with the default parameters; they are no proof.",
+    "Cycles are an estimate after the Cortex-M4 Technical Reference Manual r0p1, "
+    f"without wait states of the flash and with {REFILL} cycles to refill the pipeline after each jump.",
+    "Another compiler, other flags and the frame of an interrupt are not counted.",
+)
+TOOLS = ("ziglang", "unicorn", "pyelftools")
+
+LOOKUPS = {
+    "map_yaw_rate": "lookup_instructions_max",
+    "map_yaw_rate_on_road": "lookup_instructions_max",
+    "map_reference": "reference_instructions_max",
+}
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Check 4. Raises MissingTool: a package of the extra is not installed."""
+    if not subject.is_single:
+        why = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"
+        return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (why,))
+    tools = {tool: _version(tool) for tool in TOOLS}
+    try:
+        taken = measure(subject, effort)
+    except BuildError as error:
+        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error),), tools=tools)
+    budgets = _budgets(subject)
+    findings = (*_exceeded(taken, budgets), *_stacks(taken, budgets), *_memory(subject, taken, budgets))
+    return Outcome(
+        shows=SHOWS,
+        figure=_figure(taken),
+        verdict=Verdict.FAILED if findings else Verdict.PASSED,
+        findings=findings,
+        figures={"budgets": budgets, **_figures(taken)},
+        limits=(*LIMITS, *_never_entered(taken)),
+        tools=tools,
+    )
+
+
+def _version(tool: str) -> str:
+    try:
+        return importlib.metadata.version(tool)
+    except importlib.metadata.PackageNotFoundError:  # what needs it says so
+        return "?"
+
+
+def _budgets(subject: Subject) -> dict[str, int]:
+    config: Config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    table = subject.manifest["map"]
+    axes = [Axis.from_breakpoints(np.array(table[name])) for name in ("speed_m_s", "front_angle_rad")]
+    rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
+    return config.budgets.resolved(config.controller.kind, MapShape(rounds, len(table["frictions"])))
+
+
+def _exceeded(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
+    """The instructions."""
+    keys = LOOKUPS | {
+        "controller_step": "step_instructions_max",
+        "limiter_step": "limiter_instructions_max",
+        CYCLE: "task_instructions_max",
+    }
+    for name, key in keys.items():
+        count = taken.counts.get(name)
+        if count is not None and count.judged > budgets[key]:
+            yield f"{name}: {count.judged:,} instructions{_what(name, count)}, {_allowed(key, budgets)}; at {count.worst_input}"
+
+
+def _what(name: str, count: Count) -> str:
+    if name == "controller_step":
+        return " without the limiter"
+    return f" ({count.instructions.largest:,} measured)" if count.bound is not None else ""
+
+
+def _allowed(key: str, budgets: Mapping[str, int]) -> str:
+    return f"budgets.{key} is {budgets[key]:,}"
+
+
+def _stacks(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
+    for name, stack in taken.stacks.items():
+        if stack.bound is None:
+            yield f"{name}: {stack.why}"
+            continue
+        if stack.watermark > stack.bound.bytes:
+            yield f"{name}: {stack.watermark} bytes of stack were used, by the compiler {stack.bound.bytes} are the most"
+        if name == CYCLE and stack.bound.bytes > budgets["task_stack_bytes_max"]:
+            chain = " > ".join(stack.bound.chain)
+            yield f"{name}: {stack.bound.bytes} bytes of stack, {_allowed('task_stack_bytes_max', budgets)}; deepest in {chain}"
+
+
+def _memory(subject: Subject, taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:
+    state = taken.structs["controller"]
+    if state > budgets["state_bytes_max"]:
+        yield f"{subject.prefix}_controller_t: {state} bytes, {_allowed('state_bytes_max', budgets)}"
+    flash = sum(sizes.flash for sizes in taken.sizes.values())
+    if flash > budgets.get("flash_bytes_max", flash):
+        yield f"all objects: {flash:,} bytes of flash, {_allowed('flash_bytes_max', budgets)}"
+    for path, sizes in taken.sizes.items():
+        names = sizes.written or (("without a name", sizes.data + sizes.bss),)
+        for name, size in names if sizes.data + sizes.bss else ():
+            place = _place(subject, path, name)
+            yield f"{place}: {size} bytes of RAM of its own ({name}); state is the caller's, and maps lie in flash"
+
+
+def _place(subject: Subject, path: str, name: str) -> str:
+    """File and line of the first place that names a variable; one of a function is called function.name in an object."""
+    word = re.compile(rf"\b{re.escape(name.rpartition('.')[2])}\b")
+    lines = subject.files[path].decode("ascii", "replace").splitlines()
+    return next((f"{path}:{number}" for number, line in enumerate(lines, start=1) if word.search(line)), path)
+
+
+def _figure(taken: Taken) -> str:
+    counts = taken.counts
+    step, limiter = counts["controller_step"].judged, counts["limiter_step"].judged
+    lookup = counts["map_yaw_rate_on_road"].judged
+    return f"lookup {lookup:,}, step {step:,} + limiter {limiter:,}, task {counts[CYCLE].judged:,} instructions"
+
+
+def _figures(taken: Taken) -> dict[str, Any]:
+    missed = sum(map(len, taken.missed.values()))
+    return {
+        "mean_over": "the built-in scenarios in closed loop" if taken.in_closed_loop else "drawn inputs",
+        "functions": {name: count.to_dict() for name, count in taken.counts.items()},
+        "stack_bytes": {name: stack.to_dict() for name, stack in taken.stacks.items()},
+        "objects": {path: sizes.to_dict() for path, sizes in taken.sizes.items()},
+        "flash_bytes": sum(sizes.flash for sizes in taken.sizes.values()),
+        "struct_bytes": dict(taken.structs),
+        "blocks": {
+            "all": taken.blocks,
+            "entered": taken.blocks - missed,
+            "never": {k: list(v) for k, v in taken.missed.items()},
+        },
+    }
+
+
+def _never_entered(taken: Taken) -> Iterator[str]:
+    places = sorted({place for found in taken.missed.values() for place in found})
+    if places:
+        blocks = sum(map(len, taken.missed.values()))
+        yield (
+            f"Of the {taken.blocks} basic blocks of the counted functions {blocks} were never entered, with the default "
+            f"parameters: {', '.join(places)}."
+        )

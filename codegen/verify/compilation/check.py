@@ -1,0 +1,167 @@
+"""Whether the C compiles everywhere without a warning, needs nothing that a target may lack, and refuses what would break it.
+
+The compilers run on copies of the files. Where gcc is missing the rest runs all the same, and the check counts as not run.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+from codegen.errors import BuildError
+from codegen.verify import host_gcc
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.compilation.compilations import (
+    C_STANDARDS,
+    CXX_STANDARDS,
+    WARNINGS,
+    Compilation,
+    alone,
+    by_clang,
+    by_gcc,
+    clang_cxx,
+    sources,
+)
+from codegen.verify.compilation.mixtures import mixtures, not_refused, takes_fast_math, units_with_reals
+from codegen.verify.compilation.object_symbols import exported, fault, is_allowed, needed
+from codegen.verify.packages import module, require
+from codegen.verify.target.cross import CORES, CORTEX_M4F, X86_64, Core, source_tree
+
+SHOWS = (
+    "The C compiles without a warning by gcc and clang, as {standards}, each header alone and as C++, for {cores}; its objects "
+    "need nothing that a bare target lacks; headers of another build and -ffast-math are refused"
+)
+
+THREADS = 2
+LABELS_MAX = 3
+LINKAGE = "alone/linkage.cc"
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Check 1. Raises MissingTool: ziglang or pyelftools is not installed; CodegenError: the sources cannot be stored."""
+    require("ziglang")
+    module("elftools.elf.elffile", "pyelftools")
+    gcc = host_gcc.gcc()
+    cores = (X86_64, CORTEX_M4F) if effort.quick else CORES
+    standards = C_STANDARDS[:1] if effort.quick else C_STANDARDS
+    levels = ("-O2",) if effort.quick else ("-O2", "-O0")
+    plan = (*by_clang(subject, cores, standards), *(by_gcc(subject, gcc, standards, levels) if gcc else ()))
+    with source_tree({**sources(subject), **alone(subject)}) as tree:
+        complaints = _compile(plan, tree)
+        needs = _needs(plan, tree)
+        found = [
+            *_together(plan, complaints),
+            *_foreign(subject, plan, tree),
+            *_cxx_linkage(subject, plan, tree),
+            *not_refused(subject),
+            *takes_fast_math(subject),
+        ]
+    names = dict.fromkeys(compilation.core.name for compilation in plan if compilation.core is not None)
+    shows = SHOWS.format(standards=" and ".join(standards).upper(), cores=", ".join(names))
+    return replace(_outcome(subject, plan, needs, tuple(dict.fromkeys(found)), gcc), shows=shows)
+
+
+def _compile(plan: Sequence[Compilation], tree: Path) -> list[tuple[str, ...]]:
+    """What each compiler complains about. The object of compilation k is `k.o` beside the tree."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(lambda k: plan[k].complaints(tree, str(k)), range(len(plan))))
+
+
+def _together(plan: Sequence[Compilation], complaints: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Each complaint once, with those who have it."""
+    labels: dict[str, list[str]] = {}
+    for compilation, told in zip(plan, complaints, strict=True):
+        for complaint in told:
+            labels.setdefault(complaint, []).append(compilation.label)
+    for complaint, who in labels.items():
+        more = f"; and {len(who) - LABELS_MAX} more" if len(who) > LABELS_MAX else ""
+        yield f"{complaint} ({'; '.join(who[:LABELS_MAX])}{more})"
+
+
+def _objects(plan: Sequence[Compilation], tree: Path) -> Iterator[tuple[Compilation, Core, bytes]]:
+    """Every object that is for a core: what did not compile has none."""
+    for k, compilation in enumerate(plan):
+        path = tree.parent / f"{k}.o"
+        if compilation.core is not None and path.exists():
+            yield compilation, compilation.core, path.read_bytes()
+
+
+def _needs(plan: Sequence[Compilation], tree: Path) -> dict[str, list[str]]:
+    """What the objects need of others, by core."""
+    needs: dict[str, set[str]] = {}
+    for _, core, content in _objects(plan, tree):
+        needs.setdefault(core.name, set()).update(needed(content))
+    return {name: sorted(names) for name, names in needs.items()}
+
+
+def _foreign(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
+    """What the objects need and must not, with the source that needs it and the cores where it does."""
+    cores: dict[str, list[str]] = {}
+    for compilation, core, content in _objects(plan, tree):
+        wrong = {
+            name
+            for name in needed(content)
+            if not is_allowed(name, library=compilation.library, single=subject.is_single, has_double=core.has_double)
+        }
+        # An object holds several units, whose needs of each other are met: which of them needs it is seen from each alone.
+        for unit in compilation.units if wrong else ():
+            compilation.call((unit,), tree, "alone")
+            for name in sorted(wrong.intersection(needed((tree.parent / "alone.o").read_bytes()))):
+                cores.setdefault(f"{unit}: {fault(name)}", []).append(core.name)
+    for finding, names in cores.items():
+        yield f"{finding} ({', '.join(dict.fromkeys(names))})"
+
+
+def _cxx_linkage(subject: Subject, plan: Sequence[Compilation], tree: Path) -> Iterator[str]:
+    """What C defines for others and C++ does not find by the headers."""
+    objects = [content for _, core, content in _objects(plan, tree) if core is X86_64]
+    defined = sorted({name for content in objects for name in exported(content)})
+    headers = [PurePosixPath(path).name for path in sorted(subject.sources("include"))]
+    lines = [
+        *(f'#include "{name}"' for name in headers),
+        "extern const void *const reached[];",
+        "const void *const reached[] = {",
+    ]
+    first = len(lines) + 1
+    lines += [*(f"    reinterpret_cast<const void *>(&{name})," for name in defined), "};", ""]
+    (tree / LINKAGE).write_text("\n".join(lines), encoding="utf-8")
+    try:
+        clang_cxx((f"-std={CXX_STANDARDS[0]}",), (LINKAGE,), tree, "linkage")
+    except BuildError as error:
+        found = re.fullmatch(rf"{re.escape(LINKAGE)}:(\d+)", error.where)
+        line = int(found[1]) - first if found else -1
+        yield f"include/: no header declares {defined[line]}" if 0 <= line < len(defined) else f"include/: {error}"
+        return
+    for name in sorted(set(defined).difference(needed((tree.parent / "linkage.o").read_bytes()))):
+        yield f'include/: {name} is not declared extern "C" for C++'
+
+
+def _outcome(
+    subject: Subject, plan: Sequence[Compilation], needs: dict[str, list[str]], found: tuple[str, ...], gcc: str | None
+) -> Outcome:
+    pairs = len(mixtures(subject))
+    verdict = Verdict.FAILED if found else Verdict.PASSED if gcc else Verdict.NOT_RUN
+    count = f"{len(found)} finding{'' if len(found) == 1 else 's'}"
+    return Outcome(
+        shows=SHOWS,
+        figure=f"{count} in {len(plan)} compilations and {pairs} mixtures of builds",
+        verdict=verdict,
+        findings=found if gcc else (*found, host_gcc.MISSING),
+        figures={
+            "compilations": [compilation.label for compilation in plan],
+            "warnings": list(WARNINGS),
+            "needed_of_others": needs,
+            "mixtures_refused": pairs - sum("of another build" in finding for finding in found),
+            "mixtures": pairs,
+            "sources_that_refuse_fast_math": len(units_with_reals(subject)),
+        },
+        limits=(
+            "Production compilers, such as those for TriCore and RH850, are not among those tried.",
+            "The example and the Linux program are compiled for hosts only.",
+        ),
+        tools={"ziglang": importlib.metadata.version("ziglang"), **({"gcc": host_gcc.gcc_version(gcc)} if gcc else {})},
+    )

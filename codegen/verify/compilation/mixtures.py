@@ -1,0 +1,106 @@
+"""Whether the sources refuse what they cannot work with: a header of another build, and a compiler that may forget NaN."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from codegen.errors import BuildError
+from codegen.verify.check import Subject
+from codegen.verify.target.cross import FLAGS, source_tree, zig
+
+REFUSES = "different builds"
+"""Of the message of a source or header that meets one of another build."""
+
+FAST_FLAGS = ("-ffast-math", "-ffinite-math-only")
+REFUSES_FAST = "fast-math"
+
+WITHOUT_IDENTITY = "sections"
+"""The header whose macros are empty, and the same in every build."""
+
+HOSTED = ("-target", "x86_64-linux-musl")
+"""For clang: a target whose system headers come with it, so that the Linux program compiles everywhere."""
+
+_INCLUDE = re.compile(r'^#include "([^"\n]+)"', re.MULTILINE)
+_IDENTITY = re.compile(r"^#define +(\w+_BUILD) +0x([0-9A-F]+)u$", re.MULTILINE)
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """A source and a header that it takes in, itself or by way of another."""
+
+    source: str
+    header: str
+
+
+def text_of(subject: Subject, path: str) -> str:
+    """A file of C."""
+    return subject.files[path].decode("ascii", "replace")
+
+
+def mixtures(subject: Subject) -> tuple[Mixture, ...]:
+    """Every source that goes into an ECU or the Linux program with every header of the build that it sees."""
+    exempt = f"include/{subject.prefix}_{WITHOUT_IDENTITY}.h"
+    sources = sorted(path for path in subject.sources("src", "linux") if path.endswith(".c"))
+    return tuple(
+        Mixture(source, header) for source in sources for header in sorted(_headers_of(subject, source)) if header != exempt
+    )
+
+
+def _headers_of(subject: Subject, path: str) -> set[str]:
+    """The build's own headers that a file takes in."""
+    seen: set[str] = set()
+    waiting = [path]
+    while waiting:
+        for name in _INCLUDE.findall(text_of(subject, waiting.pop())):
+            header = f"include/{name}"
+            if header in subject.files and header not in seen:
+                seen.add(header)
+                waiting.append(header)
+    return seen
+
+
+def not_refused(subject: Subject) -> Iterator[str]:
+    """Headers without an identity, and mixtures that a compiler takes. Raises CodegenError: no compiler."""
+    pairs = mixtures(subject)
+    for header in sorted({pair.header for pair in pairs}):
+        text = text_of(subject, header)
+        identity = _IDENTITY.search(text)
+        if identity is None:
+            yield f"{header}:1: it does not say of which build it is"
+            continue
+        start, end = identity.span(2)
+        other = f"{text[:start]}{int(identity[2], 16) ^ 1:08X}{text[end:]}"
+        with source_tree({**subject.sources("include", "src", "linux"), header: other}) as tree:
+            for pair in pairs:
+                if pair.header == header and not _refuses(pair.source, (), REFUSES, tree):
+                    name = PurePosixPath(header).name
+                    yield f"{pair.source}:1: it takes a {name} of another build"
+
+
+def takes_fast_math(subject: Subject) -> Iterator[str]:
+    """Sources that compute with reals and may be compiled as if there were no NaN. Raises CodegenError: no compiler."""
+    with source_tree(subject.sources("include", "src", "linux")) as tree:
+        for source in units_with_reals(subject):
+            for flag in FAST_FLAGS:
+                if not _refuses(source, (flag,), REFUSES_FAST, tree):
+                    yield f"{source}:1: it takes {flag}"
+
+
+def units_with_reals(subject: Subject) -> tuple[str, ...]:
+    """Sources for an ECU that compute with reals."""
+    real = re.compile(rf"\b{'float' if subject.is_single else 'double'}\b")
+    sources = (path for path in subject.sources("src") if path.endswith(".c"))
+    return tuple(sorted(path for path in sources if real.search(_COMMENT.sub(" ", text_of(subject, path)))))
+
+
+def _refuses(source: str, flags: tuple[str, ...], phrase: str, tree: Path) -> bool:
+    """Whether preprocessing a source ends with an error of its own that holds the phrase."""
+    try:
+        zig(["cc", *HOSTED, *FLAGS, *flags, "-Iinclude", "-E", source], tree)
+    except BuildError as error:
+        return phrase in error.what
+    return False

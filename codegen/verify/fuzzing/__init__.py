@@ -1,0 +1,1 @@
+"""Check 7: fuzzing, the part with a fixed number of inputs."""

@@ -1,0 +1,188 @@
+"""Processor in the loop: the generated C on emulated cores gives the same bits as on this machine.
+
+Compared is, after every call, everything that it gave and every field of the state behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from codegen.errors import BuildError
+from codegen.sil.software import Software, Status, compile_build
+from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.drives import Ground, recorded
+from codegen.verify.packages import MissingTool, module, require
+from codegen.verify.pil import dynamics_bound, traffic
+from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of
+from codegen.verify.pil.runners import HOST_FLAGS, OnHost, OnTarget
+from codegen.verify.pil.stimuli import Source
+from codegen.verify.pil.streams import Stream, differences
+from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
+
+CORES: Mapping[bool, tuple[Core, ...]] = {True: (CORTEX_M4F, CORTEX_M7, POWERPC_BE), False: (POWERPC_BE,)}
+"""By whether the build computes in single precision: those whose emulated FPU can."""
+
+STEPS, QUICK_STEPS = 100_000, 10_000
+OTHERS_SHARE = 0.2
+"""Rows of every other batch, for each step of the controller."""
+
+RECORDINGS = 5
+"""Of the built-in scenarios, as the controller measured them; none in haste."""
+
+POINTS, QUICK_POINTS = 500, 100
+"""Of the vehicle dynamics."""
+
+FINDINGS_MAX = 3
+"""Of each core; what differs once goes on differing."""
+
+SHOWS = "The same bits on emulated ECU cores as on this machine, byte order included: command, state and frames of every cycle"
+
+LIMITS = (
+    "The cores are emulated (Unicorn, which is made of QEMU), with rounding to nearest and subnormal numbers as after reset. "
+    "A core that flushes subnormal numbers to zero was not run, nor was silicon.",
+    "The C was compiled by clang with -O2 -ffp-contract=off. Another compiler makes other instructions of it: keep it from "
+    "fusing multiplications with additions, and run the self-test on the ECU.",
+)
+DOUBLE_LIMIT = "In double precision the build ran on big-endian PowerPC alone: the FPUs of the emulated Cortex-M are single."
+DYNAMICS_LIMIT = (
+    "The vehicle dynamics call {functions} of a C library, and libraries differ: where two of them are at most {ulps} units in "
+    "the last place apart, the dynamics are shown to be no further apart than that makes them, to first order."
+)
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Run the C of a build on emulated cores and on this machine, and compare.
+
+    Raises:
+        MissingTool: a package of the extra, or a C compiler, is missing.
+    """
+    _require_tools()
+    try:
+        return _compared(subject, effort)
+    except BuildError as error:  # the C does not compile, or leaves the core's memory
+        return Outcome(SHOWS, "the C does not run", Verdict.FAILED, (str(error),), limits=LIMITS, tools=_tools())
+
+
+def _require_tools() -> None:
+    require("ziglang")
+    module("unicorn", "unicorn")
+    module("elftools.elf.elffile", "pyelftools")
+    try:
+        find_compiler()
+    except BuildError as error:
+        raise MissingTool(error.what, where=error.where, remedy=error.remedy) from None
+
+
+def streams(subject: Subject, software: Software, program: Program, steps: int, seed: int = 0) -> Iterator[Stream]:
+    """What every core is driven with; the random steps of the controller come first."""
+    source = Source(Ground.of(subject.manifest), program.word, np.random.default_rng(seed))
+    others, batches = round(OTHERS_SHARE * steps), program.batches
+    yield Stream("random steps", "step", batches["controller"], source.steps(batches["controller"], steps))
+    for name, row in (("lookup", "call"), ("limiter", "step"), ("model", "step"), ("can", "message")):
+        if name in batches:
+            yield Stream(name, row, batches[name], source.numbers(batches[name], others))
+    drives = recorded(software)[:RECORDINGS] if steps > QUICK_STEPS else ()
+    if drives:
+        yield Stream("recorded scenarios", "step", batches["controller"], source.recordings(batches["controller"], drives))
+    scenario, cycles = traffic.closed_loop(software)
+    task = batches["task"]
+    if scenario:
+        yield Stream(f"scenario {scenario}", "cycle", task, traffic.rows_of(cycles, task, program.word))
+    disturbed = traffic.disturbed(software.config, cycles, others, seed)
+    rows = traffic.rows_of(disturbed, task, program.word, traffic.restarts_of(others))
+    yield Stream("disturbed traffic", "cycle", task, rows)
+
+
+def _compared(subject: Subject, effort: Effort) -> Outcome:
+    software = compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
+    program = program_of(software, subject.files)
+    here = OnHost(program)
+    driven = list(streams(subject, software, program, QUICK_STEPS if effort.quick else STEPS))
+    expected = [here.run(stream.batch, stream.rows) for stream in driven]
+    statuses = _statuses(driven[0], expected[0])
+    findings = _unreached(statuses, software)
+    cores = CORES[subject.is_single]
+    mismatches: dict[str, dict[str, int]] = {}
+    for core in cores:
+        counts, told = _on(OnTarget(program, core), subject, here, driven, expected)
+        mismatches[core.name] = counts
+        findings += told
+    apart = _dynamics(subject, software, effort)
+    findings += [line for each in apart.values() for line in each.findings]
+    steps, calls = len(driven[0].rows), sum(len(stream.rows) for stream in driven[1:])
+    return Outcome(
+        SHOWS,
+        f"{sum(sum(counts.values()) for counts in mismatches.values()):,} mismatches in {len(cores) * steps:,} steps and "
+        f"{len(cores) * calls:,} other calls on {len(cores)} core{'s' * (len(cores) > 1)}",
+        Verdict.FAILED if findings else Verdict.PASSED,
+        tuple(findings),
+        {
+            "rows": {stream.name: len(stream.rows) for stream in driven},
+            "words": {stream.name: len(stream.batch.outputs) for stream in driven},
+            "statuses": statuses,
+            "mismatches": mismatches,
+            "dynamics": {name: each.to_dict() for name, each in apart.items()},
+        },
+        _limits(subject),
+        _tools(),
+    )
+
+
+def _on(
+    there: OnTarget, subject: Subject, here: OnHost, driven: list[Stream], expected: list[Rows]
+) -> tuple[dict[str, int], list[str]]:
+    """Mismatches of a core by stream, and findings."""
+    counts, told = {}, []
+    if there.processor.call(f"{subject.prefix}_selftest") != 1:
+        told.append(f"{there.name}: the self-test of the build says no")
+    for stream, rows in zip(driven, expected, strict=True):
+        counts[stream.name], lines = differences(stream, here, there, rows)
+        told += lines
+    return counts, told[:FINDINGS_MAX]
+
+
+def _statuses(stream: Stream, results: Rows) -> dict[str, int]:
+    """Steps that ended in each status."""
+    column = [output.name for output in stream.batch.outputs].index("command.status")
+    return {status.name: int((results[:, column] == status).sum()) for status in Status}
+
+
+def _unreached(statuses: Mapping[str, int], software: Software) -> list[str]:
+    parameters = software.parameters()
+    possible = set(Status)
+    if parameters.degraded_samples_max == 0 and parameters.implausible_samples_max == 0:
+        possible.remove(Status.DEGRADED)
+    return [
+        f"the random steps never reach the status {status.name}" for status in sorted(possible) if not statuses[status.name]
+    ]
+
+
+def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Apart]:
+    """The vehicle dynamics by core."""
+    functions = subject.manifest["dynamics_library_functions"]
+    program = dynamics_program_of(software, subject.files, functions)
+    here, library = OnHost(program), dynamics_bound.library(software.precision)
+    points = QUICK_POINTS if effort.quick else POINTS
+    return {
+        core.name: dynamics_bound.compare(program, here, OnTarget(program, core, library), points, np.random.default_rng(0))
+        for core in CORES[subject.is_single]
+    }
+
+
+def _limits(subject: Subject) -> tuple[str, ...]:
+    functions, ulps = subject.manifest["dynamics_library_functions"], dynamics_bound.LIBRARY_ULPS
+    library = (DYNAMICS_LIMIT.format(functions=", ".join(functions), ulps=ulps),) if functions else ()
+    return (*LIMITS, *library, *(() if subject.is_single else (DOUBLE_LIMIT,)))
+
+
+def _tools() -> dict[str, Any]:
+    compiler = compiler_identity(compiler_command(), ())
+    return {
+        **{name: metadata.version(name) for name in ("unicorn", "ziglang", "pyelftools")},
+        "C compiler of this machine": compiler[0],
+    }

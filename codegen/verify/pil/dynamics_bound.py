@@ -1,0 +1,194 @@
+"""The vehicle dynamics on an emulated core. They call functions of a C library, and no two libraries give the same bits.
+
+The core is given a library of its own, of which it is checked first that each result is at most `LIBRARY_ULPS` units in the
+last place from this machine's. How far the dynamics may then be apart follows for each result: the sum, over all calls of the
+library, of what the result changes here where that one call is wrong by so much, and `ROUNDING_ULPS` for what is rounded
+otherwise on the way. What needs no library must have the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.emit.render import render
+from codegen.emit.text import Precision, c_type, literal, numpy_type
+from codegen.verify.pil.batches import Batch, Program, Rows
+from codegen.verify.pil.runners import Runner
+
+FloatArray = npt.NDArray[np.floating[Any]]
+
+LIBRARY_ULPS = 4
+"""Twice what two good libraries may be wrong by, each by one to either side."""
+
+ROUNDING_ULPS = 4
+
+STATE_AND_INPUT = ((-0.3, 0.3), (-1.5, 1.5), (-5.0, 70.0), (-0.7, 0.7), (-0.15, 0.15), (0.1, 1.2))
+"""Of sideslip angle, yaw rate, speed, front angle, rear angle and friction: smallest and largest, SI units."""
+
+LARGEST_ARGUMENT = 3.0
+"""Of a library function in the tyre's curve: its shape factor times a right angle; that of atan is not bounded."""
+
+SUPPORTED = frozenset({"sin", "cos", "atan"})
+
+# Minimax polynomials of Cephes in double precision, good for both.
+_SIN = (
+    *(-1.66666666666666307295e-1, 8.33333333332211858878e-3, -1.98412698295895385996e-4),
+    *(2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10),
+)
+_COS = (
+    *(4.16666666666665929218e-2, -1.38888888888730564116e-3, 2.48015872888517045348e-5),
+    *(-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11),
+)
+_ATAN_NUMERATOR = (
+    *(-6.485021904942025371773e1, -1.228866684490136173410e2, -7.500855792314704667340e1),
+    *(-1.615753718733365076637e1, -8.750608600031904122785e-1),
+)
+_ATAN_DENOMINATOR = (
+    *(1.945506571482613964425e2, 4.853903996359136964868e2, 4.328810604912902668951e2),
+    *(1.650270098316988542046e2, 2.485846490142306297962e1, 1.0),
+)
+_HALF_PI_REST = 6.123233995736765886130e-17
+_HALF_PI_PARTS: dict[Precision, tuple[float, float, float]] = {
+    "single": (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-8),
+    "double": (1.57079625129699707031, 7.54978941586159635335e-8, 5.39030285815811905290e-15),
+}
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far the core is from this machine.
+
+    Attributes:
+        rows: that were compared.
+        library_ulps: the largest difference of a library function, units in the last place.
+        share: the largest difference of a result as a share of what it may be.
+        findings: what is further away, a line each.
+    """
+
+    rows: int
+    library_ulps: int
+    share: float
+    findings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"points": self.rows, "library_ulps": self.library_ulps, "share_of_bound": self.share}
+
+
+def library(precision: Precision) -> dict[str, bytes]:
+    """Sources of sin, cos and atan for a bare core, and their header."""
+    real = numpy_type(precision)
+    suffix = "f" if precision == "single" else ""
+    half_pi = float(real(0.5 * math.pi))
+
+    def number(value: float) -> str:
+        return literal(value, precision)
+
+    def horner(coefficients: Sequence[float], variable: str) -> str:
+        text = number(coefficients[-1])
+        for coefficient in coefficients[-2::-1]:
+            text = f"({number(coefficient)} + ({variable} * {text}))"
+        return text
+
+    names = {name: f"{name}{suffix}" for name in sorted(SUPPORTED)}
+    context = {
+        **names,
+        "real": c_type(precision),
+        "number": number,
+        "horner": horner,
+        "two_over_pi": 2.0 / math.pi,
+        "half_pi_parts": _HALF_PI_PARTS[precision],
+        "half_pi": half_pi,
+        "half_pi_rest": (0.5 * math.pi - half_pi) + _HALF_PI_REST,
+        "sin_coefficients": _SIN,
+        "cos_coefficients": _COS,
+        "atan_numerator": _ATAN_NUMERATOR,
+        "atan_denominator": _ATAN_DENOMINATOR,
+    }
+    header = "".join(f"{c_type(precision)} {name}({c_type(precision)});\n" for name in names.values())
+    return {"bare/libm.c": render("verify/libm.c.j2", context), "bare/math.h": header.encode()}
+
+
+def compare(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Apart:
+    """Run the dynamics on both, at so many random points."""
+    names = [column.name for column in program.batches["library"].outputs]
+    apart = _library_apart(program, here, there, count, generator)
+    findings = [
+        f"{there.name}: {name} of the library is {ulps} units in the last place from that of {here.name}"
+        for name, ulps in zip(names, apart.tolist(), strict=True)
+        if ulps > LIBRARY_ULPS
+    ]
+    batch = program.batches["dynamics"]
+    rows = points(program, batch, count, generator)
+    first = here.run(batch, rows)
+    real = np.float32 if program.word is np.uint32 else np.float64
+    own, other = (_numbers(words, real) for words in (first, there.run(batch, rows)))
+    bound = _bound(batch, rows, own, here, int(first[:, -1].max()), real)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        difference = np.abs(own - other)
+        share = np.where(difference == 0.0, 0.0, difference / bound)
+    share = np.where(np.isnan(share), np.inf, share)
+    for row, column in np.argwhere(share > 1.0)[:1]:
+        point = _numbers(rows[row, 2:], real)
+        told = ", ".join(f"{name} = {value:.9g}" for name, value in zip(batch.inputs[2:], point, strict=True))
+        findings.append(
+            f"{there.name}: dynamics, {batch.outputs[column].name} is {other[row, column]:.9g} and {own[row, column]:.9g} on "
+            f"{here.name}, further apart than {bound[row, column]:.3g}; {told}"
+        )
+    return Apart(len(rows), int(apart.max(initial=0)), float(share.max()), tuple(findings))
+
+
+def points(program: Program, batch: Batch, count: int, generator: np.random.Generator) -> Rows:
+    """Rows for the batch "dynamics"."""
+    low, high = np.array(STATE_AND_INPUT).T
+    drawn = generator.uniform(low, high, (count, len(low)))
+    drawn[: count // 8] *= 1e-3  # where the tyres are linear
+    rows = np.zeros((count, len(batch.inputs)), dtype=program.word)
+    rows[:, 2:] = drawn.astype(np.float32 if program.word is np.uint32 else np.float64).view(program.word)
+    return rows
+
+
+def _numbers(words: Rows, real: type[np.float32] | type[np.float64]) -> FloatArray:
+    """In double precision, without a last column that counts."""
+    result: FloatArray = np.ascontiguousarray(words).view(real).astype(np.float64)
+    return result
+
+
+def _library_apart(program: Program, here: Runner, there: Runner, count: int, generator: np.random.Generator) -> Rows:
+    """Largest difference of each function, units in the last place, (functions,)."""
+    batch = program.batches["library"]
+    x = np.concatenate(
+        [
+            generator.uniform(-LARGEST_ARGUMENT, LARGEST_ARGUMENT, 4 * count),
+            generator.choice([-1.0, 1.0], count) * 10.0 ** generator.uniform(-6.0, 0.0, count),
+        ]
+    )
+    words = x.astype(np.float32 if program.word is np.uint32 else np.float64).view(program.word)[:, None]
+    signed = np.int32 if program.word is np.uint32 else np.int64
+    results = [runner.run(batch, words).view(signed) for runner in (here, there)]
+    apart: Rows = np.abs(np.subtract(*results)).max(axis=0, initial=0)
+    return apart
+
+
+def _bound(
+    batch: Batch, rows: Rows, own: FloatArray, here: Runner, calls: int, real: type[np.float32] | type[np.float64]
+) -> FloatArray:
+    """How far apart each result may be, (rows, outputs)."""
+    bound = np.zeros(own.shape)
+    for call in range(1, calls + 1):
+        changes = []
+        for ulps in (LIBRARY_ULPS, -LIBRARY_ULPS):
+            wrong = rows.copy()
+            wrong[:, 0], wrong[:, 1] = call, np.array(ulps).astype(rows.dtype)
+            changes.append(np.abs(_numbers(here.run(batch, wrong), real) - own))
+        bound += np.maximum(*changes)
+    needs_library = bound.max(axis=0) > 0.0
+    spacing = np.spacing(np.abs(own).astype(real)).astype(np.float64)
+    result: FloatArray = bound + np.where(needs_library, ROUNDING_ULPS, 0.0) * spacing
+    return result

@@ -1,0 +1,112 @@
+"""What runs batches of calls: this machine, and emulated cores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from codegen.sil.compile import DEFAULT_FLAGS, compile_library
+from codegen.verify.pil.batches import FOLDER, Batch, Program, Rows
+from codegen.verify.target.cross import CORTEX_M4F, Core, compile_image
+from codegen.verify.target.emulator import DATA, DATA_BYTES, Processor
+
+HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
+"""Of this machine's compiler. What it warns of is judged by another check."""
+
+
+class Runner(Protocol):
+    """What runs batches."""
+
+    name: str
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Rows (n, inputs) to rows (n, outputs)."""
+
+
+class OnHost:
+    """Batches in this process, compiled by the user's compiler. All that run one program share its states.
+
+    Raises:
+        BuildError: no compiler, or C that does not compile.
+    """
+
+    name = "this machine"
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        library = compile_library(
+            f"{program.prefix}_batches",
+            program.sources,
+            [f"{FOLDER}/batches.h"],
+            include_folders=("include", FOLDER),
+            flags=HOST_FLAGS,
+        )
+        self._ffi, self._lib = library.ffi, library.lib
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Rows (n, inputs) to rows (n, outputs)."""
+        ffi, word = self._ffi, self._program.word
+        given = np.ascontiguousarray(rows, dtype=word)
+        results = np.empty((len(rows), len(batch.outputs)), dtype=word)
+        getattr(self._lib, f"verify_batch_{batch.name}")(
+            ffi.cast("verify_word_t *", ffi.from_buffer(given)),
+            ffi.cast("verify_word_t *", ffi.from_buffer(results, require_writable=True)),
+            len(rows),
+        )
+        return results
+
+
+class OnTarget:
+    """Batches on an emulated core.
+
+    Args:
+        sources: more of them, such as a library.
+        flags: for the compiler.
+
+    Attributes:
+        name: of the core.
+        image: what was linked.
+        processor: the core.
+
+    Raises:
+        CodegenError: a package of the extra is missing.
+        BuildError: C that does not compile; in `run`, C that goes astray.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        core: Core = CORTEX_M4F,
+        sources: Mapping[str, bytes] | None = None,
+        flags: Sequence[str] = ("-O2",),
+    ) -> None:
+        entries = [f"verify_batch_{name}" for name in program.batches] + list(program.entries)
+        self.name, self._program = core.name, program
+        self.image = compile_image({**program.sources, **(sources or {})}, entries, flags, core)
+        self.processor = Processor(self.image, core)
+        self._word = np.dtype(f"{self.processor.byte_order}u{np.dtype(program.word).itemsize}")
+
+    def run(self, batch: Batch, rows: Rows) -> Rows:
+        """Rows (n, inputs) to rows (n, outputs)."""
+        return np.concatenate([self._chunk(batch, part) for part in self._chunks(batch, rows)])
+
+    @property
+    def row(self) -> int:
+        """The row in which the core is, where `run` ended in an error."""
+        order: Any = "little" if self.processor.byte_order == "<" else "big"
+        return self._first + int.from_bytes(self.processor.read(self.processor.address("verify_row"), 4), order)
+
+    def _chunks(self, batch: Batch, rows: Rows) -> Iterator[Rows]:
+        size = DATA_BYTES // ((len(batch.inputs) + len(batch.outputs)) * self._word.itemsize)
+        for start in range(0, max(len(rows), 1), size):
+            self._first = start
+            yield rows[start : start + size]
+
+    def _chunk(self, batch: Batch, rows: Rows) -> Rows:
+        given, results = rows.astype(self._word).tobytes(), len(rows) * len(batch.outputs) * self._word.itemsize
+        self.processor.write(DATA, given)
+        self.processor.call(f"verify_batch_{batch.name}", DATA, DATA + len(given), len(rows))
+        words = np.frombuffer(self.processor.read(DATA + len(given), results), dtype=self._word)
+        return words.astype(self._program.word).reshape(len(rows), len(batch.outputs))

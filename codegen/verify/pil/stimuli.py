@@ -1,0 +1,156 @@
+"""What the batches are driven with, in words: samples from everywhere, numbers that are none, and CAN frames good and bad.
+
+The same configuration and seed give the same rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.verify.drives import GAPS, HELD, Ground, drawn
+from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
+from codegen.verify.target.on_target import COLUMNS, Drive
+
+WILDNESS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
+"""Share of the numbers that are replaced by anything, in stretches one after the other: each kind of damage, and time enough
+to come back from it."""
+
+STRETCH = 60
+"""Samples of each; more than most recoveries take."""
+
+RESTART = 0.005
+"""Probability that a sample starts afresh."""
+
+WHOLE_DRIVES = ((0.0, 1.0),) * len(HELD)
+"""Drives without gaps, into which others are made."""
+
+TOUR_MAX = 2_500
+"""Samples of one leg of the tour."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where rows are drawn from.
+
+    Attributes:
+        ground: of the build.
+        word: NumPy type of a word.
+        generator: of random numbers.
+    """
+
+    ground: Ground
+    word: Word
+    generator: np.random.Generator
+
+    @property
+    def _real(self) -> type[np.float32] | type[np.float64]:
+        return np.float32 if self.word is np.uint32 else np.float64
+
+    def words(self, numbers: npt.ArrayLike) -> Rows:
+        """Their bits."""
+        with np.errstate(over="ignore"):
+            return np.ascontiguousarray(numbers, dtype=self._real).view(self.word)
+
+    def steps(self, batch: Batch, count: int) -> Rows:
+        """Rows for the controller: a tour through every status, drawn drives, and the same with numbers that are none."""
+        tour = _tour(self.ground.config)[:count]
+        left = count - len(tour)
+        tame = self._drawn(left // 2)
+        wild = self._drawn(left - len(tame), WHOLE_DRIVES)
+        rows = self.recordings(batch, (tour, tame, wild))
+        rows[len(tour) :, 0] |= self.generator.random(count - len(tour)) < RESTART
+        rows[:, 1] = self.words(self.generator.uniform(-0.2, 0.2, count))
+        first = count - len(wild)
+        self.overlay(rows[first:, 2:7])
+        self.replace(rows[first:, 1:2], self.generator.random((len(wild), 1)) < 0.5)
+        return rows
+
+    def numbers(self, batch: Batch, count: int) -> Rows:
+        """Rows for a batch of other functions: each column from where its signal lies, a third of the rows with anything."""
+        drive = self._drawn(count)
+        columns: dict[str, npt.NDArray[Any]] = {name: drive[:, COLUMNS.index(name)] for name in COLUMNS}
+        steered = np.where(np.isnan(drive[:, 3]), 0.05, drive[:, 3])
+        columns |= {"demand": steered * self.generator.choice([1.0, 3.0], count), "start_angle": steered}
+        columns |= {"x": 10.0 * self.generator.standard_normal(count), "rear_angle": steered}
+        rows = np.empty((count, len(batch.inputs)), dtype=self.word)
+        whole = {
+            "restart": self.generator.random(count) < RESTART,
+            "inhibit": self.generator.integers(2, size=count),
+            "status": self.generator.integers(256, size=count),
+            "diagnostics": self.generator.integers(65536, size=count),
+        }
+        for place, name in enumerate(batch.inputs):
+            rows[:, place] = whole[name] if name in WHOLE else self.words(columns[name])
+        places = [place for place, name in enumerate(batch.inputs) if name not in WHOLE]
+        taken = self.generator.random((count, len(places))) < np.where(self.generator.random((count, 1)) < 0.33, 0.5, 0.0)
+        found = rows[:, places]
+        self.replace(found, taken)
+        rows[:, places] = found
+        if "restart" in batch.inputs:
+            rows[0, batch.inputs.index("restart")] = 1
+        return rows
+
+    def overlay(self, rows: Rows) -> None:
+        """Replace numbers by anything, in stretches of different wildness."""
+        level = np.resize(np.repeat(WILDNESS, STRETCH), len(rows))[:, None]
+        self.replace(rows, self.generator.random(rows.shape) < level)
+
+    def replace(self, rows: Rows, taken: npt.NDArray[np.bool_]) -> None:
+        """Replace some words by anything that a word can hold."""
+        count = int(taken.sum())
+        special = self.generator.choice(specials(self.word), count)
+        raw = self.generator.integers(np.iinfo(self.word).max, size=count, dtype=self.word, endpoint=True)
+        # Of every magnitude: what saturates, and what vanishes.
+        sized = self.words(self.generator.choice([-1.0, 1.0], count) * 10.0 ** self.generator.uniform(-40.0, 40.0, count))
+        rows[taken] = np.choose(self.generator.integers(3, size=count), [special, raw, sized])
+
+    def recordings(self, batch: Batch, drives: Sequence[Drive]) -> Rows:
+        """Rows for the controller: drives, one after the other, each from a start."""
+        rows = np.concatenate([np.zeros((len(drive), len(batch.inputs)), dtype=self.word) for drive in drives])
+        samples = np.concatenate(drives)
+        rows[:, 2:7], rows[:, 7] = self.words(samples[:, :5]), samples[:, 5] != 0.0
+        rows[np.cumsum([0, *(len(drive) for drive in drives[:-1])]), 0] = 1
+        return rows
+
+    def _drawn(self, count: int, gaps: Sequence[tuple[float, float]] = GAPS) -> Drive:
+        drives = drawn(self.ground, -(-count // len(HELD)), int(self.generator.integers(2**32)), gaps)
+        return np.concatenate(drives)[:count]
+
+
+def specials(word: Word) -> Rows:
+    """Words of numbers that are easily taken wrong: zeros, subnormal numbers, the smallest and the largest, infinity, one, and
+    NaN quiet and signalling, with several payloads; all of either sign."""
+    digits, width = (23, 32) if word is np.uint32 else (52, 64)
+    exponent = ((1 << (width - 1 - digits)) - 1) << digits
+    quiet = 1 << (digits - 1)
+    found = [0, 1, (1 << digits) - 1, 1 << digits, exponent - 1, exponent, (exponent >> 1) & ~((1 << digits) - 1)]
+    found += [exponent | quiet, exponent | quiet | 0x12345, exponent | ((1 << digits) - 1)]
+    found += [exponent | 1, exponent | (quiet >> 1), exponent | (quiet - 1), exponent | 0x12345]
+    return np.array(found + [bits | 1 << (width - 1) for bits in found], dtype=word)
+
+
+def _tour(config: Config) -> Drive:
+    """Samples that take the controller through every status, for as long as each takes in this configuration."""
+    controller = config.controller
+    speed = min(2.0 * controller.enable_speed_km_h, controller.inputs.speed_max_km_h) * KM_H
+    lost = controller.fail_safe.degraded_samples_max
+    implausible = round(controller.inputs.implausible_time_s / controller.sampling_time_s)
+    wait = controller.fail_safe.recovery_samples
+    straight = (speed, 0.0, 0.0, 0.0, math.nan, 0.0)
+    # As good as the input range allows, and a yaw rate that is missing: the demand goes to its limit.
+    steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, 0.0)
+    slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, 0.0)
+    gone = (math.nan, 0.0, 0.0, 0.0, math.nan, 0.0)
+    spinning = (speed, 0.0, 0.999 * math.radians(controller.inputs.yaw_rate_max_deg_s), 0.0, math.nan, 0.0)
+    legs: Sequence[tuple[Any, int]] = (
+        *((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH), (spinning, implausible + 3)),
+        *((straight, wait + STRETCH), (gone, lost + 3), (slow, wait + 3), (straight, STRETCH), (steered, STRETCH)),
+    )
+    return np.concatenate([np.tile(np.array(sample, dtype=np.float32), (min(length, TOUR_MAX), 1)) for sample, length in legs])

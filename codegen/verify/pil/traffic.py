@@ -1,0 +1,153 @@
+"""CAN frames for the cyclic task, cycle by cycle: those of a whole scenario, and traffic with every fault a bus can have."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.errors import CodegenError
+from codegen.sil.software import Software
+from codegen.verify.pil.batches import FRAMES, Batch, Rows, Word
+from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
+from hil_sim.e2e import next_counter, protect
+from hil_sim.frames import Frame
+from hil_sim.plant_node import PlantNode
+from hil_sim.scenarios import DEFAULT, SCENARIOS
+
+Cycle = tuple[Frame, ...]
+
+EPISODE = (5, 60)
+"""Cycles of one kind of traffic: shortest and longest."""
+
+RESTART = 0.002
+"""Probability that the task is initialised before a cycle."""
+
+SHARES = {"good": 6, "noisy": 3, "random payload": 3, "standing car": 1, "silent": 1, "half": 1, "garbage": 1}
+"""How often each kind of traffic comes."""
+
+FAULT = 0.15
+"""Probability of a fault with a frame of noisy traffic."""
+
+
+def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
+    """A whole scenario: its name, and what the car sends in each cycle while the task of this machine answers it.
+
+    The step steer, or the first one that this car can drive.
+    """
+    for name in (DEFAULT, *SCENARIOS):
+        try:
+            node = PlantNode(software.config, SCENARIOS[name], precision=software.precision)
+        except CodegenError:
+            continue
+        task, cycles = software.task(), []
+        for cycle in range(node.cycles):
+            frames = tuple(node.outgoing(cycle))
+            for frame in frames:
+                task.on_can_frame(frame.id, frame.data)
+            node.receive(Frame(*task.run()))
+            node.finish(cycle)
+            cycles.append(frames)
+        return name, cycles
+    return "", []
+
+
+def disturbed(config: Config, recorded: Sequence[Cycle], count: int, seed: int = 0) -> list[Cycle]:
+    """So many cycles with good frames, damaged, lost, repeated and foreign ones, and right ones of any content."""
+    return _Traffic(config, recorded, seed).cycles(count)
+
+
+def rows_of(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Sequence[int] = (0,)) -> Rows:
+    """Cycles as rows of the batch "task"; the task is initialised before some of them."""
+    rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
+    rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
+    for row, frames in zip(rows, cycles, strict=True):
+        row[1] = len(frames)
+        for place, frame in enumerate(frames):
+            data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
+            row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
+    return rows
+
+
+def restarts_of(count: int, seed: int = 0) -> list[int]:
+    """Cycles before which the task is initialised: the first, and a few more."""
+    generator = random.Random(seed)
+    return [cycle for cycle in range(count) if cycle == 0 or generator.random() < RESTART]
+
+
+class _Traffic:
+    """A car with a bus that may do anything."""
+
+    def __init__(self, config: Config, recorded: Sequence[Cycle], seed: int) -> None:
+        messages = (config.can.vehicle_motion, config.can.vehicle_conditions)
+        self._data_ids = {message.id: message.e2e_data_id for message in messages}
+        self._counters = dict.fromkeys(self._data_ids, 0)
+        self._random = random.Random(seed)
+        self._recorded = [cycle for cycle in recorded if len(cycle) == len(messages)]
+        codec = Codec(config.can)
+        standing = (codec.encode(VehicleMotion(0.0, 0.0, 0.0)), codec.encode(VehicleConditions(0.0)))
+        self._standing = {message.id: data for message, data in zip(messages, standing, strict=True)}
+
+    def cycles(self, count: int) -> list[Cycle]:
+        found: list[Cycle] = []
+        kinds, weights = list(SHARES), list(SHARES.values())
+        while len(found) < count:
+            (kind,) = self._random.choices(kinds, weights)
+            length = self._random.randint(*EPISODE)
+            start = self._random.randrange(max(len(self._recorded) - length, 1)) if self._recorded else 0
+            found += [self._cycle(kind, start + place) for place in range(length)]
+        return found[:count]
+
+    def _cycle(self, kind: str, place: int) -> Cycle:
+        if kind == "garbage":
+            return tuple(self._garbage() for _ in range(self._random.randint(0, FRAMES)))
+        frames = [self._frame(identifier, kind, place) for identifier in self._data_ids]
+        if kind == "silent":
+            frames = []
+        elif kind == "half":
+            frames = [self._random.choice(frames)]
+        elif kind == "noisy":
+            frames = [changed for frame in frames for changed in self._faulty(frame)]
+            if self._random.random() < FAULT:
+                self._random.shuffle(frames)
+        return tuple(frames[:FRAMES])
+
+    def _frame(self, identifier: int, kind: str, place: int) -> Frame:
+        """The next frame of a message, protected: with what was recorded, of a car that stands, or with any bits."""
+        data = self._random.randbytes(8)
+        if kind == "standing car":
+            data = self._standing[identifier]
+        elif self._recorded and kind != "random payload":
+            cycle = self._recorded[place % len(self._recorded)]
+            data = next((frame.data for frame in cycle if frame.id == identifier), data)
+        counter = self._counters[identifier]
+        self._counters[identifier] = next_counter(counter)
+        return Frame(identifier, protect(self._data_ids[identifier], counter, data))
+
+    def _faulty(self, frame: Frame) -> list[Frame]:
+        if self._random.random() >= FAULT:
+            return [frame]
+        fault = self._random.randrange(7)
+        if fault == 0:
+            return []
+        if fault == 1:
+            return [frame, frame]
+        if fault == 2:  # one bit, anywhere
+            number = int.from_bytes(frame.data, "little") ^ 1 << self._random.randrange(64)
+            return [Frame(frame.id, number.to_bytes(8, "little"))]
+        if fault == 3:
+            return [Frame(frame.id, frame.data[: self._random.randrange(8)])]
+        if fault == 4:
+            return [self._garbage(), frame]
+        if fault == 5:  # under the other message's identifier
+            return [Frame(self._random.choice(list(self._data_ids)), frame.data)]
+        counter = self._random.randrange(15)
+        self._counters[frame.id] = next_counter(counter)
+        return [Frame(frame.id, protect(self._data_ids[frame.id], counter, frame.data))]
+
+    def _garbage(self) -> Frame:
+        """Any bits, under any identifier or one of the car's."""
+        identifier = self._random.choice([*self._data_ids, self._random.getrandbits(32)])
+        return Frame(identifier, self._random.randbytes(8))

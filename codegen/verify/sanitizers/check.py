@@ -1,0 +1,257 @@
+"""Check 6: the suites under AddressSanitizer and UndefinedBehaviorSanitizer on this machine, and as a trap build on a core.
+
+The generated code runs sanitized in a process of its own, behind a pipe (see `served_ecu`): its self-test, drives from
+everywhere, look-ups against the NumPy reference, every built-in scenario in closed loop, and every fault of the catalogue,
+whose outcome must be as defined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+
+from codegen import __version__
+from codegen.config import Config
+from codegen.emit.laws import LAWS
+from codegen.emit.text import Precision
+from codegen.errors import BuildError
+from codegen.refmap.lookup import Lookup
+from codegen.sil.software import RECORD_COLUMNS, Software, Status
+from codegen.verify import suites
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.drives import Ground
+from codegen.verify.packages import MissingTool
+from codegen.verify.sanitizers.map_reference import lookup_of
+from codegen.verify.sanitizers.sanitized import find_compiler
+from codegen.verify.sanitizers.served_ecu import Numbers, ServedEcu, served
+from hil_sim.bench import run_in_process
+from hil_sim.fault_catalogue import run_all
+from hil_sim.plant_node import PlantNode
+
+SHOWS = (
+    "suites and fault catalogue run without an address out of bounds or undefined behaviour, the faults end as defined, "
+    "and the lookup has the bits of its reference"
+)
+
+SAMPLES, SAMPLES_QUICK = 20_000, 2_000
+"""Of each drive and, a quarter of it, of the look-ups at each friction."""
+
+LIMITS = (
+    "Sanitizers see what the runs reach, in the code that one compiler made of it; they are no proof.",
+    "The target's own compiler and memory protection are not part of it.",
+)
+FAULTS_NOT_JUDGED = (
+    "The fault catalogue was run but not judged: its defined ends are those of the preset's E2E settings, sampling time and "
+    "limits for lost samples, and this build has others."
+)
+NO_TRAP_BUILD = "The trap build is for single precision; this build has double precision."
+
+
+@dataclass
+class _Half:
+    """What came of the runs on this machine, or of the trap build."""
+
+    findings: tuple[str, ...] = ()
+    missing: str = ""
+    figures: dict[str, Any] = field(default_factory=dict)
+    limits: tuple[str, ...] = ()
+    tools: dict[str, str] = field(default_factory=dict)
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Both halves, the second where the first finds nothing. Not run where the tools of one are missing."""
+    host = _on_host(subject, effort)
+    # Before it runs on the core, the same code runs here unsanitized: not where it is known to go astray.
+    target = _Half() if host.findings else _on_target(subject, effort)
+    findings = (*host.findings, *target.findings)
+    missing = tuple(half.missing for half in (host, target) if half.missing)
+    verdict = Verdict.FAILED if findings else Verdict.NOT_RUN if missing else Verdict.PASSED
+    ran = {"scenarios": 0, "faults": 0, "steps": 0, **host.figures}
+    figure = f"{len(findings)} findings in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
+    return Outcome(
+        SHOWS,
+        figure if host.figures or findings else "not run",
+        verdict,
+        findings or missing,
+        {**host.figures, **target.figures},
+        (*LIMITS, *host.limits, *target.limits),
+        {**host.tools, **target.tools},
+    )
+
+
+def _on_host(subject: Subject, effort: Effort) -> _Half:
+    try:
+        compiler = find_compiler()
+    except MissingTool as error:
+        return _Half(missing=str(error))
+    half = _Half(tools={"C compiler with sanitizers": compiler.version})
+    found: list[str] = []
+    try:
+        with served(compiler, subject) as program:
+            for finding in _Suites(subject, effort, program.ecu, half).run():
+                found.append(finding)  # one by one: the program may end at any time
+    except BuildError as error:
+        return replace(half, findings=(str(error),))
+    # What the sanitizers saw explains what the suites did, so it is told first.
+    return replace(half, findings=(*program.findings, *found))
+
+
+def _on_target(subject: Subject, effort: Effort) -> _Half:
+    if not subject.is_single:
+        return _Half(limits=(NO_TRAP_BUILD,))
+    from codegen.verify.sanitizers.trap_build import trapped
+
+    try:
+        return _Half(findings=trapped(subject, effort), figures={"trap_build": "Cortex-M4F"})
+    except MissingTool as error:
+        return _Half(missing=f"trap build: {error}")
+    except BuildError as error:
+        return _Half(findings=(f"trap build: {error}",))
+
+
+class _Suites:
+    """The runs, and what is wrong with their results beside what the sanitizers see."""
+
+    def __init__(self, subject: Subject, effort: Effort, ecu: ServedEcu, half: _Half) -> None:
+        self._subject, self._ecu, self._half = subject, ecu, half
+        self._ground = Ground.of(subject.manifest)
+        self._samples = SAMPLES_QUICK if effort.quick else SAMPLES
+        self._precision = cast(Precision, subject.manifest["options"]["precision"])
+
+    @property
+    def _config(self) -> Config:
+        return self._ground.config
+
+    @property
+    def _largest(self) -> float:
+        """rad, as the C holds it."""
+        return float(self._ecu.real(self._config.rear_actuator.angle_max))
+
+    def run(self) -> Iterator[str]:
+        """All of them; what is wrong, a line each."""
+        if not self._ecu.selftest():
+            yield f"src/{self._subject.prefix}_selftest.c: the self-test fails"
+        yield from self._drives()
+        yield from self._lookups()
+        self._dynamics()
+        yield from self._loops()
+        yield from self._faults()
+
+    def _drives(self) -> Iterator[str]:
+        reached: set[int] = set()
+        steps = 0
+        for number, drive in enumerate(suites.drives(self._ground, self._samples)):
+            # Starts where no actuator stands, too: every one is bounded.
+            self._ecu.start((0.0, 0.02, -1e30, math.nan, math.inf)[number % 5])
+            commands = self._ecu.drive(drive)
+            bad = ~(np.abs(commands["rear_angle"]) <= self._largest) | ~np.isfinite(commands["yaw_rate_reference"])
+            for step in np.flatnonzero(bad | (commands["status"] > max(Status)))[:1]:
+                yield f"drive {number}, step {step}: {_command(commands[step])} after {_sample(drive[step])}"
+            reached |= set(commands["status"].tolist())
+            steps += len(drive)
+        missing = [status.name for status in Status if status not in reached]
+        if missing:
+            self._half.limits = (*self._half.limits, f"The drives do not reach the status {', '.join(missing)}.")
+        self._half.figures["steps"] = steps
+
+    def _lookups(self) -> Iterator[str]:
+        lookup = lookup_of(self._subject)
+        places = suites.places(self._ground, self._samples // 4, self._precision)
+        first, wrong, count = "", 0, 0
+        for friction in suites.road_frictions(self._ground, self._precision):
+            differ, told = self._different(lookup, places, friction)
+            first, wrong, count = first or told, wrong + differ, count + len(places)
+        if wrong:
+            yield f"src/{self._subject.prefix}_map.c: {first} ({wrong} of {count} are wrong)"
+        self._half.figures["look_ups"] = count
+
+    def _different(self, lookup: Lookup, places: Numbers, friction: float) -> tuple[int, str]:
+        """At how many places yaw rate and rear angle have not the bits of the reference, and the first of them in words."""
+        speed, angle = places.T
+        found = self._ecu.look_up(places, friction)
+        expected = lookup.reference(speed, angle, friction)
+        looks_up_rear_angle = LAWS[self._subject.kind].uses_rear_angle
+        wrong = _bits(found[0]) != _bits(expected[0])
+        if self._subject.manifest["version"] != __version__:  # the order of operations may have been another
+            bound = 2.0 * self._subject.manifest["map"]["lookup_error_bound_rad_s"]
+            wrong = ~(np.abs(found[0] - expected[0]) <= bound)
+        elif looks_up_rear_angle:
+            differ = _bits(found[1]) != _bits(expected[1])
+            wrong |= differ if self._is_own_car else differ & ~self._capped(lookup, speed, angle, friction, expected[0])
+        where = np.flatnonzero(wrong)
+        if not where.size:
+            return 0, ""
+        k = where[0]
+        have, want = (f"{pair[0][k]:.9g} rad/s" + f", {pair[1][k]:.9g} rad" * looks_up_rear_angle for pair in (found, expected))
+        at = f"{speed[k]:.9g} m/s, {angle[k]:.9g} rad, friction {friction:.9g}"
+        return where.size, f"the look-up at {at} gives {have}, the reference {want}"
+
+    @property
+    def _is_own_car(self) -> bool:
+        """Whether the manifest's car is that of the map, whose steering goes with a capped yaw rate."""
+        return self._subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
+
+    @staticmethod
+    def _capped(lookup: Lookup, speed: Numbers, angle: Numbers, friction: float, yaw_rate: Numbers) -> Numbers:
+        infinite: Numbers = np.full_like(lookup.caps, np.inf)
+        free = replace(lookup, caps=infinite, lateral_acceleration_cap_per_friction=infinite[0])
+        capped: Numbers = _bits(free(speed, angle, friction)) != _bits(yaw_rate)
+        return capped
+
+    def _dynamics(self) -> None:
+        """Any finite numbers; what comes of them has no reference here."""
+        generator = np.random.default_rng(4)
+        real = self._ecu.real
+        points = generator.integers(0, 256, size=6 * self._samples * real(0.0).nbytes, dtype=np.uint8).view(real)
+        points = np.where(np.isfinite(points), points, real(0.0)).reshape(-1, 6)
+        scale: Numbers = np.array([0.2, 1.0, 60.0, 0.6, 0.1, 1.0], dtype=real)
+        plausible: Numbers = generator.uniform(-1.0, 1.0, size=points.shape).astype(real) * scale
+        self._ecu.differentiate(np.concatenate([points, plausible]))
+
+    def _loops(self) -> Iterator[str]:
+        per_sample = round(self._config.controller.sampling_time_s / self._config.plant.sampling_time_s)
+        count = 0
+        for name, inputs in suites.loops(self._config):
+            for through_can in (False, True):
+                record = self._ecu.run_loop(inputs, per_sample, through_can=through_can)
+                command = record[:, RECORD_COLUMNS.index("rear_angle_command_rad")]
+                if not (np.abs(command) <= self._allowed(through_can)).all() or not np.isfinite(record).all():
+                    how = " through CAN frames" if through_can else ""
+                    largest = np.abs(command).max()
+                    yield f"scenario {name}{how}: the rear angle goes to {largest:.6g} rad, or a signal is no number"
+            count += 1
+        self._half.figures["scenarios"] = count
+
+    def _allowed(self, through_can: bool) -> float:
+        """rad; in a frame the angle is rounded to its code."""
+        return self._largest + (self._config.can.rear_steer_command.rear_angle.factor if through_can else 0.0)
+
+    def _faults(self) -> Iterator[str]:
+        ecu = cast(Software, self._ecu)  # a bench asks it for its task alone
+        outcomes = run_all(
+            self._config, lambda run: run_in_process(PlantNode(self._config, run, precision=self._precision), ecu)
+        )
+        self._half.figures["faults"] = len(outcomes)
+        if not suites.are_faults_defined_for(self._config):
+            self._half.limits = (*self._half.limits, FAULTS_NOT_JUDGED)
+            return
+        for outcome in outcomes:
+            for violation in outcome.violations:
+                yield f"fault {outcome.case.name}, {outcome.case.what}: {violation}"
+
+
+def _bits(values: Numbers) -> Numbers:
+    bits: Numbers = np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
+    return bits
+
+
+def _command(command: Any) -> str:
+    return f"{command['rear_angle']:.9g} rad, reference {command['yaw_rate_reference']:.9g} rad/s, status {command['status']}"
+
+
+def _sample(sample: Numbers) -> str:
+    return "(" + ", ".join(f"{value:.9g}" for value in sample) + ")"

@@ -1,0 +1,217 @@
+"""A sanitized program as an ECU: the generated code of a build in a process of its own, called through a pipe.
+
+Whatever the code does there, wrong addresses included, this process goes on. The commands stand in
+`templates/verify/served_ecu.c.j2`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import subprocess
+import tempfile
+import threading
+from collections.abc import Iterator
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import config as configuration
+from codegen.emit.can_view import task_view
+from codegen.emit.laws import LAWS
+from codegen.emit.render import render
+from codegen.emit.text import c_type, literal, numpy_type
+from codegen.errors import BuildError, CodegenError
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.sil.software import RECORD_COLUMNS, bench_sources
+from codegen.verify.check import Subject
+from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
+from codegen.verify.target.on_target import Drive
+
+FloatArray = npt.NDArray[np.float64]
+Numbers = npt.NDArray[Any]
+
+BATCH = 16_384
+"""Steps or look-ups of one command: their answers fit the program's buffer."""
+
+SECONDS_MAX = 120.0
+"""After which a program that does not end counts as caught in a loop: ten times what it takes on a slow machine."""
+
+OUTPUTS = 28
+"""Numbers that the vehicle dynamics give for one point."""
+
+
+class Ended(CodegenError):
+    """The program ended before it answered."""
+
+
+class ServedEcu:
+    """The commands of the program, as functions. Each raises Ended where the program ends instead.
+
+    Attributes:
+        real: NumPy type of the build's numbers.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], real: type[np.float32] | type[np.float64]) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.real = real
+        self._to: IO[bytes] = process.stdin
+        self._from: IO[bytes] = process.stdout
+        self._command = np.dtype([("rear_angle", real), ("yaw_rate_reference", real), ("status", np.uint32)])
+
+    def selftest(self) -> bool:
+        """Whether the generated self-test passes."""
+        return bool(struct.unpack("=I", self._ask(b"s", 4))[0])
+
+    def start(self, rear_angle: float) -> None:
+        """The controller anew, at a rear angle in rad."""
+        self._send(b"i" + self.real(rear_angle).tobytes())
+
+    def drive(self, drive: Drive) -> Numbers:
+        """Commands of the controller, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
+        samples = np.empty(len(drive), dtype=np.dtype([("values", self.real, 5), ("inhibit", np.uint8)]))
+        with np.errstate(invalid="ignore"):  # a signalling NaN, where the build is in double precision
+            samples["values"], samples["inhibit"] = drive[:, :5], drive[:, 5] != 0.0
+        return self._batches(b"d", samples, self._command)
+
+    def look_up(self, places: Numbers, friction: float) -> tuple[Numbers, Numbers]:
+        """Yaw rate and rear angle (0 where the build looks none up) at places (n, 2) of speed and front angle."""
+        rows = np.column_stack([places, np.full(len(places), friction, dtype=self.real)])
+        found = self._batches(b"m", rows.reshape(-1), np.dtype((self.real, 2)), width=3)
+        return found[:, 0], found[:, 1]
+
+    def differentiate(self, points: Numbers) -> Numbers:
+        """Derivatives and Jacobians of both vehicle models, (n, 28), at points (n, 6): sideslip angle, yaw rate, then the
+        input's speed, front angle, rear angle, friction."""
+        flat = np.ascontiguousarray(points, dtype=self.real).reshape(-1)
+        return self._batches(b"y", flat, np.dtype((self.real, OUTPUTS)), width=6)
+
+    def run_loop(self, inputs: FloatArray, steps_per_sample: int, *, through_can: bool) -> FloatArray:
+        """A closed loop with the plant of the build: records (samples, 12), columns RECORD_COLUMNS."""
+        samples = len(inputs) // steps_per_sample
+        rows = np.ascontiguousarray(inputs[: samples * steps_per_sample], dtype=np.float64)
+        assert rows.shape[1] == len(INPUT_COLUMNS)
+        head = struct.pack("=III", through_can, steps_per_sample, samples)
+        answer = self._ask(b"l" + head + rows.tobytes(), samples * len(RECORD_COLUMNS) * 8)
+        return np.frombuffer(answer, dtype=np.float64).reshape(samples, -1)
+
+    def task(self) -> ServedTask:
+        """The one task of the program, just initialised."""
+        self._send(b"t")
+        return ServedTask(self._send, self._ask)
+
+    def _batches(self, command: bytes, rows: Numbers, answer: np.dtype[Any], width: int = 1) -> Numbers:
+        parts = []
+        for start in range(0, len(rows), BATCH * width):
+            part = rows[start : start + BATCH * width]
+            count = len(part) // width
+            data = self._ask(command + struct.pack("=I", count) + part.tobytes(), count * answer.itemsize)
+            parts.append(np.frombuffer(data, dtype=answer))
+        return np.concatenate(parts)
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._to.write(data)  # what has no answer waits for the next command that has one
+        except OSError:
+            raise Ended("the program ended") from None
+
+    def _ask(self, data: bytes, size: int) -> bytes:
+        self._send(data)
+        try:
+            self._to.flush()
+        except OSError:
+            raise Ended("the program ended") from None
+        answer = self._from.read(size)
+        if len(answer) != size:
+            raise Ended("the program ended")
+        return answer
+
+
+class ServedTask:
+    """The cyclic task, with the methods of `codegen.sil.task.Task` that a bench calls."""
+
+    def __init__(self, send: Any, ask: Any) -> None:
+        self._send, self._ask = send, ask
+
+    def on_can_frame(self, identifier: int, data: bytes) -> None:
+        """A frame came from the bus."""
+        self._send(b"f" + struct.pack("=IB", identifier, len(data)) + data)
+
+    def run(self) -> tuple[int, bytes]:
+        """One sample: identifier and data of the frame to send."""
+        answer = self._ask(b"c", 12)
+        return struct.unpack("=I", answer[:4])[0], answer[4:]
+
+
+class Served:
+    """A program that serves, and after the context what its sanitizers said.
+
+    Attributes:
+        ecu: to call while the context lasts.
+        findings: of the sanitizers, a line each; filled when the context ends.
+    """
+
+    def __init__(self, ecu: ServedEcu) -> None:
+        self.ecu = ecu
+        self.findings: tuple[str, ...] = ()
+
+
+@contextlib.contextmanager
+def served(compiler: Compiler, subject: Subject) -> Iterator[Served]:
+    """The code of a build, sanitized, behind a pipe; the bench around it is not judged. An end of the program ends the context
+    and is told in the findings.
+
+    Raises:
+        BuildError: C that does not compile.
+    """
+    with compiled(compiler, subject.sources(), _around(subject)) as program, tempfile.TemporaryFile() as log:
+        with _running(program, log) as process:
+            found = Served(ServedEcu(process, numpy_type(subject.manifest["options"]["precision"])))
+            ended = False
+            try:
+                yield found
+            except Ended:
+                ended = True
+        log.seek(0)
+        found.findings = findings_of(log.read().decode(errors="replace"))
+        if ended and not found.findings:
+            found.findings = (f"the program ended early: {_how(process.returncode)}",)
+
+
+def _around(subject: Subject) -> dict[str, bytes]:
+    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    precision = subject.manifest["options"]["precision"]
+    context = {
+        "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
+        "real": c_type(precision),
+        "task": task_view(config),
+        "with_rear_angle": LAWS[subject.kind].uses_rear_angle,
+        "plant_step": literal(config.plant.sampling_time_s, "double"),
+    }
+    return {**bench_sources(config, subject.prefix, precision), "served_ecu.c": render("verify/served_ecu.c.j2", context)}
+
+
+@contextlib.contextmanager
+def _running(program: Program, log: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
+    try:
+        process = subprocess.Popen(
+            [*launcher(), str(program.path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env=environment()
+        )
+    except OSError as error:
+        raise BuildError(f"the sanitized program cannot be started: {error.strerror}", where="sanitizers") from error
+    watch = threading.Timer(SECONDS_MAX, process.kill)
+    watch.start()
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(OSError):
+            process.stdin.close()  # type: ignore[union-attr]
+        process.wait()
+        watch.cancel()
+        process.stdout.close()  # type: ignore[union-attr]
+
+
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit code {code}"

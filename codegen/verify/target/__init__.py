@@ -1,0 +1,1 @@
+"""Cores of ECUs in this process: C compiled for them, and run there."""
