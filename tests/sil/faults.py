@@ -144,8 +144,8 @@ IN_THE_LAW = (
     Fault(
         "no anti-windup of the rate limit",
         checks_control.check_windup_by_the_rate_limit,
-        "        integral = before;\n    }",
-        "    }",
+        "        integral = (integral < before) ? before : integral;\n",
+        "",
     ),
     Fault(
         "start with a bump",
@@ -168,8 +168,8 @@ IN_THE_LAW = (
     Fault(
         "inhibit ignored at a limit",
         checks_control.check_inhibit,
-        "(demand < wanted)) && !measurement->inhibit) {",
-        "(demand < wanted))) {",
+        "if (limited && !measurement->inhibit) {",
+        "if (limited) {",
     ),
     Fault(
         "friction below its minimum", checks_control.check_friction, "? parameters->friction_min :", "? measurement->friction :"

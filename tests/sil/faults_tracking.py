@@ -115,8 +115,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "the bound on the stabilising side",
         checks_tracking.check_authority,
-        "turns_left && (range.low",
-        "turns_right && (range.low",
+        "if (turns_left) {",
+        "if (turns_right) {",
     ),
     Fault(
         "authority not relative to the feedforward",
@@ -133,8 +133,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "no anti-windup",
         checks_tracking.check_tracking_same_as_model,
-        "integral = clamp(integral, range.low, range.high);",
-        "",
+        "integral = clamp(self->integral, range.low, range.high);",
+        "integral = self->integral;",
     ),
     Fault(
         "the integral runs on at any limit",
@@ -157,8 +157,8 @@ IN_THE_FEEDBACK = (
     Fault(
         "no anti-windup of the rate limit",
         checks_tracking.check_tracking_rate_limit,
-        "integral = self->integral;\n        }\n    }\n    self->integral",
-        "}\n    }\n    self->integral",
+        "        integral = (integral > self->integral) ? self->integral : integral;\n",
+        "",
     ),
     Fault(
         "inhibit ignored",
@@ -285,10 +285,10 @@ IN_THE_REFERENCE = (
         "",
     ),
     Fault(
-        "the integral runs on into the limit",
+        "what is proportional is kept at the limit",
         checks_tracking.check_tracking_same_as_model,
-        "integral = self->integral;\n        }\n        integral = clamp",
-        "}\n        integral = clamp",
+        "integral = clamp(self->integral,",
+        "integral = clamp(integral - proportional,",
     ),
     Fault(
         "grip does not recover",

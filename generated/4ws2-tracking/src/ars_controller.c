@@ -375,10 +375,10 @@ ARS_SECTION_CODE static range_t feedback_range(
         range.low = clamp(measurement->rear_angle - parameters->rear_angle_error_max, range.low, range.high);
         range.high = clamp(measurement->rear_angle + parameters->rear_angle_error_max, range.low, range.high);
     }
-    if (turns_left && (range.low < (feedforward - parameters->yaw_increasing_max))) {
+    if (turns_left) {
         range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
     }
-    if (turns_right && (range.high > (feedforward + parameters->yaw_increasing_max))) {
+    if (turns_right) {
         range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
     }
     range.low -= feedforward;
@@ -440,25 +440,23 @@ ARS_SECTION_CODE static bool track(
     feedback = integral - proportional;
     limited = (feedback > range.high) || (feedback < range.low);
     if (limited && !measurement->inhibit) {
-        /* The integral moves no farther into the limit, and lies within it itself; what is proportional to one sample's error
-         * is not kept. */
-        if (((feedback > range.high) && (integral > self->integral))
-            || ((feedback < range.low) && (integral < self->integral))) {
-            integral = self->integral;
-        }
-        integral = clamp(integral, range.low, range.high);
+        /* The integral stays, held within the limit: where its step would lead back, it starts so far outside that it ends at
+         * the limit too. What is proportional to one sample's error is not kept. */
+        integral = clamp(self->integral, range.low, range.high);
     }
     feedback = clamp(feedback, range.low, range.high);
 
     demand = map.rear_angle + feedback;
     command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
-    if ((demand > command) || (demand < command)) {
+    /* Where the rate limit acts: let the integral not move further ahead of the command. */
+    if (demand > command) {
         limited = true;
-        /* The rate limit acts: let the integral not move further ahead of the command. */
-        if (((demand > command) && (integral > self->integral))
-            || ((demand < command) && (integral < self->integral))) {
-            integral = self->integral;
-        }
+        integral = (integral > self->integral) ? self->integral : integral;
+    } else if (demand < command) {
+        limited = true;
+        integral = (integral < self->integral) ? self->integral : integral;
+    } else {
+        /* as it is */
     }
     self->integral = integral;
     self->rear_angle = command;

@@ -271,24 +271,32 @@ ARS_SECTION_CODE static bool law_step(
     float wanted;
     float demand;
     float command;
+    bool limited;
 
     if (!measurement->inhibit) {
         integral -= (parameters->integral_gain * sampling_time) * error;
     }
     wanted = integral - proportional;
     demand = allowed(parameters, measurement, wanted);
-    if (((demand > wanted) || (demand < wanted)) && !measurement->inhibit) {
+    limited = (demand > wanted) || (demand < wanted);
+    if (limited && !measurement->inhibit) {
         integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
     }
     command = clamp(demand, self->rear_angle - step, self->rear_angle + step);
     /* Where the rate limit acts: let the integral not move further ahead of the command. */
-    if (((demand > command) && (integral > before)) || ((demand < command) && (integral < before))) {
-        integral = before;
+    if (demand > command) {
+        limited = true;
+        integral = (integral > before) ? before : integral;
+    } else if (demand < command) {
+        limited = true;
+        integral = (integral < before) ? before : integral;
+    } else {
+        /* as it is */
     }
     self->yaw_rate_reference = reference;
     self->integral = integral;
     self->rear_angle = command;
-    return (command > wanted) || (command < wanted);
+    return limited;
 }
 
 ARS_SECTION_CODE static void control(

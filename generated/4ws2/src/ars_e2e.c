@@ -122,10 +122,8 @@ ARS_SECTION_CODE static ars_e2e_status_t check_counter(ars_e2e_receiver_t *self,
     } else {
         self->no_new_or_repeated_data_counter = 0u;
         self->sync_counter = sync_counter_init;
-        if (sync_counter_init > 0u) {
-            self->max_delta_counter = max_delta_counter_init;
-            self->last_counter = counter;
-        }
+        self->max_delta_counter = max_delta_counter_init;
+        self->last_counter = counter;
         status = ARS_E2E_WRONG_SEQUENCE;
     }
     return status;
