@@ -26,13 +26,6 @@ from tests.campaign.suite import Judge, whole
 SHOWS = "the project's own tests show of every condition of the generated C that it decides by itself"
 VERSION = "19"
 """Of clang and its tools: older ones do not know MC/DC."""
-ENTERED_BY = "the block is entered where one of two comparisons holds, and this is the other: with the first false it is true"
-TRACKING = "4ws2-tracking/src/ars_controller.c"
-COUPLED: dict[tuple[str, str], str] = {
-    (TRACKING, "(feedback < range.low)"): ENTERED_BY,
-    (TRACKING, "(demand < command)"): ENTERED_BY,
-}
-"""Path and text of a condition that cannot change alone -> why. One that is covered, or gone, fails the part."""
 
 
 @dataclass(frozen=True)
@@ -110,16 +103,13 @@ def _text(lines: list[str], place: tuple[int, ...]) -> str:
     return " ".join(" ".join(taken).split())
 
 
-def outcome_of(conditions: Sequence[Condition], coupled: dict[tuple[str, str], str] = COUPLED) -> Outcome:
-    """Passed where every condition decides, but for those that are argued not to be able to."""
-    argued = [one for one in conditions if not one.covered and (one.path, one.text) in coupled]
-    missed = [one for one in conditions if not one.covered and (one.path, one.text) not in coupled]
+def outcome_of(conditions: Sequence[Condition]) -> Outcome:
+    """Passed where every condition decides."""
+    missed = [one for one in conditions if not one.covered]
     findings = [f"{one.path}:{one.line}: `{one.text}` was never shown to decide" for one in missed]
-    used = {(one.path, one.text) for one in argued}
-    findings += [f"{path}: `{text}` is argued to be coupled, and is not" for path, text in coupled if (path, text) not in used]
     if not conditions:
-        findings.append("nothing was measured")
-    covered = sum(one.covered for one in conditions)
-    figure = f"{covered:,} of {len(conditions):,} conditions decide" + (f", {len(argued)} coupled" if argued else "")
-    figures = {"conditions": len(conditions), "covered": covered, "coupled": len(argued)}
+        findings = ["nothing was measured"]
+    covered = len(conditions) - len(missed)
+    figure = f"{covered:,} of {len(conditions):,} conditions decide"
+    figures = {"conditions": len(conditions), "covered": covered}
     return Outcome(SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), figures)

@@ -78,6 +78,21 @@ FAULTS = (
         *("proof", "sanitizers", "fuzzing"),
     ),
     _fault(
+        "a clamp that one speed in millions goes round",
+        "limiter",
+        "self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "self->rear_angle = ((input->speed > 33.3333f) && (input->speed < 33.3334f)) ? target "
+        ": clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        *("proof",),
+    ),
+    _fault(
+        "a CRC that is skipped for one counter and one code",
+        "e2e",
+        "if ((counter > counter_max) || (ars_e2e_crc(data_id, data) != data[0])) {",
+        "if ((counter > counter_max) || ((ars_e2e_crc(data_id, data) != data[0]) && ((data[0] != 0u) || (counter != 3u)))) {",
+        *("fuzzing",),
+    ),
+    _fault(
         "a violation of MISRA C",
         "task",
         "self->cycles = 0u;",
