@@ -1,6 +1,7 @@
 """`python -m tests.campaign [PART…] [--quick]`: run the parts, print a table, write build/campaign.json; exit 1 if one fails.
 
-Without names all parts are run. A part whose tool is missing is not run, and that counts as a failure unless it is allowed.
+Without names all parts are run. A part whose tool is missing is not run, and that counts as a failure unless it is allowed, or
+the part is optional.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rich.table import Table
 from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
-from tests.campaign.part import FOLDERS, MODULES, ROOT, Run, part
+from tests.campaign.part import FOLDERS, MODULES, OPTIONAL, ROOT, Run, part
 
 RESULT = ROOT / "build" / "campaign.json"
 FINDINGS_SHOWN = 20
@@ -46,8 +47,12 @@ def main(arguments: Sequence[str] | None = None, result: Path = RESULT, part_of:
     Console(width=max(100, min(160, Console().width))).print(table(outcomes))
     for name, outcome in outcomes.items():
         _tell_findings(name, outcome, result)
-    bad = [Verdict.FAILED] if options.allow_missing else [Verdict.FAILED, Verdict.NOT_RUN]
-    return 1 if any(outcome.verdict in bad for outcome in outcomes.values()) else 0
+    allowed = outcomes.keys() if options.allow_missing else OPTIONAL
+    return 1 if any(_is_bad(outcome.verdict, name in allowed) for name, outcome in outcomes.items()) else 0
+
+
+def _is_bad(verdict: Verdict, may_be_missing: bool) -> bool:
+    return verdict is Verdict.FAILED or (verdict is Verdict.NOT_RUN and not may_be_missing)
 
 
 def run_part(run: Run, effort: Effort, folders: Sequence[Path] = FOLDERS) -> Outcome:

@@ -27,6 +27,9 @@ MODULES = {
     "frama-c": "frama_c",
 }
 
+OPTIONAL = frozenset({"frama-c"})
+"""Parts whose tool few have: where it is missing they are not run, and that is no failure."""
+
 Run = Callable[[Sequence[Path], Effort], Outcome]
 
 

@@ -61,12 +61,19 @@ def test_a_part_that_fails_is_exit_1_with_its_findings(tmp_path: Path, capsys: p
 
 
 def test_a_part_without_its_tool_is_not_run_and_not_passed(tmp_path: Path) -> None:
+    missing = MissingTool("it is not installed", where="clang", remedy="apt install clang-19")
+    code, written = run(tmp_path, "mcdc", mcdc=missing)
+    assert code == 1
+    assert written["mcdc"]["verdict"] == "not run"
+    assert "clang" in str(written["mcdc"]["findings"])
+    assert run(tmp_path, "mcdc", "--allow-missing", mcdc=missing)[0] == 0
+
+
+def test_an_optional_part_may_lack_its_tool_but_not_fail(tmp_path: Path) -> None:
     missing = MissingTool("it is not installed", where="frama-c", remedy="apt install frama-c")
     code, written = run(tmp_path, "frama-c", **{"frama-c": missing})
-    assert code == 1
-    assert written["frama-c"]["verdict"] == "not run"
-    assert "frama-c" in str(written["frama-c"]["findings"])
-    assert run(tmp_path, "frama-c", "--allow-missing", **{"frama-c": missing})[0] == 0
+    assert (code, written["frama-c"]["verdict"]) == (0, "not run")
+    assert run(tmp_path, "frama-c", **{"frama-c": Outcome("shows", "1 alarm", Verdict.FAILED)})[0] == 1
 
 
 def test_a_build_that_cannot_be_tested_fails(tmp_path: Path) -> None:
