@@ -101,17 +101,11 @@ class _Change:
     told: Any
 
 
-def mutants_of(unit: Unit, without: frozenset[str] = frozenset()) -> list[Mutant]:
-    """Every mutant of a unit, in the order of the source.
-
-    Args:
-        without: definitions, as they are printed, that are left as they are.
-    """
+def mutants_of(unit: Unit) -> list[Mutant]:
+    """Every mutant of a unit, in the order of the source."""
     found: list[Mutant] = []
     seen: Counter[tuple[str, str, str]] = Counter()
     for index, node in enumerate(unit.nodes):
-        if printed(node) in without:
-            continue
         name = name_of(node)
         for change in _changes(node):
             text = " ".join(_text(change.told).split())
@@ -124,9 +118,9 @@ def mutants_of(unit: Unit, without: frozenset[str] = frozenset()) -> list[Mutant
     return found
 
 
-def definitions(unit: Unit) -> frozenset[str]:
+def definitions(unit: Unit) -> tuple[str, ...]:
     """All that a unit defines, as it is printed."""
-    return frozenset(printed(node) for node in unit.nodes)
+    return tuple(printed(node) for node in unit.nodes)
 
 
 def _text(node: Any) -> str:

@@ -1,7 +1,8 @@
 """Mutation of the generated C: is there a fault of one hand's slip that no test sees?
 
-Every mutant (see `mutants`) of every unit is compiled and judged by the project's own tests (see `suite`). What stands word for
-word in a build before is mutated there only. Those that survive must be argued to be equivalent in equivalent.toml, one by one.
+Every mutant (see `mutants`) of every unit is compiled and judged by the project's own tests (see `suite`). A unit that stands
+word for word in a build before is mutated there only; else all of it is mutated again, since what a function does hangs on the
+constants and functions beside it. Those that survive must be argued to be equivalent in equivalent.toml, one by one.
 """
 
 from __future__ import annotations
@@ -84,13 +85,14 @@ def campaign(of: Campaign) -> Tally:
     with ExitStack() as stack:
         benches: list[Bench] = []
         todo: list[tuple[int, Mutant]] = []
-        before: frozenset[str] = frozenset()
+        before: set[tuple[str, ...]] = set()
         for folder in of.folders:
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-mutation-")))
             case = case_of(folder, scratch, Compiler(compiler_command()))
             bench = Bench.of(case, of.judges_of, [path for path in case.tree.units if of.paths is None or path in of.paths])
-            todo += [(len(benches), one) for path in bench.judges for one in mutants_of(bench.units[path], before)]
-            before |= frozenset().union(*(definitions(unit) for unit in bench.units.values()))
+            own = [path for path in bench.judges if definitions(bench.units[path]) not in before]
+            todo += [(len(benches), one) for path in own for one in mutants_of(bench.units[path])]
+            before |= {definitions(unit) for unit in bench.units.values()}
             benches.append(bench)
         names = [bench.case.name for bench in benches]
         exist = [(names[index], one) for index, one in todo]
@@ -104,12 +106,13 @@ def campaign(of: Campaign) -> Tally:
 def all_keys(folders: Sequence[Path]) -> set[tuple[str, Key]]:
     """Build and name of every mutant that there is, nothing compiled."""
     keys: set[tuple[str, Key]] = set()
-    before: frozenset[str] = frozenset()
+    before: set[tuple[str, ...]] = set()
     for folder in folders:
         subject = Subject.read(folder)
         units = [Unit.read(path, subject.files) for path in sorted(subject.sources("src"))]
-        keys |= {(subject.name, mutant.key) for unit in units for mutant in mutants_of(unit, before)}
-        before |= frozenset().union(*map(definitions, units))
+        own = [unit for unit in units if definitions(unit) not in before]
+        keys |= {(subject.name, mutant.key) for unit in own for mutant in mutants_of(unit)}
+        before |= set(map(definitions, units))
     return keys
 
 

@@ -181,7 +181,8 @@ def _check_what_fits_together(built: Built) -> None:
         assert is_valid(built, **{name: LARGEST - 1})
         assert not is_valid(built, **{name: LARGEST}), "its count could not pass it"
     assert is_valid(built, recovery_samples=1)
-    assert is_valid(built, recovery_samples=LARGEST)
+    assert is_valid(built, recovery_samples=LARGEST - 1)
+    assert not is_valid(built, recovery_samples=LARGEST), "the task's count of samples without an angle could not pass it"
     assert not is_valid(built, recovery_samples=0), "a fail-safe that ends at once"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):

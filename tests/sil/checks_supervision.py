@@ -104,6 +104,22 @@ def check_plausibility_time(built: Built) -> None:
     assert Status.FAIL_SAFE in [command.status for command in controller.run(mixed)]
 
 
+def check_limiter_in_a_gap(built: Built) -> None:
+    """What is held is limited by the speed that still arrives; it is a gap all the same, not a limit."""
+    controller = built.software.controller(0.03)
+    limiter = controller.parameters.limiter
+    points = len(list(limiter.opposite_phase_max))
+    limiter.rear_rate_max = 1000.0
+    limiter.opposite_phase_max = [float(limiter.rear_angle_max)] + [0.01] * (points - 1)
+    limiter.opposite_phase_speed = [SPEED + 5.0 * k for k in range(points)]
+    assert built.software.function("parameters_valid")(controller.parameters)
+    before = controller.step(built.turn(0.0, speed=SPEED))
+    assert before.rear_angle > 0.011
+    (held,) = controller.run([Measurement(SPEED + 5.0, -FRONT_ANGLE, math.nan)])
+    assert held.status is Status.DEGRADED
+    assert abs(held.rear_angle - 0.01) <= built.eps * 0.01, "in opposite phase to the front wheels, and limited"
+
+
 def check_gap(built: Built, speed: float = SPEED) -> None:
     """A gap holds the last command and reference to the bit, for so many samples; one more is the fail-safe. Where the gap ends
     in time, control goes on from the angle held."""

@@ -250,6 +250,12 @@ IN_THE_SUPERVISION = (
         "0.0f",
     ),
     Fault(
+        "a limit hides a gap",
+        checks_supervision.check_limiter_in_a_gap,
+        "if ((self->status == ARS_STATUS_TRACKING) && ((limited",
+        "if ((self->status != ARS_STATUS_STANDBY) && ((limited",
+    ),
+    Fault(
         "a short gap drops to zero",
         checks_supervision.check_gap,
         "self->status = ARS_STATUS_DEGRADED;",

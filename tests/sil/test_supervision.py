@@ -36,6 +36,10 @@ def test_a_yaw_rate_is_plausible_between_none_and_the_kinematic_turn(either: Bui
     checks_supervision.check_plausibility_limit(either)
 
 
+def test_a_limit_in_a_gap_does_not_hide_the_gap(either: Built) -> None:
+    checks_supervision.check_limiter_in_a_gap(either)
+
+
 def test_an_implausible_yaw_rate_is_held_for_the_set_time_and_no_longer(either: Built) -> None:
     checks_supervision.check_plausibility_time(either)
 

@@ -12,6 +12,7 @@ from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject
 from tests.campaign.mutants import definitions, mutants_of
+from tests.campaign.mutation import all_keys
 from tests.campaign.part import FOLDERS
 from tests.campaign.source import Unit
 
@@ -144,10 +145,17 @@ def test_a_name_outlives_lines_that_move_and_comments() -> None:
     assert [mutant.line for mutant in mutants_of(small(moved))] != [mutant.line for mutant in mutants_of(small())]
 
 
-def test_what_stood_in_an_earlier_build_is_left_out() -> None:
-    assert mutants_of(small(), definitions(small())) == []
-    changed = small(SMALL.replace(b"gain = 0.5f", b"gain = 0.6f"))
-    assert {mutant.key.function for mutant in mutants_of(changed, definitions(small()))} == {"gain"}
+def test_what_a_unit_defines() -> None:
+    """The same for the same C, comments aside; another for another constant."""
+    assert definitions(small()) == definitions(small(b"/* A comment. */\n" + SMALL))
+    assert definitions(small()) != definitions(small(SMALL.replace(b"gain = 0.5f", b"gain = 0.6f")))
+
+
+def test_a_unit_that_stood_in_an_earlier_build_is_mutated_there_only() -> None:
+    mutated = {(build, key.path) for build, key in all_keys(FOLDERS)}
+    _, second = SUBJECTS.values()
+    assert {path for build, path in mutated if build == second.name} == {f"src/{second.prefix}_{unit}.c" for unit in OWN}
+    assert all(mutants_of(Unit.read(path, second.files)) for path in second.sources("src"))
 
 
 def test_c_that_cannot_be_read_is_told() -> None:

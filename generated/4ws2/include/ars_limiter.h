@@ -55,7 +55,7 @@ typedef struct {
 /* Whether every parameter is finite, in range and consistent with the others. ars_limiter_step() relies on it. */
 bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters);
 
-/* Start from the angle that the actuator holds now. rear_angle: rad; NaN counts as 0. */
+/* Start from the angle that the actuator holds now. rear_angle: rad; NaN, and what is beyond +-1 rad, counts as 0. */
 void ars_limiter_init(ars_limiter_t *self, float rear_angle);
 
 /* One sample: the angle to command, rad. */

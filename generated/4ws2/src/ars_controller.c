@@ -346,6 +346,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->implausible_samples_max < UINT16_MAX)
         && (parameters->degraded_samples_max < UINT16_MAX)
         && (parameters->recovery_samples > 0u)
+        && (parameters->recovery_samples < UINT16_MAX)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_limiter_parameters_valid(&parameters->limiter);
 }

@@ -1,8 +1,6 @@
 /*
  * AUTOSAR E2E profile 1, variant 1A. See ars_e2e.h.
  *
- *
- *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
  */

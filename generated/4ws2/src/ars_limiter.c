@@ -114,7 +114,7 @@ ARS_SECTION_CODE float ars_limiter_step(
     }
     if (self->speed_known) {
         const float bound = opposite_phase_bound(parameters, self->speed);
-                const float share = clamp(magnitude(self->front_angle) / parameters->in_phase_from_front_angle, 0.0f, 1.0f);
+        const float share = clamp(magnitude(self->front_angle) / parameters->in_phase_from_front_angle, 0.0f, 1.0f);
         const float in_phase = bound + (share * (parameters->rear_angle_max - bound));
         const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
         const float high = (self->front_angle > 0.0f) ? in_phase : bound;
