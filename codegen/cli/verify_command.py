@@ -20,7 +20,7 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
 
     Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
     feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a
-    check fails; one whose tool is missing is not run, and says so.
+    check fails, or none could be run; one whose tool is missing is not run, and says so.
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically
@@ -31,6 +31,7 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     check_output(json_file, ".json", (build,))
     subject = Subject.read(build)
     require_can_side(subject.manifest, build)
+    record.require_place(build)
     for path in subject.edited:
         console.note(f"{build / path} is not as it was built; what follows is about the file as it is")
     with console.progress(f"verifying {build}") as progress:
@@ -49,6 +50,8 @@ def verify(build: Path, quick: bool, json_file: Path | None) -> None:
         raise CheckFailed(
             f"{len(report.failed)} of {len(report.outcomes)} checks failed: {', '.join(report.failed)}", where=build
         )
+    if not passed:
+        raise CheckFailed("no check could be run", where=build, remedy='pip install "ars-codegen[verify]"')
     console.say(f"{passed} checks passed" + (f", {not_run} not run" if not_run else ""))
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from codegen.emit.folder import MANIFEST, read_files, read_manifest, verify_hashes
+from codegen.verify.manifest import require_whole
 
 
 class Verdict(StrEnum):
@@ -81,9 +82,10 @@ class Subject:
         """The build in a folder.
 
         Raises:
-            BuildError: not a build, or a file of it cannot be read.
+            BuildError, ConfigError: not a build, or a file of it cannot be read.
         """
         manifest = read_manifest(folder)
+        require_whole(manifest, folder / MANIFEST)
         files = read_files(folder, manifest, ("",))
         digest = hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest()
         return cls(folder.resolve().name, files, manifest, tuple(verify_hashes(folder)), digest)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from codegen import __version__
 from codegen.emit.folder import BESIDE
+from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.manual import manual
@@ -65,9 +67,20 @@ def write(report: Report, folder: Path) -> bool:
     """
     if report.effort.quick and _stands_for(folder, report.subject.manifest_sha256, report.subject.edited):
         return False
-    write_atomically(folder / JSON, render(report))
-    write_atomically(folder / MANUAL, manual(report).encode())
+    written = {JSON: render(report), MANUAL: manual(report).encode()}
+    for name, content in written.items():
+        write_atomically(folder / name, content)
     return True
+
+
+def require_place(folder: Path) -> None:
+    """Refuse, before the checks run, what could not be written after them. Raises CodegenError."""
+    for name in BESIDE:
+        path = folder / name
+        if os.path.lexists(path) and not path.is_file():
+            raise CodegenError("not a regular file: the result goes there", where=path, remedy="move it away")
+    if not os.access(folder, os.W_OK):
+        raise CodegenError("cannot be written: the result goes there", where=folder, remedy="check its permissions")
 
 
 def _stands_for(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:

@@ -133,6 +133,8 @@ def run(
                     done(count, len(chosen))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()  # or the pool would wait for checks that nobody wants any more
             raise
     return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
 

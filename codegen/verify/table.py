@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from collections.abc import Iterator
 
 from rich import box
@@ -12,24 +13,34 @@ from rich.table import Table
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, LEFT_OUT, Report
 
-WIDTH = 120
+WIDTH_MIN, WIDTH_USUAL, WIDTH_MAX = 80, 120, 160
+"""Columns; as wide as the terminal, the usual where there is none."""
+WIDTH_FOR_ALL = 100
+"""Below it there is no room for what a check shows."""
+
 FINDINGS_TOLD = 10
 """Of each check; all of them are in the JSON."""
 
 TITLES = {check.name: check.title for check in CHECKS}
 
 
-def table(report: Report) -> str:
-    """Check, what it shows, figure and verdict; no line is longer than 120 characters."""
-    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, width=WIDTH, show_edge=False)
+def table(report: Report, columns: int | None = None) -> str:
+    """Check, what it shows, figure and verdict; no line is longer than the columns there are, by default the terminal's."""
+    width = min(max(columns or shutil.get_terminal_size((WIDTH_USUAL, 0)).columns, WIDTH_MIN), WIDTH_MAX)
+    is_wide = width >= WIDTH_FOR_ALL
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, width=width, show_edge=False)
     drawn.add_column("check", ratio=2)
-    drawn.add_column("what it shows", ratio=6)
+    if is_wide:
+        drawn.add_column("what it shows", ratio=6)
     drawn.add_column("figure", ratio=5)
     drawn.add_column("verdict", no_wrap=True, min_width=8)
     for name, outcome in report.outcomes.items():
-        drawn.add_row(TITLES.get(name, name), outcome.shows, outcome.figure or "-", str(outcome.verdict))
+        shows = (outcome.shows,) if is_wide else ()
+        # What a part of a check found is no figure of the check.
+        figure = "" if outcome.verdict is Verdict.NOT_RUN else outcome.figure
+        drawn.add_row(TITLES.get(name, name), *shows, figure or "-", str(outcome.verdict))
     page = io.StringIO()
-    Console(file=page, width=WIDTH, no_color=True, highlight=False, markup=False, emoji=False).print(drawn)
+    Console(file=page, width=width, no_color=True, highlight=False, markup=False, emoji=False).print(drawn)
     return "\n".join(line.rstrip() for line in page.getvalue().rstrip("\n").split("\n"))
 
 

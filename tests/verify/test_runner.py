@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,7 +79,11 @@ def test_every_registered_check_is_there() -> None:
 
 def test_the_table_fits_and_names_everything(report: Report) -> None:
     text = table.table(report)
-    assert max(map(len, text.splitlines())) <= table.WIDTH
+    for columns in (40, 80, 120, 160, 400):
+        drawn = table.table(report, columns).splitlines()
+        assert max(map(len, drawn)) <= min(max(columns, 80), 160)
+        assert sum(set(line) == {"─"} for line in drawn) == 1, "one rule, unbroken"
+        assert ("what it shows" in drawn[0]) == (columns >= 100)
     for name, outcome in report.outcomes.items():
         row = next(line for line in text.splitlines() if line.startswith(name))
         assert row.endswith(str(outcome.verdict))
@@ -185,3 +191,38 @@ class TestManual:
         text = manual.manual(runner.Report(Subject.read(place), Effort(), {}))
         assert "The command moves by at most" in text, "as the recommended configuration has it"
         assert f"kind `{kind}`" in text
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda manifest: manifest.pop("margins"), "margins: field required"),
+        (lambda manifest: manifest.update(margins="wide"), "margins: input should be a valid dictionary"),
+        (lambda manifest: manifest.pop("map"), "map: field required"),
+        (lambda manifest: manifest["map"].update(frictions=[]), "map.frictions: list should have at least 1 item"),
+        (lambda manifest: manifest["options"].pop("kind"), "options.kind: field required"),
+        (lambda manifest: manifest["options"].update(prefix="../x"), "options.prefix: string should match"),
+        (lambda manifest: manifest["configuration"].pop("controller"), "configuration.controller: missing"),
+    ],
+)
+def test_a_damaged_manifest_is_told_before_anything_runs(
+    folder: Path, tmp_path: Path, damage: Callable[[dict[str, Any]], object], told: str
+) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    manifest = json.loads((copy / "manifest.json").read_bytes())
+    damage(manifest)
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(CodegenError) as caught:
+        Subject.read(copy)
+    assert str(caught.value).startswith(f"{copy / 'manifest.json'}: {told}")
+    assert caught.value.exit_code == 2
+
+
+def test_what_could_not_be_written_is_told_before_anything_runs(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    record.require_place(copy)
+    for name in (record.JSON, record.MANUAL):
+        (copy / name).mkdir()
+        with pytest.raises(CodegenError, match=rf"{name}: not a regular file"):
+            record.require_place(copy)
+        (copy / name).rmdir()

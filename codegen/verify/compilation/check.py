@@ -61,7 +61,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
             *takes_fast_math(subject),
         ]
     names = dict.fromkeys(compilation.core.name for compilation in plan if compilation.core is not None)
-    shows = SHOWS.format(standards=" and ".join(standards).upper(), cores=", ".join(names))
+    shows = SHOWS.format(standards=" and ".join(map(str.upper, standards)), cores=", ".join(names))
     return replace(_outcome(subject, plan, needs, tuple(dict.fromkeys(found)), gcc), shows=shows)
 
 

@@ -21,6 +21,7 @@ from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.refmap.lookup import Lookup
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
+from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Ground
@@ -71,7 +72,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     missing = tuple(half.missing for half in (host, target) if half.missing)
     verdict = Verdict.FAILED if findings else Verdict.NOT_RUN if missing else Verdict.PASSED
     ran = {"scenarios": 0, "faults": 0, "steps": 0, **host.figures}
-    figure = f"{len(findings)} findings in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
+    told = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
+    figure = f"{told} in {ran['scenarios']} scenarios, {ran['faults']} faults and {ran['steps']:,} steps"
     return Outcome(
         SHOWS,
         figure if host.figures or findings else "not run",
@@ -105,6 +107,10 @@ def _on_target(subject: Subject, effort: Effort) -> _Half:
         return _Half(limits=(NO_TRAP_BUILD,))
     from codegen.verify.sanitizers.trap_build import trapped
 
+    try:
+        compiler_command()  # its streams are made by the code as this machine runs it
+    except BuildError as error:
+        return _Half(missing=f"trap build: {error}")
     try:
         return _Half(findings=trapped(subject, effort), figures={"trap_build": "Cortex-M4F"})
     except MissingTool as error:

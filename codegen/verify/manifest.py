@@ -1,0 +1,83 @@
+"""What the checks read of a build's manifest, so that a damaged one is told before they run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from codegen import config as configuration
+from codegen.config import Kind
+from codegen.errors import BuildError
+
+Numbers = Annotated[list[float], Field(min_length=1)]
+
+
+class _Read(BaseModel):
+    """Strict about what it knows; what else stands there is not looked at."""
+
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+
+
+class _Options(_Read):
+    prefix: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    kind: Kind
+    precision: Literal["single", "double"]
+
+
+class _Map(_Read):
+    speed_m_s: Numbers
+    front_angle_rad: Numbers
+    friction: float
+    frictions: Numbers
+    lateral_acceleration_cap_m_s2: float
+    lookup_error_bound_rad_s: float
+    solved: bool
+
+
+class _Margins(_Read):
+    enough: bool
+    warns_from_km_h: float | None
+    unstable_from_km_h: float | None
+
+
+class _Source(_Read):
+    source: str
+
+
+class _Inputs(_Read):
+    configuration: _Source
+
+
+class _Manifest(_Read):
+    name: str
+    version: str
+    build_id: Annotated[str, Field(pattern=r"^[0-9A-F]{8}$")]
+    options: _Options
+    map: _Map
+    margins: _Margins | None
+    inputs: _Inputs
+    dynamics_library_functions: list[str]
+    configuration: dict[str, Any]
+
+
+def require_whole(manifest: Mapping[str, Any], place: Path) -> None:
+    """Refuse a manifest that lacks what a build writes into it.
+
+    Raises:
+        BuildError: naming the entry. ConfigError: its configuration is none.
+    """
+    try:
+        found = _Manifest.model_validate(dict(manifest))
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        entry = ".".join(str(part) for part in fault["loc"])
+        said = fault["msg"].partition(" or instance of")[0]
+        what = f"{entry}: {said[0].lower()}{said[1:]}"
+        raise BuildError(what, where=place, remedy="build again with `codegen build`") from None
+    for section, field in configuration.Config.model_fields.items():
+        if section not in found.configuration and field.exclude_if is None:
+            raise BuildError(f"configuration.{section}: missing", where=place, remedy="build again with `codegen build`")
+    configuration.parse(found.configuration, f"{place}: configuration")
