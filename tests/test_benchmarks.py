@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.closed_loop import Loops, slalom, step_steer
+from benchmarks.cortex_m import STEP_MAX, CountReport, step_row
 from benchmarks.timing import Comparison, Report, Times
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
+from codegen.verify.budgets.taken import LongestStep
 
 DURATION = 0.5
 
@@ -86,3 +88,14 @@ def test_a_missed_requirement_is_told_in_the_table() -> None:
     ).splitlines()
     assert lines[-3].endswith("slow 2 ms  quick 2 us (1–3)  1,000         >= 2: met")
     assert lines[-2].endswith("slow 2 ms  slow 2 ms         1             >= 2: MISSED")
+
+
+def test_instructions_of_a_step_are_told_and_judged() -> None:
+    short, long = (LongestStep(worst, 142, 995.7, 31_920, "") for worst in (STEP_MAX, STEP_MAX + 1))
+    report = CountReport(
+        (("Title", ("build", "worst", "limiter", "mean", "required"), (step_row("a", short), step_row("b", long))),), ()
+    )
+    assert [row.met for row in report.comparisons] == [True, False]
+    lines = [line.split() for line in str(report).splitlines()]
+    assert ["a", "1,500", "142", "996", "<=", "1,500:", "met"] in lines
+    assert ["b", "1,501", "142", "996", "<=", "1,500:", "MISSED"] in lines

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from codegen import console
 from codegen.errors import CheckFailed, CodegenError, suggestion
@@ -67,7 +67,6 @@ def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs
         CodegenError: an unknown suite, or what cannot be solved, tuned, built, compiled or written.
     """
     from codegen.report.suite_tables import failures, sections
-    from codegen.verify.cortex_m import worst_step_instructions
     from hil_sim.suite.candidate import of_folder, recommended
     from hil_sim.suite.whole import run_whole
 
@@ -77,7 +76,7 @@ def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs
         )
     outputs.check()
     candidate = recommended() if build_path is None else of_folder(build_path)
-    whole = run_whole(candidate, worst_step_instructions, console.progress)
+    whole = run_whole(candidate, instructions_of_step, console.progress)
     result, written = whole.result, outputs.draw(whole.result)
     missed = failures(result.requirements)
     if outputs.as_json:
@@ -95,6 +94,14 @@ def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs
         told = "1 figure is" if len(missed) == 1 else f"{len(missed)} figures are"
         what = f"{told} not as asked: {'; '.join(missed[:TOLD])}{more}"
         raise CheckFailed(what, where=build_path or "", remedy="see the first table")
+
+
+def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
+    """Of the longest step of a build that can be found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
+    from codegen.verify.budgets.measure import measure_step
+    from codegen.verify.check import Effort, Subject
+
+    return measure_step(Subject("the tested build", files, manifest), Effort()).worst
 
 
 def _say(title: str, sections: Iterable[tuple[str, str]], written: Sequence[Path]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from codegen.config import KM_H, Config
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.emit.laws import law_of
-from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function
+from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.refmap.map import ReferenceMap
 
 
@@ -41,10 +41,10 @@ class Evidence:
         if found is None:
             return None
         return {
-            "gain_margin_db": _rounded(found.gain_margin_db),
-            "gain_margin_at_km_h": _rounded(found.gain_margin_speed / KM_H),
-            "phase_margin_deg": _rounded(found.phase_margin_deg),
-            "phase_margin_at_km_h": _rounded(found.phase_margin_speed / KM_H),
+            "gain_margin_db": rounded(found.gain_margin_db, 2),
+            "gain_margin_at_km_h": rounded(found.gain_margin_speed / KM_H, 2),
+            "phase_margin_deg": rounded(found.phase_margin_deg, 2),
+            "phase_margin_at_km_h": rounded(found.phase_margin_speed / KM_H, 2),
             "warning_below": {"gain_margin_db": WARN_GAIN_MARGIN_DB, "phase_margin_deg": WARN_PHASE_MARGIN_DEG},
             "enough": found.enough,
             "warns_from_km_h": _km_h(found.warns_from),
@@ -83,10 +83,6 @@ class Evidence:
 
 def _text(value: float) -> str:
     return "-" if math.isnan(value) else f"{value + 0.0:.1f}"
-
-
-def _rounded(value: float) -> float | None:
-    return round(value, 2) if math.isfinite(value) else None
 
 
 def _km_h(speed: float | None) -> float | None:

@@ -27,7 +27,7 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import passively_feasible
 from codegen.vehicle.single_track import SingleTrack
 
-__all__ = ["MODES", "LossOfFunction", "loss_of_function"]
+__all__ = ["MODES", "LossOfFunction", "loss_of_function", "rounded"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -86,12 +86,12 @@ class LossOfFunction:
         if self.only_with_rear_steer is not None:
             only = {
                 "cells": int(self.only_with_rear_steer.sum()),
-                "share_of_feasible": _rounded(self.share_of_feasible, 4),
-                "share_of_grid": _rounded(self.share_of_grid, 4),
+                "share_of_feasible": rounded(self.share_of_feasible, 4),
+                "share_of_grid": rounded(self.share_of_grid, 4),
                 "by_speed_and_front_angle": ["".join(".x"[int(cell)] for cell in row) for row in self.only_with_rear_steer],
             }
         points: dict[str, Any] = {
-            "speed_km_h": [_rounded(value, 2) for value in self.speed / KM_H],
+            "speed_km_h": [rounded(value, 2) for value in self.speed / KM_H],
             "front_angle_deg": _degrees(self.front_angle, 3),
             "rear_angle_deg": _degrees(self.rear_angle, 2),
             "passively_feasible": None if self.passively_feasible is None else self.passively_feasible.tolist(),
@@ -101,7 +101,7 @@ class LossOfFunction:
         }
         modes = {
             mode: {
-                "horizon_s": _rounded(self.horizon[row], 2),
+                "horizon_s": rounded(self.horizon[row], 2),
                 "sideslip_max_deg": _degrees(self.sideslip_max[row], 1),
                 "spins": [bool(spins) if known else None for spins, known in zip(self.spins[row], self.settles, strict=True)],
             }
@@ -110,13 +110,13 @@ class LossOfFunction:
         return {"only_with_rear_steer": only, "operating_points": points, "rear_angle_after_loss": modes}
 
 
-def _rounded(value: float | None, digits: int) -> float | None:
-    # Adding zero turns -0.0 into 0.0.
-    return None if value is None or math.isnan(value) else round(float(value), digits) + 0.0
+def rounded(value: float | None, digits: int) -> float | None:
+    """For JSON, which has neither NaN nor infinity; -0.0 becomes 0.0."""
+    return round(float(value), digits) + 0.0 if value is not None and math.isfinite(value) else None
 
 
 def _degrees(values: FloatArray, digits: int) -> list[float | None]:
-    return [_rounded(value, digits) for value in np.rad2deg(values)]
+    return [rounded(value, digits) for value in np.rad2deg(values)]
 
 
 def loss_of_function(reference_map: ReferenceMap, config: Config) -> LossOfFunction:

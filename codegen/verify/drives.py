@@ -1,6 +1,6 @@
-"""What a controller is driven with to find its longest step: recordings of the closed loop, and samples drawn from everywhere.
+"""What a controller is driven with: recordings of the closed loop, and samples drawn from everywhere.
 
-A drive is an array (samples, 6), see `on_target.Drive`. The same configuration and seed give the same drives.
+The same configuration and seed give the same drives.
 """
 
 from __future__ import annotations
@@ -17,11 +17,15 @@ from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
-from codegen.sil.software import RECORD_COLUMNS, Software
-from codegen.verify.target.on_target import Drive
+from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
 from hil_sim.scenarios import SCENARIOS
 
 FloatArray = npt.NDArray[np.float64]
+
+Drive = npt.NDArray[np.float32]
+"""Samples one after the other, (samples, 6) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
+
+COLUMNS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit")
 
 DELAY_SAMPLES = 1
 """Of computation in the recordings: an ECU sends its command one period after it has sampled."""
@@ -32,6 +36,21 @@ restart of the law with every other sample, long enough for the fail-safe, and p
 
 HELD = (1, 1, 1, 4, 25)
 """For how many samples each draw of them stays."""
+
+
+def drive_of(measurements: Sequence[Measurement]) -> Drive:
+    """Measurements as an array."""
+    rows = [[float(getattr(measurement, name)) for name in COLUMNS] for measurement in measurements]
+    with np.errstate(over="ignore"):  # beyond float32: infinity, as in the C
+        return np.array(rows, dtype=np.float32).reshape(-1, len(COLUMNS))
+
+
+def measurements_of(drive: Drive) -> list[Measurement]:
+    """The same, back."""
+    return [
+        Measurement(speed, front_angle, yaw_rate, rear_angle, friction, bool(inhibit))
+        for speed, front_angle, yaw_rate, rear_angle, friction, inhibit in drive.tolist()
+    ]
 
 
 @dataclass(frozen=True)
@@ -99,15 +118,6 @@ def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[floa
         _with_gaps(np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples], gap, generator)
         for gap, held in zip(gaps, HELD, strict=False)
     )
-
-
-def crossed(windows: npt.NDArray[np.float32], pool: Drive, copies: int, generator: np.random.Generator) -> Drive:
-    """Descendants of short windows (n, length, 6), one after the other: fields exchanged with those of samples of a pool."""
-    children = np.repeat(windows, copies, axis=0)
-    others = pool[generator.integers(len(pool), size=children.shape[:2])]
-    taken = generator.random(children.shape) < 0.25
-    result: Drive = np.where(taken, others, children).reshape(-1, children.shape[-1])
-    return result
 
 
 def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:

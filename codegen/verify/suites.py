@@ -18,8 +18,7 @@ from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS
-from codegen.verify.drives import Ground, drawn
-from codegen.verify.target.on_target import Drive
+from codegen.verify.drives import Drive, Ground, drawn
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +12,12 @@ from typing import Any
 import pytest
 
 from codegen import config as configuration
+from codegen.cli.suite_command import instructions_of_step
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.write import write_folder
 from codegen.refmap.solve import solve_case
+from codegen.verify.budgets.measure import measure
+from codegen.verify.check import Effort, Subject
 from hil_sim.suite import candidate, whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.tracking import SuiteResult
@@ -63,6 +67,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         build(solve_case(config, "4ws-2"), config, BuildOptions("small"), BuildInputs("small.npz", "0" * 64, "map")), target
     )
     return target
+
+
+def test_the_instructions_are_those_of_the_check_of_budgets(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted in a process of its own: the function must be one that can be sent there."""
+    monkeypatch.setattr("codegen.verify.budgets.measure.SAMPLES", 60)
+    monkeypatch.setattr("codegen.verify.budgets.measure.ROUNDS", 1)
+    subject = Subject.read(folder)
+    found = pickle.loads(pickle.dumps(instructions_of_step))(subject.files, subject.manifest)
+    expected = measure(subject, Effort()).counts["controller_step"].with_limiter
+    assert expected is not None
+    assert found == expected.largest > 200
 
 
 def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.software import Status
-from codegen.verify.drives import Ground, recorded
+from codegen.verify.drives import Ground, drive_of, measurements_of, recorded
 from codegen.verify.pil import stimuli, traffic
 from codegen.verify.pil.batches import FRAMES, Program, Rows, program_of
 from codegen.verify.pil.runners import HOST_FLAGS, OnHost, OnTarget
@@ -74,8 +74,6 @@ def test_a_row_starts_from_the_state_that_the_one_before_it_left() -> None:
 
 def test_commands_are_those_of_the_controller_itself() -> None:
     """Built another way: the class that the closed loop steps, from the same samples."""
-    from codegen.verify.target.on_target import drive_of, measurements_of
-
     software, batch = builds.compiled("tracking"), program().batches["controller"]
     drive = recorded(software)[0]
     expected = software.controller().run(measurements_of(drive))

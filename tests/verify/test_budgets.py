@@ -14,10 +14,11 @@ import pytest
 from codegen.config import Kind
 from codegen.emit.folder import Folder
 from codegen.verify.budgets import check as budgets
-from codegen.verify.budgets.measure import CYCLE
+from codegen.verify.budgets.taken import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from tests.verify import builds
+from tests.verify.conftest import OfKind
 
 AMPLE = {
     "lookup_instructions_max": 10_000,
@@ -31,10 +32,8 @@ AMPLE = {
 """What no build needs: a test lowers the one that it is about."""
 
 
-@functools.cache
-def of_kind(kind: Kind, grid: str = "even", layers: bool = False) -> Outcome:
-    """As `codegen verify --quick` counts it."""
-    return budgets.check(subject_of(builds.made(kind, grid, layers)), Effort(quick=True))
+STEP_MAX = 1_500
+"""Instructions, limiter included: at 100 MHz and two cycles each, a third of a percent of the period of 10 ms."""
 
 
 def subject_of(folder: Folder, files: Mapping[str, bytes] | None = None, limits: Mapping[str, int] | None = None) -> Subject:
@@ -93,21 +92,24 @@ def in_function(name: str, statements: str, before: str = "") -> dict[str, bytes
 
 
 @pytest.mark.parametrize("kind", builds.KINDS)
-def test_every_kind_keeps_its_budgets(kind: Kind) -> None:
+def test_every_kind_keeps_its_budgets(kind: Kind, of_kind: OfKind) -> None:
     found = of_kind(kind)
     assert found.findings == ()
     assert found.verdict is Verdict.PASSED
+    most = STEP_MAX if kind == "tracking" else STEP_MAX / 2  # the others have no reference model
+    assert found.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"] <= most
 
 
 @pytest.mark.parametrize(("kind", "layers"), [("tracking", True), ("pi", False)])
-def test_uneven_breakpoints_and_several_frictions_have_more(kind: Kind, layers: bool) -> None:
+def test_uneven_breakpoints_and_several_frictions_have_more(kind: Kind, layers: bool, of_kind: OfKind) -> None:
     found = of_kind(kind, "uneven", layers)
     assert found.findings == ()
+    assert found.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"] <= STEP_MAX
     assert found.figures["budgets"]["lookup_instructions_max"] > 95
 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
-def test_what_is_told(kind: Kind) -> None:
+def test_what_is_told(kind: Kind, of_kind: OfKind) -> None:
     found = of_kind(kind)
     figures = json.loads(json.dumps(found.figures, allow_nan=False))
     functions, stacks = figures["functions"], figures["stack_bytes"]
@@ -134,7 +136,7 @@ def test_what_is_told(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
-def test_every_block_is_entered_or_named(kind: Kind) -> None:
+def test_every_block_is_entered_or_named(kind: Kind, of_kind: OfKind) -> None:
     """What stays is where the compiler did not see that two conditions exclude each other."""
     blocks = of_kind(kind).figures["blocks"]
     never = [place for places in blocks["never"].values() for place in places]
@@ -155,7 +157,7 @@ def test_the_same_figures_each_time() -> None:
 
 # --- planted faults ------------------------------------------------------------------------------------------------------
 
-BLOATED = '    uint32_t k;\n\n    for (k = 0u; k < 100u; k++) {\n        __asm__ volatile ("nop");\n    }\n'
+BLOATED = "    uint32_t k;\\n    volatile uint32_t planted = 0u;\\n\\n    for (k = 0u; k < 100u; k++) { planted = k; }\\n"
 
 
 @pytest.mark.parametrize(
@@ -171,7 +173,7 @@ BLOATED = '    uint32_t k;\n\n    for (k = 0u; k < 100u; k++) {\n        __asm__
 def test_a_bloated_loop(function: str, key: str, told: str) -> None:
     """As much as there is without it is the budget; with it that is exceeded, and nothing else."""
     limit = _largest(sound(), told.rstrip(": "))
-    found = run(in_function(function, BLOATED.replace("\n", r"\n")), {key: limit})
+    found = run(in_function(function, BLOATED), {key: limit})
     assert found.verdict is Verdict.FAILED
     assert len(found.findings) == 1
     assert found.findings[0].startswith(told)
@@ -224,20 +226,45 @@ def test_a_deep_stack() -> None:
 def test_stack_that_the_compiler_does_not_know_of() -> None:
     hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\\n'
     found = run(in_function("ars_limiter_step", hidden))
-    assert {finding.split(":")[0] for finding in found.findings} == {"limiter_step", "controller_step", CYCLE}
-    assert re.search(r"limiter_step: 51\d bytes of stack were used, by the compiler \d+ are the most", found.findings[0])
+    unread, *told = found.findings
+    assert unread.startswith("src/ars_limiter.c: not plain C99: ")  # assembly may hold a loop
+    assert {finding.split(":")[0] for finding in told} == {"limiter_step", "controller_step", CYCLE}
+    assert re.search(r"limiter_step: 51\d bytes of stack were used, by the compiler \d+ are the most", told[0])
 
 
-@pytest.mark.usefixtures("few")
 def test_a_call_through_a_pointer_has_no_bound() -> None:
     before = (
         "static float planted_same(float value) { return value * 1.0f; }\\n"
         "float (*volatile const planted_pointer)(float value) = planted_same;\\n\\n"
     )
     found = run(in_function("ars_limiter_init", "    self->speed = planted_pointer(rear_angle);\\n", before))
-    assert [finding.split(":")[0] for finding in found.findings] == ["limiter_step", "controller_step", CYCLE]
-    assert all("ars_limiter_init: it calls through a pointer: its stack has no bound" in finding for finding in found.findings)
+    (call,) = found.findings
+    assert re.fullmatch(
+        r"src/ars_limiter\.c:\d+: a call of planted_pointer in ars_limiter_init: instructions without a bound", call
+    )
     assert found.verdict is Verdict.FAILED
+
+
+@pytest.mark.usefixtures("few")
+def test_stack_without_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a compiler does not tell how much a function takes."""
+    monkeypatch.setattr("codegen.verify.budgets.counting.FLAGS", ("-O2",))
+    found = run()
+    assert [finding.split(":")[0] for finding in found.findings] == [*sound().figures["stack_bytes"]]
+    assert all(": the compiler does not tell how much stack it takes" in finding for finding in found.findings)
+    assert found.verdict is Verdict.FAILED
+
+
+def test_a_loop_without_a_fixed_number_of_rounds() -> None:
+    """However few instructions it takes, or if it never ends: it is not run."""
+    few = "    uint32_t k = 0u;\\n\\n    while ((float)k < input->speed) { k += 100u; }\\n"
+    endless = "    volatile uint32_t k = 0u;\\n\\n    do { k = 0u; } while (k < 1u);\\n"
+    for function, loop, kind in (("ars_limiter_step", few, "while"), ("ars_limiter_init", endless, "dowhile")):
+        files = in_function(function, loop)
+        found = run(files)
+        line = 1 + next(k for k, text in enumerate(files["src/ars_limiter.c"].decode().splitlines()) if "while (" in text)
+        assert found.findings == (f"src/ars_limiter.c:{line}: {kind} in {function}: instructions without a bound",)
+        assert found.verdict is Verdict.FAILED
 
 
 @pytest.mark.usefixtures("few")
@@ -289,14 +316,17 @@ def test_double_precision_is_not_for_this_core() -> None:
     assert found.findings == ("a build in double precision is not for a Cortex-M4F, whose FPU has single precision",)
 
 
-@pytest.mark.parametrize("name", ["unicorn", "elftools.elf.elffile"])
-def test_a_missing_package(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("elftools.elf.elffile", "pyelftools")])
+def test_a_missing_package(monkeypatch: pytest.MonkeyPatch, name: str, package: str) -> None:
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingTool):
+    with pytest.raises(MissingTool) as caught:
         run()
+    assert str(caught.value).startswith(f"{package}: it cannot be imported (")
+    assert str(caught.value).endswith('; pip install "ars-codegen[verify]"')
+    assert caught.value.exit_code == 2
 
 
 def test_a_missing_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingTool, match=r"^ziglang: it is not installed"):
+    with pytest.raises(MissingTool, match=r'^ziglang: it is not installed; pip install "ars-codegen\[verify\]"$'):
         run()

@@ -84,6 +84,19 @@ def test_instructions_more_are_counted_to_the_last_one() -> None:
     assert planted.limiter.tolist() == before.limiter.tolist()
 
 
+def test_instructions_more_in_one_state_are_counted_in_its_steps_alone() -> None:
+    """Six samples are lost: as many are held as the configuration says, the others are in the fail-safe."""
+    good, lost = [15.0, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0], [np.nan, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0]
+    rows = np.array([[*good[:6], 1.0], good, good, *[lost] * 6], dtype=np.float32)
+    place = "    self->yaw_rate_reference = 0.0f;\n}\n\n/* The estimate"
+    folder = builds.made("pi")
+    planted = counter_of(folder, builds.with_text(folder, "src/ars_controller.c", place, nops(NOPS) + place))
+    more = steps(planted, rows).instructions - steps(counter(), rows).instructions
+    held = 3 + builds.config_of("pi").controller.fail_safe.degraded_samples_max
+    assert held < 9
+    assert more.tolist() == [0] * held + [NOPS] * (9 - held)
+
+
 def test_a_jump_costs_the_refill_of_the_pipeline() -> None:
     before = steps(counter())
     after = steps(at_the_start_of("ars_controller_step", '    __asm__ volatile ("b 1f; 1:");\n'))

@@ -10,8 +10,7 @@ import pytest
 from codegen.config import Config
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Status
-from codegen.verify.drives import DELAY_SAMPLES, Ground, crossed, drawn, recorded
-from codegen.verify.target.on_target import COLUMNS, drive_of, measurements_of
+from codegen.verify.drives import COLUMNS, DELAY_SAMPLES, Ground, drawn, drive_of, measurements_of, recorded
 from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds
 
@@ -80,8 +79,8 @@ def test_every_status_is_reached_by_the_drawn_drives_alone(ground: Ground) -> No
     assert reached == set(Status)
 
 
-def test_descendants_take_fields_of_both_parents() -> None:
-    windows = np.zeros((4, 3, 6), dtype=np.float32)
-    children = crossed(windows, np.ones((50, 6), dtype=np.float32), 10, np.random.default_rng(0))
-    assert children.shape == (4 * 10 * 3, 6)
-    assert 0.2 < children.mean() < 0.3
+def test_the_drawn_drives_go_to_every_cell_of_the_schedule(ground: Ground) -> None:
+    speeds = np.concatenate([drive[:, 0] for drive in drawn(ground, 1_000)])
+    breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
+    cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])
+    assert set(range(len(breakpoints))) <= set(cells.tolist())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +25,7 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
 from tests.verify import builds
+from tests.verify.conftest import Once
 
 
 def subject_of(folder: Folder, files: Mapping[str, bytes] | None = None) -> Subject:
@@ -31,6 +34,32 @@ def subject_of(folder: Folder, files: Mapping[str, bytes] | None = None) -> Subj
 
 def judged(folder: Folder, files: Mapping[str, bytes] | None = None) -> Outcome:
     return static_analysis.check(subject_of(folder, files), Effort(quick=True))
+
+
+def remembered(once: Once, analyse: Callable[..., Any]) -> Callable[..., Any]:
+    """An analyser that runs once on the same files: what it finds depends on nothing else."""
+
+    def found(*given: Any) -> Any:
+        told = hashlib.sha256(analyse.__name__.encode())
+        for each in given:
+            paths = sorted(each.rglob("*.[ch]")) if isinstance(each, Path) else ()
+            told.update(repr([(str(path.relative_to(each)), path.read_bytes()) for path in paths] or each).encode())
+        return once(told.hexdigest(), lambda: analyse(*given))
+
+    return found
+
+
+@pytest.fixture
+def misra_once(monkeypatch: pytest.MonkeyPatch, once: Once) -> None:
+    """For tests of what is made of the findings."""
+    for name in ("judged_by_misra", "judged_as_programs"):
+        monkeypatch.setattr(misra, name, remembered(once, getattr(misra, name)))
+
+
+@pytest.fixture
+def analysed_once(monkeypatch: pytest.MonkeyPatch, once: Once, misra_once: None) -> None:
+    """With gcc, too."""
+    monkeypatch.setattr(gcc_analyzer, "analyse", remembered(once, gcc_analyzer.analyse))
 
 
 def c_function(signature: str, *body: str) -> str:
@@ -113,6 +142,7 @@ def with_rows(folder: Folder, *rows: str) -> dict[str, bytes]:
     return {**folder.files, FILE: folder.files[FILE] + "".join(f"{row}\n" for row in rows).encode()}
 
 
+@pytest.mark.usefixtures("analysed_once")
 def test_rows_without_a_finding_or_a_right_are_told() -> None:
     folder = builds.made("pi")
     count = folder.files[FILE].count(b"\n")
@@ -134,6 +164,7 @@ def test_rows_without_a_finding_or_a_right_are_told() -> None:
     }
 
 
+@pytest.mark.usefixtures("analysed_once")
 def test_a_row_taken_away_and_one_told_twice_are_told() -> None:
     folder = builds.made("pi")
     lines = folder.files[FILE].decode().splitlines(keepends=True)
@@ -171,6 +202,7 @@ def test_c_that_does_not_compile_is_a_finding() -> None:
     assert any(finding.startswith(f"src/ars_limiter.c:{line}: ") and "ars_nowhere" in finding for finding in outcome.findings)
 
 
+@pytest.mark.usefixtures("analysed_once")
 @pytest.mark.parametrize(("prefix", "told"), [("ars", False), ("rear_axle", True)])
 def test_names_that_are_alike_for_a_linker_are_told(prefix: str, told: bool) -> None:
     """The addon compares more characters than C99 promises."""
@@ -259,6 +291,7 @@ def test_gcc_looks_behind_a_call(tmp_path: Path) -> None:
     assert (finding.file, finding.line, finding.rule) == ("one.c", 8, "-Wanalyzer-null-dereference")
 
 
+@pytest.mark.usefixtures("misra_once")
 def test_without_gcc_the_rest_runs_and_it_counts_as_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_gcc, "gcc", lambda: None)
     folder = builds.made("pi")
@@ -269,6 +302,7 @@ def test_without_gcc_the_rest_runs_and_it_counts_as_not_run(monkeypatch: pytest.
     assert "gcc" not in outcome.tools
 
 
+@pytest.mark.usefixtures("misra_once")
 def test_a_gcc_that_does_not_analyse_counts_as_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gcc_analyzer, "FLAGS", ("-std=c99", "-O2"))
     outcome = judged(builds.made("pi"))

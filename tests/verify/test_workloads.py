@@ -13,8 +13,7 @@ from codegen.verify.budgets import states, workloads
 from codegen.verify.budgets.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
 from codegen.verify.budgets.states import behind, histories, long_ways, long_ways_of_task
 from codegen.verify.budgets.workloads import CYCLE_COLUMNS, STEP_COLUMNS, Fault, cycles_of, events_of, steps_of
-from codegen.verify.drives import Ground, drawn
-from codegen.verify.target.on_target import measurements_of
+from codegen.verify.drives import Ground, drawn, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds
 

@@ -26,6 +26,7 @@ def test_the_search_puts_together_what_it_finds_apart() -> None:
     assert search.spread("instructions", 1).largest < 140
     search.improve(12, np.random.default_rng(1))
     assert search.spread("instructions", 1).largest == 140
+    assert search.largest("instructions")[1]["instructions"] == 140
     assert np.allclose(search.worst_input(), [0.3, -0.7, 0.1, 0.9], atol=0.05)
 
 
@@ -37,6 +38,9 @@ def test_what_is_kept_of_the_calls() -> None:
     assert found.shape == (PARENTS, WINDOW, 4)
     # Half of the parents by each figure.
     assert np.array_equal(found[PARENTS // 2, -1], made[0][-1])
+    row, figures = search.largest("other")
+    assert np.array_equal(row, made[0][-1])
+    assert figures == {"instructions": hidden(made[0])["instructions"][-1], "other": 49}
     spread = search.spread("other", 1)
     assert spread == Spread(0, 24.5, 49)
     assert spread.to_dict() == {"min": 0, "mean": 24.5, "max": 49}

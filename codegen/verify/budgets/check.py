@@ -1,4 +1,7 @@
-"""Whether the code keeps its budgets on a Cortex-M4F: instructions, stack, memory of an instance, flash."""
+"""Whether the code keeps its budgets on a Cortex-M4F: instructions, stack, memory of an instance, flash.
+
+A largest number of instructions exists at all because every loop ends after a fixed number of rounds.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,16 @@ from codegen.budget_sections import MapShape
 from codegen.config import Config
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
+from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.cycles import REFILL
-from codegen.verify.budgets.measure import CYCLE, Count, Taken, measure
+from codegen.verify.budgets.measure import NOT_SINGLE, measure
+from codegen.verify.budgets.taken import CYCLE, Count, Taken
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 
 SHOWS = (
     "Compiled with clang -O2 for a Cortex-M4F and counted call by call, the longest calls found, the stack, the memory of an "
-    "instance and the flash keep their budgets; no object has memory of its own that is written"
+    "instance and the flash keep their budgets; every loop has a fixed number of rounds; no object has memory of its own that "
+    "is written"
 )
 LIMITS = (
     "The longest calls are measured maxima over drives and a search, with the default parameters; they are no proof.",
@@ -40,15 +46,17 @@ LOOKUPS = {
 def check(subject: Subject, effort: Effort) -> Outcome:
     """Check 4. Raises MissingTool: a package of the extra is not installed."""
     if not subject.is_single:
-        why = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"
-        return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (why,))
+        return Outcome(SHOWS, "not for a Cortex-M4F", Verdict.NOT_RUN, (NOT_SINGLE,))
     tools = {tool: _version(tool) for tool in TOOLS}
+    unbounded, unread = _unbounded(subject)
+    if unbounded:  # it might never return
+        return Outcome(SHOWS, "instructions without a bound", Verdict.FAILED, unbounded, tools=tools)
     try:
         taken = measure(subject, effort)
     except BuildError as error:
-        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error),), tools=tools)
+        return Outcome(SHOWS, "it cannot be run", Verdict.FAILED, (str(error), *unread), tools=tools)
     budgets = _budgets(subject)
-    findings = (*_exceeded(taken, budgets), *_stacks(taken, budgets), *_memory(subject, taken, budgets))
+    findings = (*unread, *_exceeded(taken, budgets), *_stacks(taken, budgets), *_memory(subject, taken, budgets))
     return Outcome(
         shows=SHOWS,
         figure=_figure(taken),
@@ -73,6 +81,14 @@ def _budgets(subject: Subject) -> dict[str, int]:
     axes = [Axis.from_breakpoints(np.array(table[name])) for name in ("speed_m_s", "front_angle_rad")]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
     return config.budgets.resolved(config.controller.kind, MapShape(rounds, len(table["frictions"])))
+
+
+def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Loops and calls with which no largest number of instructions exists; and C that cannot be searched for them."""
+    try:
+        return tuple(f"{each}: instructions without a bound" for each in complaints(subject.files, subject.manifest)), ()
+    except BuildError as error:
+        return (), (str(error),)
 
 
 def _exceeded(taken: Taken, budgets: Mapping[str, int]) -> Iterator[str]:

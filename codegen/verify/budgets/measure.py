@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,13 +12,13 @@ from codegen.errors import BuildError
 from codegen.sil.software import compile_build
 from codegen.verify.budgets import states, workloads
 from codegen.verify.budgets.counting import CONDITIONS, MEMORY, MOTION, TASK, Calls, Counter, Rows
-from codegen.verify.budgets.program import Depth, NoBound
-from codegen.verify.budgets.sizes import Sizes, sizes_of
-from codegen.verify.budgets.worst import Figures, Search, Spread, described, spread_of
+from codegen.verify.budgets.program import NoBound
+from codegen.verify.budgets.sizes import sizes_of
+from codegen.verify.budgets.taken import CYCLE, NOT_COUNTED, Count, LongestStep, Stack, Taken
+from codegen.verify.budgets.worst import Figures, Search, described, spread_of
 from codegen.verify.check import Effort, Subject
-from codegen.verify.drives import Ground, drawn, recorded
+from codegen.verify.drives import Drive, Ground, drawn, recorded
 from codegen.verify.target.emulator import IntArray
-from codegen.verify.target.on_target import Drive
 
 USUAL_SAMPLES = 300
 """Of each of the built-in scenarios: where the mean is taken."""
@@ -29,87 +27,7 @@ SAMPLES, QUICK_SAMPLES = 1_500, 500
 ROUNDS, QUICK_ROUNDS = 12, 5
 """Of the drawn drives, and of the search behind them. Four times as many of both found no longer cycle."""
 
-CYCLE = "cycle"
-"""Name of what a period takes: both frames received, and the task's function."""
-
-NOT_COUNTED = -1
-
-
-@dataclass(frozen=True)
-class Count:
-    """Of one function.
-
-    Attributes:
-        instructions: of its calls, all that it calls included; of a step without the limiter.
-        cycles: estimated, of the whole call.
-        calls: how many were made.
-        worst_input: of the longest call, in words.
-        with_limiter: of a step: instructions with the limiter's.
-        bound: of a cycle: the longest one if the packing of its frame had taken the longest too, for which both values have to
-            lie exactly between two codes; no search finds such a cycle.
-    """
-
-    instructions: Spread
-    cycles: Spread
-    calls: int
-    worst_input: str = ""
-    with_limiter: Spread | None = None
-    bound: int | None = None
-
-    @property
-    def judged(self) -> int:
-        """What is compared with a budget."""
-        return self.instructions.largest if self.bound is None else self.bound
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        found: dict[str, Any] = {
-            "instructions": self.instructions.to_dict(),
-            "estimated_cycles": self.cycles.to_dict(),
-            "calls": self.calls,
-            "worst_input": self.worst_input,
-        }
-        if self.with_limiter is not None:
-            found["instructions_with_limiter"] = self.with_limiter.to_dict()
-        return found if self.bound is None else {**found, "instructions_bound": self.bound}
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Of one function, and of what starts its state: the deepest that was seen, and the most that they can take; None where
-    that has no bound, and why."""
-
-    watermark: int
-    bound: Depth | None
-    why: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        bound = self.bound or Depth(NOT_COUNTED, ())
-        return {"watermark": self.watermark, "bound": bound.bytes, "deepest": list(bound.chain)}
-
-
-@dataclass(frozen=True)
-class Taken:
-    """What a build takes.
-
-    Attributes:
-        counts: by function, without the prefix; CYCLE among them.
-        stacks: the same way.
-        sizes: by source file.
-        structs: bytes, by name without prefix and suffix.
-        blocks: basic blocks of the counted functions.
-        missed: those that no call entered: file and line, by function.
-        in_closed_loop: whether the means are over scenarios; else, where this machine cannot compile the C, over drawn inputs.
-    """
-
-    counts: Mapping[str, Count]
-    stacks: Mapping[str, Stack]
-    sizes: Mapping[str, Sizes]
-    structs: Mapping[str, int]
-    blocks: int
-    missed: Mapping[str, tuple[str, ...]]
-    in_closed_loop: bool
+NOT_SINGLE = "a build in double precision is not for a Cortex-M4F, whose FPU has single precision"
 
 
 def measure(subject: Subject, effort: Effort) -> Taken:
@@ -117,10 +35,21 @@ def measure(subject: Subject, effort: Effort) -> Taken:
 
     Raises:
         CodegenError: a package of the extra is missing.
-        BuildError: C that does not compile, or does not return.
+        BuildError: a build in double precision, C that does not compile, or does not return.
     """
+    return _Measuring(_counter(subject), subject, effort).taken()
+
+
+def measure_step(subject: Subject, effort: Effort) -> LongestStep:
+    """Count the controller's step alone, limiter included: the same steps as in `measure`. Raises as `measure`."""
+    return _Measuring(_counter(subject), subject, effort).longest_step()
+
+
+def _counter(subject: Subject) -> Counter:
+    if not subject.is_single:
+        raise BuildError(NOT_SINGLE, where="options.precision", remedy="build with --precision single")
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
-    return _Measuring(Counter(subject.sources(), subject.prefix, task_view(config)), subject, effort).taken()
+    return Counter(subject.sources(), subject.prefix, task_view(config))
 
 
 def _scenarios(subject: Subject) -> tuple[Drive, ...]:
@@ -150,13 +79,19 @@ class _Measuring:
     def taken(self) -> Taken:
         self._look_up()
         self._limit()
-        longest = self._step()
+        longest = self._step().longest().reshape(-1, len(workloads.STEP_COLUMNS))
         packing = self._pack()
         self._run_task(longest, packing)
         blocks, missed = self._missed()
         counter = self._counter
         sizes = {path: sizes_of(content) for path, content in counter.objects.items()}
         return Taken(self._counts, self._stacks(), sizes, counter.structs, blocks, missed, self._in_closed_loop)
+
+    def longest_step(self) -> LongestStep:
+        search = self._step()
+        row, figures = search.largest("instructions")
+        mean, worst = search.spread("instructions", len(self._usual)).mean, figures["instructions"]
+        return LongestStep(worst, worst - figures["own"], mean, search.calls, described(row, workloads.STEP_COLUMNS))
 
     def _search(self, frame: str, name: str, drives: Sequence[Rows], *judged: str) -> Search:
         start = self._counter.routine(name).start
@@ -196,8 +131,10 @@ class _Measuring:
         search = self._search("limiter", "limiter_step", drives, "instructions")
         self._counts["limiter_step"] = self._found(search, "instructions", workloads.DEMAND_COLUMNS)
 
-    def _step(self) -> Rows:
-        """Gives the longest steps."""
+    def _step(self) -> Search:
+        """Gives all steps."""
+        # The same draws whatever was counted before.
+        self._generator = np.random.default_rng(2)
         drives = [
             *workloads.steps_of(self._usual, self._generator, restarts=0.0),
             *workloads.steps_of(self._anywhere, self._generator),
@@ -205,11 +142,11 @@ class _Measuring:
         search = self._search("step", "controller_step", drives, "own", "instructions")
         for way in states.long_ways(self._ground):
             self._counter.run("step", way.before)
-            self._counter.count("step", way.then)
+            search.run([way.then])
         found = self._found(search, "own", workloads.STEP_COLUMNS)
         whole = search.spread("instructions", len(self._usual))
         self._counts["controller_step"] = Count(found.instructions, found.cycles, found.calls, found.worst_input, whole)
-        return search.longest().reshape(-1, len(workloads.STEP_COLUMNS))
+        return search
 
     def _pack(self) -> int:
         """Gives the most instructions that the frame of the command takes to be packed."""
@@ -246,7 +183,7 @@ class _Measuring:
         search.improve(self._rounds, generator, self._moved)
         for way in states.long_ways_of_task(self._ground):
             counter.run("task", workloads.events_of(way.before, counter).events)
-            count(way.then)
+            search.run([way.then])
         counter.count("task", states.flooded())
         names = {MOTION: "on_can_frame, motion", CONDITIONS: "on_can_frame, conditions", TASK: counter.task_name}
         for kind, name in names.items():

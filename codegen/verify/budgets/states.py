@@ -12,8 +12,7 @@ import numpy.typing as npt
 from codegen.config import KM_H
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, MOTION, Rows
 from codegen.verify.budgets.workloads import FRAME_BYTES, STEP_COLUMNS, Fault
-from codegen.verify.drives import Ground
-from codegen.verify.target.on_target import COLUMNS
+from codegen.verify.drives import COLUMNS, Ground
 
 
 @dataclass(frozen=True)

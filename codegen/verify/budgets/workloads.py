@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from codegen.config import KM_H
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Counter, Rows
-from codegen.verify.drives import Ground
-from codegen.verify.target.on_target import COLUMNS, Drive
+from codegen.verify.drives import COLUMNS, Drive, Ground
 from hil_sim.e2e import LARGEST_COUNTER
 
 IntArray = npt.NDArray[np.int64]

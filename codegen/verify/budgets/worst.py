@@ -88,10 +88,14 @@ class Search:
         ends = np.concatenate([np.argsort(-self._all(name), kind="stable")[:each] for name in self._judged])
         return np.stack([rows[end - WINDOW + 1 : end + 1] for end in ends.clip(WINDOW - 1)])
 
+    def largest(self, name: str) -> tuple[Rows, dict[str, int]]:
+        """Inputs, (fields,), and all figures of the call with the largest one of a name."""
+        call = int(self._all(name).argmax())
+        return np.concatenate(self._rows)[call], {each: int(self._all(each)[call]) for each in self._figures[0]}
+
     def worst_input(self) -> Rows:
         """Of the longest call, (fields,)."""
-        found: Rows = np.concatenate(self._rows)[int(self._all(self._judged[0]).argmax())]
-        return found
+        return self.largest(self._judged[0])[0]
 
     def spread(self, name: str, typical: int) -> Spread:
         """Of a figure over all calls, the mean over the first so many drives."""

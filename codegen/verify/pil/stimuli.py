@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H, Config
-from codegen.verify.drives import GAPS, HELD, Ground, drawn
+from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
-from codegen.verify.target.on_target import COLUMNS, Drive
 
 WILDNESS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
 """Share of the numbers that are replaced by anything, in stretches one after the other: each kind of damage, and time enough

@@ -26,8 +26,8 @@ from codegen.errors import BuildError, CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS, bench_sources
 from codegen.verify.check import Subject
+from codegen.verify.drives import Drive
 from codegen.verify.sanitizers.sanitized import Compiler, Program, compiled, environment, findings_of, launcher
-from codegen.verify.target.on_target import Drive
 
 FloatArray = npt.NDArray[np.float64]
 Numbers = npt.NDArray[Any]
