@@ -7,6 +7,7 @@ import json
 import re
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -131,7 +132,7 @@ def test_what_is_told(kind: Kind, of_kind: OfKind) -> None:
     assert figures["objects"]["src/ars_map.c"]["rodata"] >= table
     assert figures["flash_bytes"] > table
     assert figures["mean_over"] == "the built-in scenarios in closed loop"
-    assert re.fullmatch(r"lookup \d+, step [\d,]+ \+ limiter \d+, task [\d,]+ instructions", found.figure)
+    assert re.fullmatch(r"lookup \d+, step [\d,]+ \+ limiter \d+, task [\d,]+ \(at most [\d,]+\) instructions", found.figure)
     assert set(found.tools) == {"ziglang", "unicorn", "pyelftools"}
 
 
@@ -146,6 +147,15 @@ def test_every_block_is_entered_or_named(kind: Kind, of_kind: OfKind) -> None:
     assert all(place in of_kind(kind).limits[-1] for place in never)
     # The search must come to the rarest of all: a command exactly between two codes.
     assert not any(place.startswith("src/ars_can.c") for place in never)
+
+
+def test_blocks_behind_limits_that_are_off_are_entered_too() -> None:
+    """The paper's controller has neither rate limit nor limiter; a calibration may turn them on."""
+    found = budgets.check(Subject.read(Path(__file__).parents[2] / "generated" / "4ws2"), Effort(quick=True))
+    blocks = found.figures["blocks"]
+    never = [place for places in blocks["never"].values() for place in places]
+    assert len(never) <= 0.02 * blocks["all"], never
+    assert not any(place.startswith("src/ars_limiter.c") for place in never)
 
 
 @pytest.mark.usefixtures("few")
@@ -307,6 +317,8 @@ def test_without_a_compiler_for_this_machine_the_means_are_over_drawn_inputs(mon
     found = run()
     assert found.verdict is Verdict.PASSED
     assert found.figures["mean_over"] == "drawn inputs"
+    assert budgets.NOT_IN_CLOSED_LOOP in found.limits
+    assert budgets.NOT_IN_CLOSED_LOOP not in sound().limits
 
 
 def test_double_precision_is_not_for_this_core() -> None:

@@ -6,6 +6,7 @@ told: each unit compiled by itself, nothing inlined across units.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -29,7 +30,7 @@ FRAME, FRAME_UNIT = "frame/budget.c", "budget.c"
 MEMORY = "memory.c"
 """The unit of what every toolchain brings."""
 
-FRAME_FUNCTIONS = ("yaw_rate", "yaw_rate_on_road", "step", "limiter", "send", "pack", "task", "sizes")
+FRAME_FUNCTIONS = ("parameters", "yaw_rate", "yaw_rate_on_road", "step", "limiter", "send", "pack", "task", "sizes")
 
 PARTS = {"limiter": "limiter_step", "packing": "can_pack_rear_steer_command"}
 """What is told apart from the rest of a call."""
@@ -117,6 +118,7 @@ class Counter:
         self._costs = _Costs(self.program)
         self._in_frame = [(each.start, each.end) for each in self.program.routines if each.unit == FRAME_UNIT]
         self._parts = {part: self._own(name) for part, name in PARTS.items()}
+        self._core.call("verify_parameters", 0)
         self._core.call("verify_sizes", DATA)
         sizes = np.frombuffer(self._core.read(DATA, 4 * len(STRUCTS)), dtype="<u4")
         self.structs = dict(zip(STRUCTS, sizes.tolist(), strict=True))
@@ -150,6 +152,15 @@ class Counter:
         """Make the calls and count nothing, in a fraction of the time."""
         for part in _parts(rows):
             self._run(frame, part)
+
+    @contextlib.contextmanager
+    def tight(self) -> Iterator[None]:
+        """For a while, calls have limits so tight that all of them act, instead of the default parameters."""
+        self._core.call("verify_parameters", 1)
+        try:
+            yield
+        finally:
+            self._core.call("verify_parameters", 0)
 
     def packed(self, rows: Rows) -> npt.NDArray[Any]:
         """Frames of measurements with the counters behind them, (n,) of FRAMES, protected."""

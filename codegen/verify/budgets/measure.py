@@ -129,6 +129,8 @@ class _Measuring:
             *workloads.demands_of(self._anywhere, self._ground, self._generator),
         ]
         search = self._search("limiter", "limiter_step", drives, "instructions")
+        with self._counter.tight():
+            search.run(workloads.demands_of(self._anywhere, self._ground, self._generator))
         self._counts["limiter_step"] = self._found(search, "instructions", workloads.DEMAND_COLUMNS)
 
     def _step(self) -> Search:
@@ -143,6 +145,8 @@ class _Measuring:
         for way in states.long_ways(self._ground):
             self._counter.run("step", way.before)
             search.run([way.then])
+        with self._counter.tight():
+            search.run(workloads.steps_of(self._anywhere, self._generator))
         found = self._found(search, "own", workloads.STEP_COLUMNS)
         whole = search.spread("instructions", len(self._usual))
         self._counts["controller_step"] = Count(found.instructions, found.cycles, found.calls, found.worst_input, whole)
@@ -184,6 +188,8 @@ class _Measuring:
         for way in states.long_ways_of_task(self._ground):
             counter.run("task", workloads.events_of(way.before, counter).events)
             search.run([way.then])
+        with counter.tight():
+            search.run(workloads.cycles_of(workloads.steps_of(self._anywhere, generator), generator))
         counter.count("task", states.flooded())
         names = {MOTION: "on_can_frame, motion", CONDITIONS: "on_can_frame, conditions", TASK: counter.task_name}
         for kind, name in names.items():
