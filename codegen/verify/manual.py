@@ -1,26 +1,67 @@
-"""The safety manual of a build, `verify.md`: on what terms it may be used, what is shown and how, and what is not."""
+"""The safety manual of a build, `verify.md`: on what terms it may be used, what is shown and how, and what is not.
+
+The words stand in the template; here are the facts of a build, and the results of the checks as tables.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from math import degrees
+from typing import Any, TypeVar
 
+from codegen import __version__
 from codegen import config as configuration
-from codegen.config import Config
+from codegen.config import KM_H, Config
+from codegen.emit.controller_view import REFERENCE_OVERSHOOT
+from codegen.emit.laws import LAWS
 from codegen.emit.render import render
 from codegen.errors import one_line
+from codegen.refmap.total import Rule
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, Report
 
+Figures = Mapping[str, Any]
+Told = TypeVar("Told")
+
 OFF = "off"
+TOOL_NAMES = {"z3": "Z3", "cppcheck": "Cppcheck", "unicorn": "Unicorn", "ziglang": "ziglang (zig's clang)"}
+
+BUDGETS = {
+    "map_yaw_rate": "lookup_instructions_max",
+    "map_yaw_rate_on_road": "lookup_instructions_max",
+    "map_reference": "reference_instructions_max",
+    "limiter_step": "limiter_instructions_max",
+    "controller_step": "step_instructions_max",
+    "cycle": "task_instructions_max",
+}
+"""Of the instructions of a function."""
+CALLED = {"controller_step": "controller_step, its limiter apart", "cycle": "cycle: both frames received, and the task"}
+"""What a figure is of, where the name of the function does not say it."""
+SUITES = {
+    "scenarios": "scenarios in closed loop, by calls and through CAN frames",
+    "faults": "faults of the catalogue",
+    "steps": "steps of the drives",
+    "look_ups": "look-ups against the reference",
+    "trap_build": "trap build, run on",
+}
+"""Under the sanitizers."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Some results of a check."""
+
+    heading: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True)
 class CheckView:
     """A check as the manual tells it."""
 
+    name: str
     title: str
     shows: str
     figure: str
@@ -28,6 +69,30 @@ class CheckView:
     findings: tuple[str, ...]
     limits: tuple[str, ...]
     tools: str
+    tables: tuple[Table, ...]
+
+
+@dataclass(frozen=True)
+class MapView:
+    """Where the map comes from and how far it goes.
+
+    Attributes:
+        solved: by the optimisation; else it is a table of the user's.
+        source: of the configuration: "map", "preset" or a file's name.
+        covered: between which speeds and angles the map's own cells lie; None where the manifest does not say it.
+        cells: from which rule how many cells come.
+    """
+
+    solved: bool
+    case: str
+    source: str
+    covered: str | None
+    cells: Table | None
+    speed_end: str
+    front_angle_end: str
+    cap: str
+    friction: str
+    frictions: tuple[str, ...]
 
 
 def manual(report: Report) -> str:
@@ -35,31 +100,42 @@ def manual(report: Report) -> str:
     subject = report.subject
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
     context = {
-        "name": subject.manifest["name"],
-        "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper(), "id": subject.manifest["build_id"]},
-        "options": subject.manifest["options"],
+        "version": __version__,
+        "subject": subject,
+        "manifest": subject.manifest,
         "quick": report.effort.quick,
-        "edited": subject.edited,
-        "manifest_sha256": subject.manifest_sha256,
         "checks": [_check(name, outcome) for name, outcome in report.outcomes.items()],
         "counts": {str(verdict).replace(" ", "_"): report.count(verdict) for verdict in Verdict},
-        "road": list(_road(config, subject.manifest)),
-        "inputs": list(_inputs(config)),
-        "actuator": list(_actuator(config)),
-        "timing": list(_timing(config)),
-        "loss": list(_loss(config, subject.manifest)),
+        "map": _map(subject.manifest),
+        "law": LAWS[config.controller.kind],
+        "overshoot": f"{100.0 * (REFERENCE_OVERSHOOT - 1.0):.0f}",
+        "config": config,
+        "rates": _rates(config),
+        "period_ms": 1e3 * config.controller.sampling_time_s,
         "files": [(path, hashlib.sha256(content).hexdigest()) for path, content in sorted(subject.sources().items())],
     }
     return render("verify/manual.md.j2", context).decode("ascii")
 
 
 def _check(name: str, outcome: Outcome) -> CheckView:
-    title = next((check.title for check in CHECKS if check.name == name), name)
-    tools = ", ".join(f"{tool} {version}" for tool, version in outcome.tools.items())
-    findings, limits = (tuple(_ascii(text) for text in texts) for texts in (outcome.findings, outcome.limits))
     return CheckView(
-        title, _ascii(outcome.shows), _ascii(outcome.figure) or "-", str(outcome.verdict), findings, limits, _ascii(tools)
+        name=name,
+        title=next((check.title for check in CHECKS if check.name == name), name),
+        shows=_ascii(outcome.shows),
+        figure=_ascii(outcome.figure) or "-",
+        verdict=str(outcome.verdict),
+        findings=tuple(map(_ascii, outcome.findings)),
+        limits=tuple(map(_ascii, outcome.limits)),
+        tools=_ascii(", ".join(_tool(*each) for each in outcome.tools.items())),
+        tables=tuple(table for told in TABLES.get(name, ()) if (table := _tolerant(told, outcome.figures)) and table.rows),
     )
+
+
+def _tool(name: str, version: str) -> str:
+    """A number needs the tool's name before it; what a program says of itself has one."""
+    if version.lower().startswith(name.lower()):
+        return version
+    return f"{TOOL_NAMES.get(name, name)} {version}" if version[:1] in "0123456789?" else f"{version} as {name}"
 
 
 def _ascii(text: str) -> str:
@@ -67,81 +143,154 @@ def _ascii(text: str) -> str:
     return one_line(text, limit=1000).encode("ascii", "replace").decode("ascii")
 
 
-def _road(config: Config, manifest: Mapping[str, Any]) -> Iterator[str]:
-    speed, angle = config.grid.speed_max_km_h, config.grid.front_angle_max_deg
-    cap = manifest["map"]["lateral_acceleration_cap_m_s2"]
-    yield (
-        f"The map assumes a peak friction of {config.road.friction:g}. On less, the reference asks for more than the road "
-        "gives, unless an estimate stands in `measurement.friction`; an estimate that is too high is believed."
-    )
-    yield f"No reference asks for more than {cap:.4g} m/s^2 of lateral acceleration, and for less with a lower estimate."
-    yield f"The optimisation covers up to {speed:g} km/h and {angle:g} deg at the front wheels; beyond, rules extend the map."
-    yield (
-        "The map is of the car and the tyres of the configuration in `manifest.json`; other tyres, loads and pressures are "
-        "another car."
-    )
+def _text(value: int | str) -> str:
+    """Raises ValueError for anything else."""
+    return _ascii(value) if isinstance(value, str) else f"{value:,d}"
 
 
-def _inputs(config: Config) -> Iterator[tuple[str, str, str]]:
-    """Signal, range that is accepted, and what happens outside of it."""
-    inputs = config.controller.inputs
-    bad = "bad sample"
-    yield "speed", f"+-{inputs.speed_max_km_h:g} km/h", bad
-    yield "front angle", f"+-{inputs.front_angle_max_deg:g} deg", bad
-    yield "yaw rate", f"+-{inputs.yaw_rate_max_deg_s:g} deg/s", bad
-    yield "rear angle", f"+-{inputs.rear_angle_max_deg:g} deg, or NaN: not measured", bad
-    yield "friction", f"0 to {inputs.friction_max:g}, or NaN: unknown", bad
-    yield (
-        "yaw rate against speed and steering",
-        f"within {inputs.yaw_rate_tolerance_deg_s:g} deg/s of what they explain",
-        f"held, after {inputs.implausible_time_s:g} s fail-safe",
+def _map(manifest: Figures) -> MapView:
+    table, inputs = manifest["map"], manifest["inputs"]
+    return MapView(
+        solved=table["solved"],
+        case=_ascii(inputs.get("map", {}).get("case") or ""),
+        source=_ascii(inputs["configuration"]["source"]),
+        covered=_tolerant(_covered, table),
+        cells=_tolerant(_cells, table),
+        speed_end=f"{table['speed_m_s'][-1] / KM_H:.4g}",
+        front_angle_end=f"{degrees(table['front_angle_rad'][-1]):.4g}",
+        cap=f"{table['lateral_acceleration_cap_m_s2']:.4g}",
+        friction=f"{table['friction']:g}",
+        frictions=tuple(f"{value:g}" for value in table["frictions"]),
     )
 
 
-def _actuator(config: Config) -> Iterator[str]:
-    actuator, controller, limiter = config.rear_actuator, config.controller, config.limiter
-    largest = min(actuator.angle_max_deg, config.limits.rear_angle_max_deg)
-    yield (
-        f"The command is within +-{largest:g} deg; the actuator has to refuse, on its own, what it cannot do, and must hold or "
-        "return where commands stop."
+def _covered(table: Figures) -> str:
+    rows = table["rule_by_speed_and_front_angle"]
+    speeds = [speed / KM_H for speed, row in zip(table["speed_m_s"], rows, strict=True) if Rule.SOLVED in row]
+    angles = [degrees(angle) for k, angle in enumerate(table["front_angle_rad"]) if any(row[k] == Rule.SOLVED for row in rows)]
+    return f"{speeds[0]:.4g} to {speeds[-1]:.4g} km/h and {angles[0]:.4g} to {angles[-1]:.4g} deg at the front wheels"
+
+
+def _cells(table: Figures) -> Table:
+    """The map's own first, then what rules made of them."""
+    own = "solved by the optimisation" if table["solved"] else "given by the table"
+    rules = sorted(table["rules"].items(), key=lambda rule: rule[0] != Rule.SOLVED)
+    rows = ((_text(found["cells"]), own if name == Rule.SOLVED else _text(found["text"])) for name, found in rules)
+    return Table(("cells", "value"), tuple(rows))
+
+
+def _rates(config: Config) -> dict[str, str]:
+    """deg/s or "off": of the limiter, and of the control law, which goes by the lower one."""
+    behind = config.limiter.rear_rate_max_deg_s
+    own = [rate for rate in (config.controller.rear_rate_max_deg_s, behind) if rate != OFF]
+    return {"limiter": OFF if behind == OFF else f"{behind:g}", "law": f"{min(own):g}" if own else OFF}
+
+
+def _tolerant(told: Callable[[Figures], Told], figures: Figures) -> Told | None:
+    """What is told of some figures; None where they are not there: a check may end before it has them, or have others."""
+    try:
+        return told(figures)
+    except (LookupError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def _pairs(heading: tuple[str, str], name: str) -> Callable[[Figures], Table]:
+    """Tells a figure that is a table itself."""
+    return lambda figures: Table(heading, tuple((_text(key), _text(value)) for key, value in figures[name].items()))
+
+
+def _compilations(figures: Figures) -> Table:
+    needed: dict[str, list[str]] = {}
+    for core, names in figures["needed_of_others"].items():
+        needed.setdefault(", ".join(f"`{name}`" for name in names) or "nothing", []).append(core)
+    return Table(
+        ("what", "result"),
+        (
+            ("compilations", f"{len(figures['compilations']):,}"),
+            ("warnings, each an error", " ".join(f"`{flag}`" for flag in figures["warnings"] if flag != "-Werror")),
+            ("mixtures of builds refused", f"{figures['mixtures_refused']:,} of {figures['mixtures']:,}"),
+            ("sources that have to refuse `-ffast-math`", _text(figures["sources_that_refuse_fast_math"])),
+            *((f"needed of a library for {'; '.join(cores)}", names) for names, cores in needed.items()),
+        ),
     )
-    rates = [value for value in (controller.rear_rate_max_deg_s, limiter.rear_rate_max_deg_s) if value != OFF]
-    if rates:
-        yield f"The command moves by at most {min(rates):g} deg/s."
-    else:
-        yield "The command's rate is not limited in this build (`rear_rate_max_deg_s` is off): the actuator's own is the limit."
-    if limiter.opposite_phase_max_deg != OFF:
-        yield "Over speed, the angle against the front wheels is bounded by the limiter."
-    else:
-        yield "The bound of the angle against the front wheels over speed is off in this build."
-    yield f"A lag of {1e3 * actuator.lag_s:g} ms was assumed where margins are told; a slower actuator has less of them."
 
 
-def _timing(config: Config) -> Iterator[str]:
-    period = 1e3 * config.controller.sampling_time_s
-    yield f"The step, or the task, is called every {period:g} ms; gains, rates and times are wrong by as much as the period is."
-    yield "A step is not interrupted by another call with the same state; a frame must not come in while the task runs."
-    yield "Pointers are valid, parameters are asked of `parameters_valid` after each change, and nothing else writes the state."
-    yield "At power-up the self-test passes before the actuator is enabled."
-
-
-def _loss(config: Config, manifest: Mapping[str, Any]) -> Iterator[str]:
-    fail_safe = config.controller.fail_safe
-    held = fail_safe.degraded_samples_max
-    acts_after = (held + 1) * 1e3 * config.controller.sampling_time_s
-    yield (
-        f"Up to {held} lost samples in a row hold the command; {acts_after:g} ms after the last good one the fail-safe acts: "
-        f"held from {fail_safe.hold_above_km_h:g} km/h on, below it ramped to zero, at {fail_safe.rate_at_standstill_deg_s:g} "
-        f"deg/s at rest and {fail_safe.rate_at_hold_speed_deg_s:g} deg/s just below that speed. "
-        f"{fail_safe.recovery_samples} good samples end it."
+def _streams(figures: Figures) -> Table:
+    cores = figures["mismatches"]
+    return Table(
+        ("calls", "rows", "words compared in each", *(f"mismatches on {core}" for core in cores)),
+        tuple(
+            (name, f"{rows:,}", _text(figures["words"][name]), *(f"{counts[name]:,}" for counts in cores.values()))
+            for name, rows in figures["rows"].items()
+        ),
     )
-    yield "A held angle is right for the turn in which it was held: a driver who straightens the wheel at speed can spin."
-    yield 'A rear angle of zero is not by itself a safe state: see "What to expect where the function is lost" in README.md.'
-    yield "The vehicle has to tell the driver of the loss, and to slow down."
-    margins = manifest["margins"]
-    if margins is not None and not margins["enough"]:
-        yield (
-            f"**The feedback of this build has little margin from {margins['warns_from_km_h']:g} km/h"
-            + (f" and is unstable from {margins['unstable_from_km_h']:g} km/h" if margins["unstable_from_km_h"] else "")
-            + ".** What is shown below is about the code, not about the control law."
-        )
+
+
+def _dynamics(figures: Figures) -> Table:
+    heading = ("vehicle dynamics on", "points", "largest difference, as a share of its bound")
+    rows = ((core, f"{each['points']:,}", f"{each['share_of_bound']:.0%}") for core, each in figures["dynamics"].items())
+    return Table(heading, tuple(rows))
+
+
+def _instructions(figures: Figures) -> Table:
+    """The cycles are of the whole call, limiter included."""
+    rows, more = [], ("estimated cycles, worst", "budget of instructions")
+    for name, found in figures["functions"].items():
+        counted, whole = found["instructions"], found.get("instructions_with_limiter")
+        most = f"{counted['max']:,}" + (f" (bound {found['instructions_bound']:,})" if "instructions_bound" in found else "")
+        cycles, budget = f"{found['estimated_cycles']['max']:,}", figures["budgets"].get(BUDGETS.get(name, ""), "-")
+        rows.append((CALLED.get(name, name), most, f"{counted['mean']:,.0f}", "-" if whole else cycles, _text(budget)))
+        if whole:
+            rows.append((f"{name}, limiter included", f"{whole['max']:,}", f"{whole['mean']:,.0f}", cycles, "-"))
+    return Table(("function", "instructions, worst", f"mean over {_text(figures['mean_over'])}", *more), tuple(rows))
+
+
+def _stack(figures: Figures) -> Table:
+    budgets = {"cycle": f"{figures['budgets']['task_stack_bytes_max']:,} B"}
+    rows = (
+        (name, f"{each['watermark']:,} B", f"{each['bound']:,} B" if each["bound"] >= 0 else "none", budgets.get(name, "-"))
+        for name, each in figures["stack_bytes"].items()
+    )
+    return Table(("stack of", "deepest seen", "bound by the compiler's frames", "budget"), tuple(rows))
+
+
+def _memory(figures: Figures) -> Table:
+    budgets, structs = figures["budgets"], figures["struct_bytes"]
+    of, keys = {"parameters": "a set of parameters, in flash as shipped"}, {"controller": "state_bytes_max"}
+    rows = [(of.get(name, f"RAM of one {name}"), size, keys.get(name, "")) for name, size in structs.items()]
+    rows.append(("flash of all objects, tables and default parameters included", figures["flash_bytes"], "flash_bytes_max"))
+    told = ((text, f"{size:,} B", f"{budgets[key]:,} B" if key in budgets else "-") for text, size, key in rows)
+    return Table(("memory", "size", "budget"), tuple(told))
+
+
+def _obligations(figures: Figures) -> Table:
+    kinds = figures["obligations"]
+    proved = ("**proved**", f"{figures['proved']:,} of {sum(kinds.values()):,}")
+    return Table(("obligations", "number"), (*((_text(kind), _text(count)) for kind, count in kinds.items()), proved))
+
+
+def _invariants(figures: Figures) -> Table:
+    rows = ((f"`{name}`", "; ".join(map(_text, each))) for name, each in figures["invariants"].items() if each)
+    return Table(("state", "invariant (SI units)"), tuple(rows))
+
+
+def _suites(figures: Figures) -> Table:
+    rows = tuple((text, _text(figures[name])) for name, text in SUITES.items() if name in figures)
+    return Table(("what ran", "result"), rows)
+
+
+def _fuzzed(figures: Figures) -> Table:
+    rows = [(name, *(f"{each[key]:,}" for key in ("inputs", "seeds", "corpus", "edges"))) for name, each in figures.items()]
+    return Table(("harness", "inputs", "seeds", "kept for what they reached", "edges of the code reached"), tuple(rows))
+
+
+TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
+    "compiles": (_compilations,),
+    "static-analysis": (_pairs(("found by", "findings"), "findings"), _pairs(("rule", "deviations"), "deviations")),
+    "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
+    "budgets": (_instructions, _stack, _memory),
+    "proof": (_obligations, _invariants),
+    "sanitizers": (_suites,),
+    "fuzzing": (_fuzzed,),
+}
+"""By the name of the check."""
