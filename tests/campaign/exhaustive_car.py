@@ -19,11 +19,12 @@ from tests.campaign.exhaustive_helper import Facts, Helper, edges, number
 
 AXIS = """
 static const double {{ name }}_breakpoints_exact[] = { {{ breakpoints | join(", ") }} };
+static double {{ name }}_inverse[{{ cells }}];
 static uint32_t {{ name }}_cell;
 static double {{ name }}_before;
 static bool {{ name }}_toward_zero;
 
-/* Cells from the first breakpoint to a value, to 52 digits. From cell to cell with the value, which mostly grows. */
+/* Cells from the first breakpoint to a value, in double precision. From cell to cell with the value, which mostly grows. */
 static inline double {{ name }}_exact(double value)
 {
     const double *const at = {{ name }}_breakpoints_exact;
@@ -35,7 +36,7 @@ static inline double {{ name }}_exact(double value)
     while (({{ name }}_cell > 0u) && (value < at[{{ name }}_cell])) {
         {{ name }}_cell--;
     }
-    share = (value - at[{{ name }}_cell]) / (at[{{ name }}_cell + 1u] - at[{{ name }}_cell]);
+    share = (value - at[{{ name }}_cell]) * {{ name }}_inverse[{{ name }}_cell];
     return (double){{ name }}_cell + ((share < 0.0) ? 0.0 : (share > 1.0) ? 1.0 : share);
 }
 """
@@ -43,6 +44,9 @@ AXIS_START = """
     {{ name }}_cell = 0u;
     {{ name }}_before = {{ -1.0 if signed else cells + 1.0 }};
     {{ name }}_toward_zero = true;
+    for (uint32_t k = 0u; k < {{ cells }}u; k++) {
+        {{ name }}_inverse[k] = 1.0 / ({{ name }}_breakpoints_exact[k + 1u] - {{ name }}_breakpoints_exact[k]);
+    }
 """
 LOCATE = """
     {%- if signed %}
@@ -230,8 +234,8 @@ def _axis(name: str, argument: str, given: npt.NDArray[np.float64], signed: bool
 def _reference_model(facts: Facts) -> Iterator[Helper]:
     config, inputs, actuator = facts.config, facts.config.controller.inputs, facts.config.rear_actuator
     step = number(math.radians(actuator.rate_max_deg_s) * config.controller.sampling_time_s)
-    ranges = [("2.0f", number(inputs.speed_max_km_h * KM_H)), ("0.0f", number(config.road.friction)), (f"-{step}", step)]
-    limits = [number(value) for value in (actuator.angle_max, math.radians(inputs.yaw_rate_max_deg_s), 64.0)]
+    ranges = [("2.0f", number(inputs.speed_max_km_h * KM_H)), (f"-{step}", step)]
+    limits = [number(actuator.angle_max), "64.0f"]
     claim = "the value within its bounds, NaN as the lower"
     at = edges(*(value for pair in ranges for value in pair))
     yield Helper("reference_model", "between", claim, BETWEEN, edges=at, values={"ranges": ranges})

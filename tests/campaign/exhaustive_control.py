@@ -76,18 +76,29 @@ LIMITER_INIT = """
 # From cell to cell with the input, which mostly grows; rounding is at most half a unit for each of five operations.
 CELL = """
 static uint32_t {{ name }}_cell;
+static float {{ name }}_from;
+static float {{ name }}_to;
+static double {{ name }}_inverse;
+
+static void {{ name }}_enter(const float *breakpoints, uint32_t points, uint32_t cell)
+{
+    {{ name }}_cell = cell;
+    {{ name }}_from = (cell == 0u) ? -INFINITY : breakpoints[cell];
+    {{ name }}_to = (cell + 2u == points) ? INFINITY : breakpoints[cell + 1u];
+    {{ name }}_inverse = 1.0 / ((double)breakpoints[cell + 1u] - (double)breakpoints[cell]);
+}
 
 static inline double {{ name }}_share(const float *breakpoints, uint32_t points, float x)
 {
-    while (({{ name }}_cell + 2u < points) && (x >= breakpoints[{{ name }}_cell + 1u])) {
-        {{ name }}_cell++;
-    }
-    while (({{ name }}_cell > 0u) && (x < breakpoints[{{ name }}_cell])) {
-        {{ name }}_cell--;
-    }
-    const double from = breakpoints[{{ name }}_cell];
-    const double share = ((double)x - from) / ((double)breakpoints[{{ name }}_cell + 1u] - from);
+    double share;
 
+    while (x >= {{ name }}_to && {{ name }}_cell + 2u < points) {
+        {{ name }}_enter(breakpoints, points, {{ name }}_cell + 1u);
+    }
+    while (x < {{ name }}_from) {
+        {{ name }}_enter(breakpoints, points, {{ name }}_cell - 1u);
+    }
+    share = ((double)x - (double)breakpoints[{{ name }}_cell]) * {{ name }}_inverse;
     return (share < 0.0) ? 0.0 : (share > 1.0) ? 1.0 : share;
 }
 
@@ -116,7 +127,7 @@ static double integral_tolerance;
 """
 )
 GAINS_START = """
-    {{ name }}_cell = 0u;
+    {{ name }}_enter({{ p }}_parameters_default.schedule_speed, {{ P }}_SCHEDULE_POINTS, 0u);
     proportional_tolerance = {{ name }}_tolerance({{ p }}_parameters_default.proportional_gain, {{ P }}_SCHEDULE_POINTS);
     integral_tolerance = {{ name }}_tolerance({{ p }}_parameters_default.integral_gain, {{ P }}_SCHEDULE_POINTS);
 """
@@ -129,13 +140,23 @@ GAINS_AT = """
     NEAR("proportional", gains.proportional, {{ name }}_line(schedule->proportional_gain, share), proportional_tolerance);
     NEAR("integral", gains.integral, {{ name }}_line(schedule->integral_gain, share), integral_tolerance);
 """
-BOUND_SETUP = CELL + "static double bound_slack;\n"
+# The bounds of a build may be all alike, which would show little.
+BOUND_SETUP = (
+    CELL
+    + """
+static double bound_slack;
+static const {{ p }}_limiter_parameters_t falling = {
+    .opposite_phase_speed = { {{ speeds | join(", ") }} },
+    .opposite_phase_max = { {{ bounds | join(", ") }} },
+};
+"""
+)
 BOUND_START = """
-    {{ name }}_cell = 0u;
-    bound_slack = {{ name }}_tolerance({{ p }}_parameters_default.limiter.opposite_phase_max, {{ P }}_LIMITER_POINTS);
+    {{ name }}_enter(falling.opposite_phase_speed, {{ P }}_LIMITER_POINTS, 0u);
+    bound_slack = {{ name }}_tolerance(falling.opposite_phase_max, {{ P }}_LIMITER_POINTS);
 """
 BOUND = """
-    const {{ p }}_limiter_parameters_t *const table = &{{ p }}_parameters_default.limiter;
+    const {{ p }}_limiter_parameters_t *const table = &falling;
     const uint32_t last = {{ P }}_LIMITER_POINTS - 1u;
     const double share = {{ name }}_share(table->opposite_phase_speed, {{ P }}_LIMITER_POINTS, is_nan(bits) ? -1.0f : x);
     const float bound = {{ call("opposite_phase_bound", parameters="table", speed="x") }};
@@ -146,7 +167,7 @@ BOUND = """
 """
 EDGES_OF = """
     for (uint32_t k = 0u; k < {{ P }}_{{ points }}; k++) {
-        EDGE({{ p }}_parameters_default.{{ table }}[k]);
+        EDGE({{ table }}[k]);
     }
 """
 
@@ -162,8 +183,7 @@ def helpers(facts: Facts) -> Iterator[Helper]:
     limits = [number(inputs.speed_max_km_h * KM_H)]
     limits += [number(math.radians(degrees)) for degrees in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)]
     absent = [number(math.radians(inputs.rear_angle_max_deg)), number(inputs.friction_max)]
-    lead = number(math.radians(config.controller.tracking.lead_max_deg))
-    clamps = [(f"-{angle}", angle), ("0.0f", "1.0f"), (f"-{lead}", lead)]
+    clamps = [(f"-{angle}", angle), ("0.0f", "1.0f")]
     for unit in ("controller", "limiter"):
         yield Helper(unit, "magnitude", "the number without its sign; NaN stays NaN", MAGNITUDE)
         claim = "the value within its bounds, NaN as the lower"
@@ -175,7 +195,7 @@ def helpers(facts: Facts) -> Iterator[Helper]:
     claim = "no farther from zero than the limit, true for NaN"
     values: dict[str, Any] = {"limits": absent}
     yield Helper("controller", "is_absent_or_within", claim, IS_ABSENT_OR_WITHIN, edges=edges(*absent), values=values)
-    steps = [number(float(standby * period)), "0.25f"]
+    steps = [number(float(standby * period))]
     claim = "closer to zero by a step and not beyond, NaN as zero"
     yield Helper("controller", "toward_zero", claim, TOWARD_ZERO, edges=edges(*steps), values={"steps": steps})
     least = number(config.controller.friction_min)
@@ -195,9 +215,13 @@ def _ends(ranges: Sequence[tuple[str, str]]) -> str:
 def _over_speed(facts: Facts) -> Iterator[Helper]:
     claim, at = "linear between the breakpoints, held beyond", EDGES_OF
     setup, start = BOUND_SETUP, BOUND_START
-    values = {"name": "bound", "points": "LIMITER_POINTS", "table": "limiter.opposite_phase_speed"}
+    speeds = facts.config.limiter.opposite_phase_speed_km_h
+    bounds = [facts.config.rear_actuator.angle_max * (1.0 - k / len(speeds)) for k in range(len(speeds))]
+    values: dict[str, Any] = {"name": "bound", "points": "LIMITER_POINTS", "table": "falling.opposite_phase_speed"}
+    values |= {"speeds": [number(speed * KM_H) for speed in speeds], "bounds": [number(bound) for bound in bounds]}
     yield Helper("limiter", "opposite_phase_bound", claim, BOUND, setup=setup, start=start, edges=at, values=values)
     if facts.is_tracking:
         setup, start = GAINS_SETUP, GAINS_START
-        values = {"name": "gains", "points": "SCHEDULE_POINTS", "table": "schedule_speed"}
+        table = f"{facts.subject.prefix}_parameters_default.schedule_speed"
+        values = {"name": "gains", "points": "SCHEDULE_POINTS", "table": table}
         yield Helper("controller", "gains_at", claim, GAINS_AT, setup=setup, start=start, edges=at, values=values)

@@ -26,8 +26,8 @@ FLAGS = (
     # What depends on a number. Addresses are for the sanitizers of `codegen verify`, and would take most of the time here.
     "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds",
 )
-LINKED = ("controller", "limiter")
-"""Units whose claims need other units: for what they call, and for the default parameters."""
+LINKED = ("controller",)
+"""Units whose helpers call other units."""
 PIECES = 4
 """In which the inputs of a helper are gone through, at the same time where there are processors for it."""
 
@@ -146,8 +146,7 @@ def compile_program(compiler: Compiler, subject: Subject, unit: str, judges: Seq
     # A setup that two claims need stands before the first of them.
     firsts = {judge.setup: judge for judge in reversed(judges)}
     shown = [{**vars(judge), "setup": judge.setup if firsts[judge.setup] is judge else ""} for judge in judges]
-    headers = [f"{subject.prefix}_controller.h"] if unit in LINKED else []
-    text = _templates().get_template("exhaustive.c.j2").render(unit=path, headers=headers, judges=shown)
+    text = _templates().get_template("exhaustive.c.j2").render(unit=path, judges=shown)
     (folder / "judge.c").write_text(text, encoding="ascii")
     others = [name for name in sorted(subject.sources("src")) if name.endswith(".c") and name != path and unit in LINKED]
     for options, sources in ((FLAGS, ["judge.c"]), (PLAIN, others)):

@@ -136,6 +136,7 @@ def _controller(case: Case) -> list[Judge]:
     for module in (checks_tracking, checks_reference):
         named += [Judge(name, _of_build(check)) for name, check in checks_in(module, OF_THE_TESTS_OWN_SCHEDULE)]
     named += [Judge(check.__name__, _of_build(check)) for check in checks_edges_law.OF_TRACKING]
+    named += [Judge(name, _of_build(check)) for name, check in checks_in(checks_supervision, OF_THE_PAPER_S_COMMANDS)]
     return [*judges, *edges, *named]
 
 
@@ -163,6 +164,10 @@ OF_THE_TESTS_OWN_SCHEDULE = (
     "check_tracking_same_as_model",
 )
 """Checks that know the gains that the tests build with: here the models' answers stand for them."""
+
+
+OF_THE_PAPER_S_COMMANDS = ("check_always_bounded", "check_fail_safe_hold", "check_gap", "check_last_speed", "check_recovery")
+"""Checks of what every kind has in common that know how the paper's law goes on."""
 
 
 OF_THE_PAPER_S_LAW = ("the_inhibit_bit_holds", "friction_of_a_frame", "measured_angle_of_a_frame")

@@ -151,6 +151,27 @@ def check_fail_safe_hold(built: Built) -> None:
                 assert {(command.rear_angle, command.status) for command in commands} == {(held, Status.FAIL_SAFE)}
 
 
+def check_fail_safe_at_the_hold_speed(built: Built) -> None:
+    """Held from that very speed on, whatever the kind; below it, ramped."""
+    for below in (False, True):
+        controller = built.software.controller(0.001)
+        hold_speed = float(controller.parameters.hold_speed)
+        speed = built.next(hold_speed, 0.0) if below else hold_speed
+        controller.step(Measurement(speed, 0.0, 0.0))
+        found = controller.run([lost_at(speed)] * (controller.parameters.degraded_samples_max + 4))[-4:]
+        assert {command.status for command in found} == {Status.FAIL_SAFE}
+        angles_found = [command.rear_angle for command in found]
+        assert angles_found[0] != 0.0
+        assert (angles_found[-1] != angles_found[0]) == below
+
+
+def check_start_at_no_angle(built: Built) -> None:
+    """An angle that is not a number counts as zero."""
+    state = built.software.controller(math.nan).state
+    assert state.rear_angle == 0.0
+    assert state.limiter.rear_angle == 0.0
+
+
 def check_fail_safe_ramp(built: Built) -> None:
     """Below the hold speed the angle goes to zero at a rate between the two set ones, by speed; never faster, never past zero.
     Where the speed is lost, too, the last one counts."""

@@ -36,6 +36,14 @@ def test_a_yaw_rate_is_plausible_between_none_and_the_kinematic_turn(either: Bui
     checks_supervision.check_plausibility_limit(either)
 
 
+def test_the_fail_safe_holds_from_its_speed_on(either: Built) -> None:
+    checks_supervision.check_fail_safe_at_the_hold_speed(either)
+
+
+def test_a_start_at_no_angle(either: Built) -> None:
+    checks_supervision.check_start_at_no_angle(either)
+
+
 def test_a_limit_in_a_gap_does_not_hide_the_gap(either: Built) -> None:
     checks_supervision.check_limiter_in_a_gap(either)
 
