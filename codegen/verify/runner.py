@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import multiprocessing
+import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, one_line
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 
@@ -140,15 +142,20 @@ def run(
 
 
 def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
-    """What comes of one check: not run where a tool is missing, failed where the build cannot be worked with."""
+    """What comes of one check: not run where a tool is missing, failed where the build or the check itself comes to nothing."""
     try:
         outcome = importlib.import_module(check.module).check(subject, effort)
+        if not isinstance(outcome, Outcome):
+            raise TypeError(f"{check.module}.check gave {type(outcome).__name__}, not an Outcome")
     except MissingTool as error:
         return Outcome(check.shows, "", Verdict.NOT_RUN, (str(error),))
     except CodegenError as error:
         return Outcome(check.shows, "could not be completed", Verdict.FAILED, (str(error),))
-    if not isinstance(outcome, Outcome):
-        raise TypeError(f"{check.module}.check gave {type(outcome).__name__}, not an Outcome")
+    except Exception as error:  # whatever it is, the other checks have something to tell
+        if "--debug" in sys.argv:
+            traceback.print_exc()
+        finding = f"could not be completed: {type(error).__name__}: {one_line(error)}"
+        return Outcome(check.shows, "could not be completed", Verdict.FAILED, (finding,))
     return outcome
 
 

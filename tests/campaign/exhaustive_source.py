@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -80,25 +80,24 @@ class Judged:
             raise Absent(f"{function}() takes {missing[0]!r}, which its check does not know of", where=self.path)
         return f"{function}({', '.join(str(arguments[name]) for name in known.parameters)})"
 
+    @cached_property
+    def _texts(self) -> dict[str, str]:
+        """What the unit defines at file scope, by name, in C; what has no name by an empty one."""
+        texts: dict[str, str] = {}
+        for node in self.unit.nodes:
+            texts[name_of(node)] = texts.get(name_of(node), "") + printed(node)
+        return texts
+
     def dependence(self, text: str) -> str:
         """All C that a text which is compiled with the unit depends on: definitions of the unit, whole headers, other units."""
-        nodes: dict[str, str] = {}
-        unnamed = ""
-        for node in self.unit.nodes:
-            if name := name_of(node):
-                nodes[name] = nodes.get(name, "") + printed(node)
-            else:
-                unnamed += printed(node)
-        used = sorted(_reached(text, nodes))
-        own = "".join(nodes[name] for name in used)
-        return unnamed + own + "".join(self._elsewhere(set(_WORD.findall(text + own)), nodes))
+        used = sorted({"", *_reached(text, self._texts)} & self._texts.keys())
+        own = "".join(self._texts[name] for name in used)
+        return own + "".join(self._elsewhere(set(_WORD.findall(text + own)) - self._texts.keys()))
 
-    def _elsewhere(self, words: set[str], own: Iterable[str]) -> Iterator[str]:
-        outside = words - set(own)
+    def _elsewhere(self, words: set[str]) -> Iterator[str]:
         for path, content in sorted(self.subject.sources("include").items()):
             text = _plain(content)
-            declared = {name for found in _DECLARED.findall(text) for name in found if name}
-            if not declared & outside:
+            if not words & {name for found in _DECLARED.findall(text) for name in found}:
                 continue
             yield text
             defined = path.replace("include/", "src/").replace(".h", ".c")

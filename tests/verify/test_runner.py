@@ -52,9 +52,32 @@ def test_a_missing_tool_is_told_with_its_remedy(report: Report) -> None:
     assert outcome.shows == "What missing would show"
 
 
-def test_a_fault_of_the_program_is_not_taken_for_one_of_the_build(folder: Path) -> None:
-    with pytest.raises(RuntimeError, match="a fault of the program"):
-        runner.run(Subject.read(folder), Effort(), checks=(registered("broken"),))
+def test_a_fault_of_one_check_leaves_the_others_theirs(folder: Path) -> None:
+    report = runner.run(Subject.read(folder), Effort(), checks=(registered("broken"), registered("passing")))
+    broken = report.outcomes["broken"]
+    assert broken.verdict is Verdict.FAILED
+    assert broken.findings == ("could not be completed: RuntimeError: a fault of the program",)
+    assert broken.shows == "What broken would show"
+    assert report.outcomes["passing"].verdict is Verdict.PASSED
+
+
+def test_its_traceback_is_shown_where_asked(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    subject = Subject.read(folder)
+    for arguments, is_shown in ((["codegen"], False), (["codegen", "--debug"], True)):
+        monkeypatch.setattr("sys.argv", arguments)
+        runner.outcome_of(registered("broken"), subject, Effort())
+        assert ("Traceback" in capsys.readouterr().err) is is_shown
+
+
+def test_an_interruption_is_none_of_a_check(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(subject: Subject, effort: Effort) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tests.verify.made.passing.check", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        runner.outcome_of(registered("passing"), Subject.read(folder), Effort())
 
 
 def test_a_quick_run_leaves_out_what_is_not_quick_and_tells_the_others(folder: Path) -> None:

@@ -17,11 +17,12 @@ class Family(StrEnum):
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number. width: bits of its value; one for `_Bool`."""
+    """A number. width: bits of its value; one for `_Bool`. enumerators: of an enum the smallest and the largest."""
 
     family: Family
     width: int
     signed: bool = False
+    enumerators: tuple[int, int] | None = None
 
     @property
     def size(self) -> int:
@@ -89,7 +90,8 @@ def scalar_named(words: tuple[str, ...]) -> Scalar | Void | None:
 
 def promoted(scalar: Scalar) -> Scalar:
     """As an operand of arithmetic: what is narrower than `int` is one (C99 6.3.1.1)."""
-    return INT if scalar.family != Family.FLOAT and scalar.width < INT.width else scalar
+    is_narrow = scalar.family != Family.FLOAT and scalar.width < INT.width
+    return INT if is_narrow or scalar.enumerators is not None else scalar
 
 
 def common(left: Scalar, right: Scalar) -> Scalar:
@@ -117,18 +119,22 @@ def leaves(ctype: CType) -> tuple[tuple[tuple[str | int, ...], Scalar | Pointer]
 
 def union_bits(union: Struct) -> Scalar:
     """What a union of numbers of one width is stored as. Raises TypeError: it holds something else."""
-    widths = {member.width if isinstance(member, Scalar) and member.family != Family.BOOL else 0 for _, member in union.fields}
+    widths = {member.width if _is_plain(member) and isinstance(member, Scalar) else 0 for _, member in union.fields}
     if len(widths) != 1 or 0 in widths:
         raise TypeError(f"union {union.name} of other than numbers of one width")
     return Scalar(Family.INT, widths.pop())
 
 
+def _is_plain(member: CType) -> bool:
+    return isinstance(member, Scalar) and member.family != Family.BOOL and member.enumerators is None
+
+
 def size_of(ctype: CType) -> int:
     """In bytes, for numbers and arrays of them. Raises TypeError: a size that depends on the compiler."""
-    if isinstance(ctype, Scalar):
+    if isinstance(ctype, Scalar) and ctype.enumerators is None:
         return ctype.size
     if isinstance(ctype, Array) and ctype.length is not None:
         return ctype.length * size_of(ctype.element)
     if isinstance(ctype, Struct) and ctype.is_union:
         return union_bits(ctype).size
-    raise TypeError("the size of what has padding, or is a pointer")
+    raise TypeError("the size of what has padding, is an enum or a pointer")

@@ -8,7 +8,7 @@ from codegen.emit.laws import LAWS
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool, module
-from codegen.verify.proof.machine import Widened
+from codegen.verify.proof.obligations import Widened
 from codegen.verify.sanitizers.map_reference import lookup_of
 
 SHOWS = (
@@ -19,8 +19,14 @@ YAW_RATE, REAR_ANGLE = Widened(0.0, 10.0), Widened(-0.5, 0.5)
 """What the numbers of the tables may be calibrated to: rad/s and rad."""
 
 LIMITS = (
-    "it is of the C as the standard has it, rounding to nearest; what a compiler makes of it is for the processor in the loop",
-    "pointers are valid, a state is used by one call at a time, and `inhibit` is true or false",
+    "it is of the C as the standard has it, rounding to nearest, each float literal once; what a compiler makes of it is for "
+    "the processor in the loop",
+    "it is of include/ and src/ as the preprocessor sees them for a Cortex-M4F, with the sizes of types there; example/ and "
+    "linux/ are outside",
+    "pointers are valid, and what is handed to a public function does not overlap; of calls between them that is checked; "
+    "a state is used by one call at a time, and `inhibit` is true or false",
+    "that a call ends: loops are judged turn by turn or by their count, and others are refused",
+    "that a double beyond the range of single precision is not converted to it (the dynamics)",
     f"the numbers of the map are from {YAW_RATE.low:g} to {YAW_RATE.high:g} rad/s, those of a table of rear angles from "
     f"{REAR_ANGLE.low:g} to {REAR_ANGLE.high:g} rad",
     "products and quotients are known by their bounds alone; it says nothing of the quality of control",
@@ -38,6 +44,7 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     tools = {"z3": str(z3.get_version_string())}
     if not subject.is_single:
         return Outcome(SHOWS, "", Verdict.NOT_RUN, ("the proof is of single precision",), limits=LIMITS, tools=tools)
+    from codegen.verify.proof.claims import CLAIMED
     from codegen.verify.proof.executor import Executor
     from codegen.verify.proof.session import Session
     from codegen.verify.proof.solver import Answer
@@ -47,7 +54,14 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     try:
         findings = _outside(subject)
         program = Program.read(subject.sources())
-        report = Session(Executor(program, {"yaw_rate_table": YAW_RATE, "rear_angle_table": REAR_ANGLE}), subject.prefix).run()
+        findings += [
+            f"no function {subject.prefix}_{name}: what is claimed of it is not shown"
+            for name in CLAIMED
+            if program.public(f"{subject.prefix}_{name}") is None
+        ]
+        sampling_time = float(subject.manifest["configuration"]["controller"]["sampling_time_s"])
+        machine = Executor(program, {"yaw_rate_table": YAW_RATE, "rear_angle_table": REAR_ANGLE})
+        report = Session(machine, subject.prefix, sampling_time).run()
     except MissingTool:
         raise
     except BuildError as error:

@@ -79,7 +79,11 @@ class Encoder:
             parts += [] if bounded.low == -INF else [value.key >= form.key(bounded.low)]
             parts += [] if bounded.high == INF else [value.key <= form.key(bounded.high)]
             return z3.And(parts)
-        low, high = int(bounded.low), int(bounded.high)
+        width = term.sort
+        least, most = (-(1 << (width - 1)), (1 << (width - 1)) - 1) if bounded.signed else (0, (1 << width) - 1)
+        low, high = max(int(bounded.low), least), min(int(bounded.high), most)
+        if low > high:  # also where the bounds are not numbers of the width: z3 would wrap them around
+            return z3.BoolVal(False)
         if bounded.signed:
             return z3.And(value >= low, value <= high)
         return z3.And(z3.UGE(value, low), z3.ULE(value, high))

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from codegen.verify.proof.c_types import Array, CType, Pointer, Scalar, Struct, leaves
 from codegen.verify.proof.executor import Executor
 from codegen.verify.proof.invariants import Invariant, Path, dotted, states_inside
-from codegen.verify.proof.machine import Obligation, sort_of
+from codegen.verify.proof.machine import sort_of
 from codegen.verify.proof.memory import INDEX_WIDTH, Key, Payload, Reference, State, Typed
+from codegen.verify.proof.obligations import Obligation
 from codegen.verify.proof.ranges import Scope
 from codegen.verify.proof.source import CannotJudge, Function, Parameter
 from codegen.verify.proof.terms import BOOL, Term
@@ -47,8 +48,8 @@ class Entry:
 
     def key(self, name: str, path: Path) -> Key:
         """Of a number in what a parameter points to."""
-        root = self.arguments[name].reference
-        return root.root, (*base_of(root), *path)
+        reference = self.arguments[name].reference
+        return reference.root, (*base_of(reference, bool(reference.path), self.function.place), *path)
 
     def behind(self, name: str, path: Path) -> Term:
         """A number behind the call."""
@@ -71,11 +72,28 @@ def named(parameter: Parameter, path: Path) -> str:
     return f"{parameter.name}->{dotted(path)}" if path else f"*{parameter.name}"
 
 
-def base_of(reference: Reference) -> Path:
-    """Where an object begins: of a pointer to the first element of an array, the array."""
+def base_of(reference: Reference, is_array: bool, place: str) -> Path:
+    """Where an object begins: of a pointer to the first element of an array, the array.
+
+    Raises CannotJudge: a part of an array, or an element of which only the program knows which one.
+    """
     path = reference.path
-    steps = path[:-1] if path and isinstance(path[-1], Term) else path
-    return tuple(step.data if isinstance(step, Term) else step for step in steps)
+    if any(isinstance(step, Term) and not step.is_const for step in path):
+        raise CannotJudge(place, "a pointer to one of several elements")
+    if is_array:
+        if not path or not isinstance(path[-1], Term) or path[-1].data != 0:
+            raise CannotJudge(place, "a pointer to what is no array, or to a part of one")
+        path = path[:-1]
+    return tuple(int(step.data) if isinstance(step, Term) else step for step in path)
+
+
+def is_written_only(function: Function, parameter: Parameter, is_state: bool) -> bool:
+    """Whether what a parameter points to need not be written before the call."""
+    if parameter.is_const:
+        return False
+    if is_state or parameter.name == "self":
+        return is_state and function.name.endswith(INITIALISERS)
+    return any(each in function.name for each in OUTPUTS)
 
 
 class Caller:
@@ -105,7 +123,18 @@ class Caller:
         arguments = [entry.arguments[parameter.name] for parameter in function.parameters]
         entry.result = machine.run(function, arguments, state, function.node)
         entry.state = state
+        self._refuse_hidden_writes(entry, state)
         return entry
+
+    @staticmethod
+    def _refuse_hidden_writes(entry: Entry, state: State) -> None:
+        """A contract tells of what a pointer to what is not constant leads to: nothing else may be written."""
+        function = entry.function
+        pointers = [each for each in function.parameters if isinstance(each.ctype, Pointer) and not each.is_const]
+        roots = {entry.arguments[each.name].reference.root for each in pointers}
+        for key, payload in entry.before.items():
+            if key[0] not in roots and state.memory.get(key) is not payload:
+                raise CannotJudge(function.place, f"{function.name} writes what it is given as constant: {dotted(key[1])}")
 
     def _order(self, parameter: Parameter) -> int:
         """A length before its data, and parameters first of what is pointed to."""
@@ -136,11 +165,7 @@ class Caller:
     def _fill(self, entry: Entry, parameter: Parameter, made: Reference, target: CType, state: State) -> None:
         """Give what is pointed to its numbers, if it has any before the call."""
         name, function = parameter.name, entry.function
-        invariant = self.state_of(parameter)
-        if invariant is not None and not parameter.is_const and function.name.endswith(INITIALISERS):
-            return
-        is_output = invariant is None and name != "self" and not parameter.is_const
-        if is_output and any(each in function.name for each in OUTPUTS):
+        if is_written_only(function, parameter, self.state_of(parameter) is not None):
             return
         self.give_numbers(entry, made, target, f"{name}->", state)
         if isinstance(target, Struct):
@@ -178,7 +203,7 @@ class Caller:
     @staticmethod
     def _reader(made: Reference, inner: Path, state: State) -> Callable[[Path], Term]:
         def leaf(path: Path) -> Term:
-            found = state.memory[(made.root, (*base_of(made), *inner, *path))]
+            found = state.memory[(made.root, (*inner, *path))]
             assert isinstance(found, Term)
             return found
 

@@ -7,10 +7,11 @@ from typing import Any
 
 from pycparser import c_ast
 
-from codegen.verify.proof.c_types import VOID
+from codegen.verify.proof.c_types import VOID, Family, Scalar, promoted
 from codegen.verify.proof.loops import Loops
-from codegen.verify.proof.machine import Frame, Kind
+from codegen.verify.proof.machine import Frame
 from codegen.verify.proof.memory import Reference, State, Typed, joined, learn_choice, merged
+from codegen.verify.proof.obligations import Kind
 from codegen.verify.proof.source import CannotJudge, Function, place_of
 from codegen.verify.proof.terms import Term
 
@@ -26,13 +27,14 @@ class Executor(Loops):
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
         self.contracts: dict[str, Contract] = {}
-        self._judgements: dict[tuple[str, tuple[int, ...]], Term] = {}
+        self._judgements: dict[tuple[Any, ...], Term] = {}
 
     def judged(self, judge: Function, parameters: Typed, state: State) -> Term:
         """What a function without side effects says of parameters. That nothing undefined happens in it is shown apart."""
         root = parameters.reference.root
         memory = {key: payload for key, payload in state.memory.items() if key[0] == root}
-        key = judge.name, tuple(payload.number for payload in memory.values() if isinstance(payload, Term))
+        numbers = ((key[1], payload.number) for key, payload in memory.items() if isinstance(payload, Term))
+        key = judge.name, parameters.reference.path, tuple(sorted(numbers, key=str))
         if root not in self.constant_roots and key in self._judgements:
             return self._judgements[key]
         aside = self.start(is_idle=True)
@@ -122,7 +124,7 @@ class Executor(Loops):
         rule = STATEMENTS.get(type(node))
         if rule is not None:
             return rule(self, frame, node, state)
-        self.value(frame, node, state)
+        self.effect(frame, node, state)
         return state
 
     def block(self, frame: Frame, node: Any, state: State) -> State | None:
@@ -183,10 +185,16 @@ class Executor(Loops):
     def choice_of_cases(self, frame: Frame, node: Any, state: State) -> State | None:
         """switch."""
         value = self.value(frame, node.cond, state)
+        if not isinstance(value.ctype, Scalar) or value.ctype.family == Family.FLOAT:
+            raise CannotJudge(place_of(node), "a switch of what is no whole number")
+        value = self.converted(state, value, promoted(value.ctype), node)
+        names = dict(frame.names)
         labels = [each for each in node.stmt.block_items or () if isinstance(each, c_ast.Case)]
         matches = {}
         for label in labels:
             constant = self.converted(state, self.value(frame, label.expr, state), value.ctype, label)
+            if not constant.term.is_const:
+                raise CannotJudge(place_of(label), "a case that is not constant")
             matches[id(label)] = self.pool.eq(value.term, constant.term)
         outer, frame.broken = frame.broken, []
         none = self.pool.not_(self.pool.or_(*matches.values()))
@@ -203,7 +211,7 @@ class Executor(Loops):
                     break  # behind the one that leaves
                 now = self.statement(frame, each, now)
         ends = [*frame.broken, *([] if now is None else [now])]
-        frame.broken = outer
+        frame.broken, frame.names = outer, names
         if not has_default:
             ends.append(state.branch(self.pool, none, True))
         end = self.meeting(state, ends)

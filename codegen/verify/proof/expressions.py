@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from fractions import Fraction
 from typing import Any
 
 from pycparser import c_ast
@@ -23,12 +24,14 @@ from codegen.verify.proof.c_types import (
     size_of,
 )
 from codegen.verify.proof.floats import FORMATS
-from codegen.verify.proof.machine import Frame, Kind, Machine
+from codegen.verify.proof.machine import Frame, Machine
 from codegen.verify.proof.memory import INDEX_WIDTH, Reference, State, Typed, joined, learn_choice, merged
-from codegen.verify.proof.source import CannotJudge, place_of
+from codegen.verify.proof.obligations import Kind
+from codegen.verify.proof.source import CannotJudge, holds_call, place_of, whole_of
 from codegen.verify.proof.terms import BOOL as TRUTH
 from codegen.verify.proof.terms import Term
 
+STEPS = ("p++", "p--", "++", "--")
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 
 
@@ -46,6 +49,42 @@ class Expressions(Machine):
         """Whether an expression is not zero."""
         return self.truth(self.value(frame, node, state), node)
 
+    def effect(self, frame: Frame, node: Any, state: State) -> None:
+        """Of an expression that is a statement, or in the head of a loop: only there something may be assigned."""
+        if isinstance(node, c_ast.Assignment):
+            self.assignment(frame, node, state)
+        elif isinstance(node, c_ast.UnaryOp) and node.op in STEPS:
+            self._stepped(frame, node, state)
+        elif isinstance(node, c_ast.ExprList):
+            for each in node.exprs:
+                self.effect(frame, each, state)
+        else:
+            self.value(frame, node, state)
+
+    def operands(self, frame: Frame, nodes: Sequence[Any], state: State) -> list[Typed]:
+        """Values of expressions of which C does not say which one comes first (C99 6.5).
+
+        Raises CannotJudge: what one of them changes, another one sees.
+        """
+        if len(nodes) < 2 or not any(holds_call(node) for node in nodes):
+            return [self.value(frame, node, state) for node in nodes]
+        before, values, changing = state.fork(), [], []
+        for number, node in enumerate(nodes):
+            memory, made = state.memory.copy(), self.objects_made
+            values.append(self.value(frame, node, state))
+            if self.differs(memory, state, made):
+                changing.append(number)
+        kept = dict(self.obligations)
+        for number, node in enumerate(nodes) if changing else ():
+            if number != changing[0]:
+                aside = before.fork() if number > changing[0] else state.fork()
+                if len(changing) > 1 or self.value(frame, node, aside).payload != values[number].payload:
+                    raise CannotJudge(
+                        place_of(node), "a side effect that another operand sees: C leaves open which comes first"
+                    )
+        self.obligations = kept
+        return values
+
     def place(self, frame: Frame, node: Any, state: State) -> Reference:
         """What an lvalue names. Raises CannotJudge: it is none."""
         if isinstance(node, c_ast.ID):
@@ -55,21 +94,22 @@ class Expressions(Machine):
                 return self.field(self._pointer(frame, node.name, state), node.field.name, node)
             return self.field(self.place(frame, node.name, state), node.field.name, node)
         if isinstance(node, c_ast.ArrayRef):
-            base = self._pointer(frame, node.name, state)
-            return self.element(state, base, self._index(frame, node.subscript, state), node)
+            array, subscript = self.operands(frame, [node.name, node.subscript], state)
+            return self.element(state, self._lead(array, node), self._index(state, subscript, node), node)
         if isinstance(node, c_ast.UnaryOp) and node.op == "*":
             base = self._pointer(frame, node.expr, state)
             return self.element(state, base, self.pool.whole(0, INDEX_WIDTH), node)
         raise CannotJudge(place_of(node), "an lvalue of another kind")
 
     def _pointer(self, frame: Frame, node: Any, state: State) -> Reference:
-        value = self.value(frame, node, state)
-        if not isinstance(value.payload, Reference):
+        return self._lead(self.value(frame, node, state), node)
+
+    def _lead(self, value: Typed, node: Any) -> Reference:
+        if not isinstance(value.ctype, Pointer) or not isinstance(value.payload, Reference):
             raise CannotJudge(place_of(node), "a pointer that is none")
         return value.payload
 
-    def _index(self, frame: Frame, node: Any, state: State) -> Term:
-        value = self.value(frame, node, state)
+    def _index(self, state: State, value: Typed, node: Any) -> Term:
         if not isinstance(value.ctype, Scalar) or value.ctype.family == Family.FLOAT:
             raise CannotJudge(place_of(node), "an index that is no whole number")
         number = self.converted(state, value, promoted(value.ctype), node)
@@ -93,25 +133,36 @@ class Expressions(Machine):
         if node.type in ("float", "double"):
             ctype = FLOAT if node.value[-1] in "fF" else DOUBLE
             text = node.value.rstrip("fFlL")
-            value = float.fromhex(text) if text[:2] in ("0x", "0X") else float(text)
-            return Typed(ctype, self.pool.real(FORMATS[ctype.width].round(value), ctype.width))
+            exact = Fraction(float.fromhex(text)) if text[:2] in ("0x", "0X") else Fraction(text)
+            return Typed(ctype, self.pool.real(FORMATS[ctype.width].nearest(exact), ctype.width))
         if node.type in ("int", "unsigned int"):
-            value = int(node.value.rstrip("uU"), 0)
+            value = whole_of(node.value, place_of(node))
             signed = node.type == "int" and value < 1 << 31
-            if value < 1 << 32 and (signed or node.type != "int" or node.value[:2] in ("0x", "0X")):
+            if value < 1 << 32 and (
+                signed or node.type != "int" or node.value[0] == "0"
+            ):  # octal and hexadecimal ones become unsigned
                 return Typed(INT if signed else UNSIGNED, self.pool.whole(value, INT.width))
         raise CannotJudge(place_of(node), f"the constant {node.value}")
 
     def cast(self, frame: Frame, node: Any, state: State) -> Typed:
         to = self.program.units[frame.unit].type_of(node.to_type)
+        if isinstance(to, Pointer):
+            raise CannotJudge(place_of(node), "a cast to a pointer")
         value = self.value(frame, node.expr, state)
         return Typed(VOID, {}) if to == VOID else self.converted(state, value, to, node)
 
     def assignment(self, frame: Frame, node: Any, state: State) -> Typed:
         target = self.place(frame, node.lvalue, state)
-        value = self.value(frame, node.rvalue, state)
-        if node.op != "=":
-            value = self.binary(state, node.op[:-1], self.read(state, target, node), value, node)
+        old = None if node.op == "=" else self.read(state, target, node)
+        if isinstance(node.rvalue, c_ast.Assignment):
+            value = self.assignment(frame, node.rvalue, state)
+        else:
+            value = self.value(frame, node.rvalue, state)
+        sees = holds_call(node.lvalue) or self.place(frame, node.lvalue, state) != target
+        if sees or (old is not None and self.read(state, target, node).payload != old.payload):
+            raise CannotJudge(place_of(node), "a side effect that the left side sees: C leaves open which comes first")
+        if old is not None:
+            value = self.binary(state, node.op[:-1], old, value, node)
         value = self.converted(state, value, target.ctype, node)
         self.write(state, target, value, place_of(node))
         return value
@@ -126,13 +177,14 @@ class Expressions(Machine):
             return self.of_place(frame, node, state)
         if node.op == "sizeof":
             return Typed(UNSIGNED, self.pool.whole(self._size(frame, node), UNSIGNED.width))
-        if node.op in ("p++", "p--", "++", "--"):
-            return self._stepped(frame, node, state)
+        if node.op in STEPS:
+            raise CannotJudge(place_of(node), f"{node.op.removeprefix('p')} inside an expression")
         value = self.value(frame, node.expr, state)
         if node.op == "!":
             return Typed(BOOL, self.pool.not_(self.truth(value, node)))
         if not isinstance(value.ctype, Scalar):
             raise CannotJudge(place_of(node), f"{node.op} of what is no number")
+        self._refuse_enum(node.op, node, value.ctype)
         value = self.converted(state, value, promoted(value.ctype), node)
         if node.op == "-":
             if value.scalar.family == Family.FLOAT:
@@ -168,8 +220,8 @@ class Expressions(Machine):
     def binary_node(self, frame: Frame, node: Any, state: State) -> Typed:
         if node.op in ("&&", "||"):
             return self._short_circuit(frame, node, state)
-        left = self.value(frame, node.left, state)
-        return self.binary(state, node.op, left, self.value(frame, node.right, state), node)
+        left, right = self.operands(frame, [node.left, node.right], state)
+        return self.binary(state, node.op, left, right, node)
 
     def _short_circuit(self, frame: Frame, node: Any, state: State) -> Typed:
         """The right side is evaluated only where the left one does not decide."""
@@ -215,6 +267,10 @@ class Expressions(Machine):
             return Typed(left.ctype, self.element(state, left.payload, index, node))
         if not isinstance(left.ctype, Scalar) or not isinstance(right.ctype, Scalar):
             raise CannotJudge(place_of(node), f"{op} of what are no numbers")
+        if op in COMPARISONS:
+            self._refuse_order(op, left, right, node)
+        else:
+            self._refuse_enum(op, node, left.ctype, right.ctype)
         if op in ("<<", ">>"):
             return self._shift(state, op, left, right, node)
         ctype = common(left.ctype, right.ctype)
@@ -227,6 +283,20 @@ class Expressions(Machine):
             result = self._of_wholes(state, op, a, b, ctype, node)
         state.scope.box(result)
         return Typed(ctype, result)
+
+    @staticmethod
+    def _refuse_enum(op: str, node: Any, *operands: CType) -> None:
+        """Whether an enum is promoted to a number with a sign, the compiler chooses."""
+        if any(isinstance(each, Scalar) and each.enumerators is not None for each in operands):
+            raise CannotJudge(place_of(node), f"{op} of an enum")
+
+    @staticmethod
+    def _refuse_order(op: str, left: Typed, right: Typed, node: Any) -> None:
+        """An enum compares as the compiler chooses, but with its like and with a constant that is not negative."""
+        for one, other in ((left.scalar, right), (right.scalar, left)):
+            is_safe = other.term.is_const and other.scalar.family == Family.INT and other.term.data < 1 << (INT.width - 1)
+            if one.enumerators is not None and op not in ("==", "!=") and other.ctype != one and not is_safe:
+                raise CannotJudge(place_of(node), f"{op} of an enum and a number that is not known")
 
     def _compared(self, op: str, a: Term, b: Term, ctype: Scalar) -> Term:
         if op in ("==", "!="):
@@ -294,7 +364,7 @@ class Expressions(Machine):
     def call_node(self, frame: Frame, node: Any, state: State) -> Typed:
         if not isinstance(node.name, c_ast.ID):
             raise CannotJudge(place_of(node), "a call through a pointer")
-        arguments = [self.value(frame, each, state) for each in (node.args.exprs if node.args else ())]
+        arguments = self.operands(frame, node.args.exprs if node.args else (), state)
         function = self.program.called(frame.unit, node.name.name)
         if function is not None:
             return self.call(function, arguments, state, node)
@@ -307,6 +377,8 @@ class Expressions(Machine):
 
     def _copied(self, arguments: list[Typed], state: State, node: Any) -> Typed:
         """memcpy of a whole number or array, to one of the same size."""
+        if len(arguments) != 3:
+            raise CannotJudge(place_of(node), f"{len(arguments)} arguments for memcpy")
         to, source, size = (each.payload for each in arguments)
         if not (isinstance(to, Reference) and isinstance(source, Reference) and isinstance(size, Term) and size.is_const):
             raise CannotJudge(place_of(node), "memcpy of other than objects and a constant size")
@@ -325,8 +397,8 @@ class Expressions(Machine):
 
     def _same_bits(self, value: Typed, to: Scalar, node: Any) -> Typed:
         have = value.scalar
-        if Family.BOOL in (have.family, to.family):
-            raise CannotJudge(place_of(node), "the bits of a bool")
+        if Family.BOOL in (have.family, to.family) or have.enumerators is not None or to.enumerators is not None:
+            raise CannotJudge(place_of(node), "the bits of a bool or an enum")
         if have.family == to.family:
             return Typed(to, value.term)
         return Typed(to, self.float_of_bits(value.term) if to.family == Family.FLOAT else self.bits_of_float(value.term))
@@ -358,7 +430,6 @@ RULES: dict[type, Callable[[Expressions, Frame, Any, State], Typed]] = {
     c_ast.StructRef: Expressions.of_place,
     c_ast.ArrayRef: Expressions.of_place,
     c_ast.Cast: Expressions.cast,
-    c_ast.Assignment: Expressions.assignment,
     c_ast.UnaryOp: Expressions.unary,
     c_ast.BinaryOp: Expressions.binary_node,
     c_ast.TernaryOp: Expressions.choice,

@@ -53,8 +53,10 @@ class Facts:
 
 
 def of_sum(term: Term, a: Real, b: Real, result: Real) -> Iterator[Fact]:
-    """Rounding is monotone: a side at a time."""
+    """Rounding is monotone: a side at a time. Nothing of boxes without a number in them: of their bounds, none holds."""
     x, y = term.args
+    if a.low > a.high or b.low > b.high:
+        return
     if result.high < INF:
         yield Fact((Bounded(x, -INF, a.high), Bounded(y, -INF, b.high)), Bounded(term, -INF, result.high))
     if result.low > -INF:
@@ -120,17 +122,22 @@ def are_opposite(a: Term, b: Term) -> bool:
 
 
 def fraction_parts(term: Term) -> Iterator[tuple[Term, Term]]:
-    """Where a sum is `x - (float)n`: x and n."""
+    """Where a sum is `x - (float)n`: x and (float)n."""
     for x, less in (term.args, term.args[::-1]):
         if less.op == "fneg" and less.args[0].op == "of_whole":
-            yield x, less.args[0].args[0]
+            yield x, less.args[0]
 
 
-def of_fraction(term: Term, x: Term, condition: tuple[Term, ...] = ()) -> Fact:
-    """`x - (float)(whole)x` is exact, and from 0 to below 1, where every whole number up to x is a float."""
-    form = FORMATS[-term.sort]
-    high = min(form.whole_below, 2**31) - 1
-    return Fact((Bounded(x, 0.0, float(high)),), Bounded(term, 0.0, form.down(1.0)), condition)
+def fraction_limit(whole: Term, conversion: Term) -> float:
+    """The largest x of which the whole part fits into the conversion's type, is read back as it was, and is a float."""
+    bits = conversion.sort - (1 if whole.data or conversion.data else 0)
+    form = FORMATS[-whole.sort]
+    return form.down(float(min(form.whole_below, 1 << bits)))
+
+
+def of_fraction(term: Term, x: Term, limit: float, condition: tuple[Term, ...] = ()) -> Fact:
+    """`x - (float)(whole)x` is exact, and from 0 to below 1, up to the limit of `fraction_limit`."""
+    return Fact((Bounded(x, 0.0, limit),), Bounded(term, 0.0, FORMATS[-term.sort].down(1.0)), condition)
 
 
 def quotient_below_one(term: Term) -> Iterator[Fact]:
@@ -139,6 +146,22 @@ def quotient_below_one(term: Term) -> Iterator[Fact]:
     if divisor.op == "fadd" and a in divisor.args:
         b = divisor.args[1] if divisor.args[0] is a else divisor.args[0]
         yield Fact((Bounded(a, 0.0, INF), Bounded(b, 0.0, INF)), Bounded(term, 0.0, 1.0))
+
+
+def share_parts(term: Term) -> Iterator[tuple[Term, Term]]:
+    """Where a quotient is `(x - a) / (y - a)`: x and y."""
+    above, below = term.args
+    if above.op == below.op == "fadd":
+        for x, less in (above.args, above.args[::-1]):
+            for y, other in (below.args, below.args[::-1]):
+                if less is other:
+                    yield x, y
+
+
+def of_share(term: Term, order: Term) -> Fact:
+    """`(x - a) / (y - a)` is at most 1 where x is not above y, and y - a above zero: rounding keeps the order."""
+    divisor = term.args[1]
+    return Fact((Bounded(divisor, FORMATS[-divisor.sort].tiniest, INF),), Bounded(term, -INF, 1.0), (order,))
 
 
 def quotient_below_factor(term: Term) -> Iterator[tuple[Fact, Term]]:

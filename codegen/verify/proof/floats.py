@@ -10,6 +10,7 @@ import ctypes
 import math
 import struct
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 SINGLE_BITS, DOUBLE_BITS = 32, 64
@@ -44,6 +45,12 @@ class Format:
     def round(self, value: float) -> float:
         """The nearest number, the even one of two."""
         return ctypes.c_float(value).value if self.width == SINGLE_BITS else value
+
+    def nearest(self, exact: Fraction) -> float:
+        """The nearest number to one that is exact, the even one of two; not by way of a double."""
+        near = self.round(float(exact))
+        beside = [each for each in (self.down(near), near, self.up(near)) if not math.isinf(each)]
+        return min(beside, key=lambda each: (abs(Fraction(each) - exact), self.bits(each) & 1)) if beside else near
 
     def key(self, value: float) -> int:
         """The whole number that orders the numbers as they are ordered; 0 for both zeros. Not for NaN."""

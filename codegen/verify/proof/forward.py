@@ -10,14 +10,17 @@ from codegen.verify.proof.boxes import EITHER, FALSE, INF, TRUE, Box, Real, Trut
 from codegen.verify.proof.facts import (
     Bounded,
     Fact,
+    fraction_limit,
     fraction_parts,
     of_box,
     of_conversion,
     of_fraction,
+    of_share,
     of_sum,
     of_whole_number,
     quotient_below_factor,
     quotient_below_one,
+    share_parts,
     weighted,
     weighted_parts,
 )
@@ -101,6 +104,11 @@ def _sum(scope: Scope, term: Term) -> Box:
     result = boxes.added(a, b, form)
     for fact in of_sum(term, a, b, result):
         scope.facts.add(fact)
+    for x, less in (term.args, term.args[::-1]):
+        if less.op == "fneg" and scope.order(less.args[0], x) is not None:
+            result = Real(max(result.low, 0.0), result.high, result.may_be_nan)
+        elif less.op == "fneg" and scope.order(x, less.args[0]) is not None:
+            result = Real(result.low, min(result.high, 0.0), result.may_be_nan)
     for parts in weighted_parts(term):
         old, weight = scope.real(parts.old), scope.real(parts.weight)
         new = Real(0.0, 0.0, False) if parts.new is None else scope.real(parts.new)
@@ -116,27 +124,31 @@ def _sum(scope: Scope, term: Term) -> Box:
 def _fraction(scope: Scope, term: Term, result: Real) -> Real:
     """What is left of a number without its whole part, even where that part is cut down to a last cell."""
     form = FORMATS[-term.sort]
-    for x, n in fraction_parts(term):
-        own = scope.real(x)
-        if own.low < 0.0 or own.high >= min(form.whole_below, 2**31):
+    for x, whole in fraction_parts(term):
+        n, own = whole.args[0], scope.real(x)
+        is_cut = n.op == "ite" and n.args[1].is_const
+        conversion = n.args[2] if is_cut else n
+        if conversion.op != "of_real" or conversion.args[0] is not x:
             continue
-        if n.op == "of_real" and n.args[0] is x:
-            scope.facts.add(of_fraction(term, x))
+        limit = fraction_limit(whole, conversion)
+        if own.low < 0.0 or own.high > limit:
+            continue
+        if not is_cut:
+            scope.facts.add(of_fraction(term, x, limit))
             return Real(max(result.low, 0.0), min(result.high, form.down(1.0)), result.may_be_nan)
-        if n.op == "ite" and n.args[1].is_const and n.args[2].op == "of_real" and n.args[2].args[0] is x:
-            condition, constant, _ = n.args
-            scope.facts.add(of_fraction(term, x, (scope.pool.not_(condition),)))
-            branch = scope.fork()
-            branch.assume(condition)
-            if branch.is_dead:
-                return Real(max(result.low, 0.0), min(result.high, form.down(1.0)), result.may_be_nan)
-            cut = branch.real(x)
-            value = boxes.of_whole(branch.whole(constant), False, form)
-            beyond = boxes.added(cut, boxes.negated(value), form)
-            fact = Fact((Bounded(x, cut.low, cut.high),), Bounded(term, beyond.low, beyond.high), (condition,))
-            scope.facts.add(fact)
-            low, high = min(beyond.low, 0.0), max(beyond.high, form.down(1.0))
-            return Real(max(result.low, low), min(result.high, high), result.may_be_nan)
+        condition, constant, _ = n.args
+        scope.facts.add(of_fraction(term, x, limit, (scope.pool.not_(condition),)))
+        branch = scope.fork()
+        branch.assume(condition)
+        if branch.is_dead:
+            return Real(max(result.low, 0.0), min(result.high, form.down(1.0)), result.may_be_nan)
+        cut = branch.real(x)
+        value = boxes.of_whole(branch.whole(constant), bool(whole.data), form)
+        beyond = boxes.added(cut, boxes.negated(value), form)
+        fact = Fact((Bounded(x, cut.low, cut.high),), Bounded(term, beyond.low, beyond.high), (condition,))
+        scope.facts.add(fact)
+        low, high = min(beyond.low, 0.0), max(beyond.high, form.down(1.0))
+        return Real(max(result.low, low), min(result.high, high), result.may_be_nan)
     return result
 
 
@@ -158,6 +170,12 @@ def _quotient(scope: Scope, term: Term) -> Box:
         if all(scope.real(each.term).low >= 0.0 for each in fact.premises):
             scope.facts.add(fact)
             low, high = max(low, 0.0), min(high, 1.0)
+    for x, y in share_parts(term):
+        order = scope.order(x, y)
+        if order is not None and b.low >= 0.0:
+            scope.facts.add(of_share(term, order))
+            high = min(high, 1.0)
+            low = max(low, 0.0) if a.low >= 0.0 else low
     for fact, factor in quotient_below_factor(term):
         bound = scope.real(factor).high
         if b.low >= 0.0 and bound < INF and not scope.truth(fact.conditions[0]).may_fail:

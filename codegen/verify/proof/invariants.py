@@ -39,13 +39,27 @@ class Clause:
         return f"{dotted(self.flag)} is {str(self.holds).lower()} where {dotted(self.status)} is {self.value}"
 
 
+@dataclass(frozen=True)
+class Same:
+    """Two floats are the same number."""
+
+    flag: Path
+    other: Path
+
+    def term(self, pool: Pool, leaf: Callable[[Path], Term]) -> Term:
+        return pool.feq(leaf(self.flag), leaf(self.other))
+
+    def __str__(self) -> str:
+        return f"{dotted(self.flag)} is {dotted(self.other)}"
+
+
 @dataclass
 class Invariant:
     """Of a struct. What lies in another struct with an invariant of its own is left to that."""
 
     ctype: Struct
     boxes: dict[Path, Box] = field(default_factory=dict)
-    clauses: list[Clause] = field(default_factory=list)
+    clauses: list[Clause | Same] = field(default_factory=list)
 
     def holds(self, pool: Pool, leaf: Callable[[Path], Term]) -> Iterator[tuple[str, Path, Term]]:
         """Each part as a term: in words, of which number, and what has to hold."""

@@ -6,10 +6,11 @@ from typing import Any
 
 from pycparser import c_ast
 
-from codegen.verify.proof.c_types import Scalar, leaves
+from codegen.verify.proof.c_types import Family, Scalar, leaves
 from codegen.verify.proof.expressions import Expressions
 from codegen.verify.proof.machine import Frame, sort_of
-from codegen.verify.proof.memory import Key, Reference, State
+from codegen.verify.proof.memory import Key, Reference, State, Typed
+from codegen.verify.proof.semantics import signed
 from codegen.verify.proof.source import CannotJudge, place_of
 from codegen.verify.proof.terms import Term
 
@@ -40,7 +41,7 @@ class Loops(Expressions):
         return end
 
     def _turns(self, frame: Frame, node: Any, state: State) -> int | None:
-        """How many turns a loop `counter < constant; counter++` takes, None for another one."""
+        """How many turns a loop `counter < constant; counter++` takes, None for another one, or where types make it one."""
         condition, step = node.cond, node.next
         counts_up = isinstance(step, c_ast.UnaryOp) and step.op in ("p++", "++") and isinstance(step.expr, c_ast.ID)
         if not (counts_up and isinstance(condition, c_ast.BinaryOp) and condition.op == "<"):
@@ -48,9 +49,11 @@ class Loops(Expressions):
         if not (isinstance(condition.left, c_ast.ID) and condition.left.name == step.expr.name):
             return None
         aside = state.fork()
-        first = self.value(frame, condition.left, aside).term
-        last = self.value(frame, condition.right, aside).term
-        return last.data - first.data if first.is_const and last.is_const else None
+        counter, bound = self.value(frame, condition.left, aside), self.value(frame, condition.right, aside)
+        first, last = _constant(counter), _constant(bound)
+        if first is None or last is None or not 0 <= first <= last < 1 << (counter.scalar.width - counter.scalar.signed):
+            return None
+        return last - first
 
     def _turn_by_turn(self, frame: Frame, node: Any, state: State) -> State | None:
         outer, frame.broken = frame.broken, []
@@ -70,7 +73,7 @@ class Loops(Expressions):
             if now is None:
                 break
             if node.next is not None:
-                self.value(frame, node.next, now)
+                self.effect(frame, node.next, now)
         else:
             raise CannotJudge(place_of(node), f"a loop of more than {TURNS_MAX} turns that is no plain count")
         ends = [*frame.broken, *([] if now is None else [now])]
@@ -85,6 +88,8 @@ class Loops(Expressions):
         inside = state.fork()
         self._forget(inside, changed, node)
         self._count(inside, counter, start, start + turns - 1)
+        if _constant(self.value(frame, node.cond.right, inside.fork())) != start + turns:
+            raise CannotJudge(place_of(node), "a long loop that changes its bound")
         exits = len(frame.returned), len(frame.broken), len(frame.continued)
         end = self.statement(frame, node.stmt, inside)
         if end is None or exits != (len(frame.returned), len(frame.broken), len(frame.continued)):
@@ -140,6 +145,14 @@ class Loops(Expressions):
     def meeting(self, base: State, states: list[State]) -> State | None:
         """Where several ways meet."""
         raise NotImplementedError
+
+
+def _constant(value: Typed) -> int | None:
+    """A whole number that is known."""
+    ctype, payload = value.ctype, value.payload
+    if not isinstance(ctype, Scalar) or ctype.family != Family.INT or not isinstance(payload, Term) or not payload.is_const:
+        return None
+    return signed(payload.data, ctype.width) if ctype.signed else int(payload.data)
 
 
 def _holds_loop(node: Any) -> bool:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any
 
 from pycparser import c_ast
 
 from codegen.verify.proof.c_types import (
+    UNSIGNED,
     Array,
     CType,
     Family,
@@ -33,49 +33,11 @@ from codegen.verify.proof.memory import (
     learn_choice,
     places,
 )
+from codegen.verify.proof.obligations import Kind, Obligation, Widened
 from codegen.verify.proof.ranges import Scope
-from codegen.verify.proof.source import CannotJudge, Function, Program, place_of
+from codegen.verify.proof.source import CannotJudge, Function, Program, holds_call, place_of
 from codegen.verify.proof.terms import BOOL as TRUTH
 from codegen.verify.proof.terms import Pool, Table, Term
-
-
-class Kind(StrEnum):
-    """Of what has to hold."""
-
-    INDEX = "index inside its array"
-    CONVERSION = "float-to-integer conversion defined"
-    DIVISION = "no division by zero"
-    OVERFLOW = "no signed overflow"
-    SHIFT = "shift within the width"
-    WRITTEN = "nothing read that was not written"
-    CLAIM = "claim"
-    INVARIANT = "invariant"
-
-
-@dataclass(frozen=True)
-class Obligation:
-    """What has to hold at a place.
-
-    Attributes:
-        place: file and line.
-        path: what the inputs fulfil where the place is reached.
-        goal: what has to hold there.
-        text: of it, for a message.
-    """
-
-    kind: Kind
-    place: str
-    path: Term
-    goal: Term
-    text: str
-
-
-@dataclass(frozen=True)
-class Widened:
-    """What the entries of a table may be recalibrated to."""
-
-    low: float
-    high: float
 
 
 @dataclass
@@ -97,6 +59,7 @@ class Machine:
         self.program = program
         self.pool, self.facts = Pool(), Facts()
         self.obligations: dict[Obligation, None] = {}
+        self.asked: list[Term] = []  # goals in the order of the run, again where they come again
         self._free_tables = free_tables
         self._roots: dict[str, CType] = {}
         self._lengths: dict[str, Term] = {}
@@ -125,6 +88,7 @@ class Machine:
     def need(self, kind: Kind, state: State, goal: Term, node: Any, text: str = "") -> None:
         """Make it an obligation, and go on as if it held."""
         if goal is not self.pool.true and state.path is not self.pool.false:
+            self.asked.append(goal)
             place = node if isinstance(node, str) else place_of(node)
             self.obligations[Obligation(kind, place, state.path, goal, text)] = None
             state.scope.assume(goal)
@@ -217,11 +181,21 @@ class Machine:
                 raise CannotJudge(place_of(each), "an initialiser too many")
             given[position] = each
             position += 1
+        calls = len(given) > 1 and any(holds_call(each) for each in given.values())
+        before, made = state.memory.copy() if calls else {}, self.objects_made
         for index, part in enumerate(parts):
             if index in given:
                 self.initialise(frame, part, given[index], state)
             else:
                 self._write_zero(state, part, place)
+        own = {key: payload for key, payload in state.memory.items() if key[0] == reference.root} if calls else {}
+        if calls and self.differs({**before, **own}, state, made):
+            raise CannotJudge(place, "a side effect in an initialiser: C leaves open which part comes first")
+
+    def differs(self, memory: Mapping[Key, Payload], state: State, made: int) -> bool:
+        """Whether something was written since, of objects that were there then."""
+        keys = memory.keys() | state.memory.keys()
+        return any(memory.get(key) is not state.memory.get(key) and self.age_of(key[0]) <= made for key in keys)
 
     def _write_zero(self, state: State, reference: Reference, place: str) -> None:
         if isinstance(reference.ctype, Scalar) and reference.in_union:
@@ -385,14 +359,15 @@ class Machine:
     def converted(self, state: State, value: Typed, to: CType, node: Any) -> Typed:
         """A value as another type. Raises CannotJudge: neither number to number nor the same."""
         if not isinstance(to, Scalar) or not isinstance(value.ctype, Scalar):
-            same = isinstance(to, Pointer) and isinstance(value.ctype, Pointer)
-            if same or to == value.ctype:
+            if to == value.ctype:
                 return Typed(to, value.payload)
-            raise CannotJudge(place_of(node), "a conversion of what is no number")
+            raise CannotJudge(place_of(node), "a conversion of what is no number, or between pointers to different types")
         return Typed(to, self._number_as(state, value, to, node))
 
     def _number_as(self, state: State, value: Typed, to: Scalar, node: Any) -> Term:
         have, term = value.scalar, value.term
+        if to.enumerators is not None and to != have:
+            return self._enumerator(state, value, to, node)
         if to.family == Family.BOOL:
             return self.truth(value, node)
         if have.family == Family.BOOL:
@@ -405,11 +380,25 @@ class Machine:
             self.need(Kind.CONVERSION, state, self._is_convertible(term, to), node, f"to {to}")
             result = self.pool.apply("of_real", to.width, term, data=to.signed)
         elif have.family == Family.INT:
+            if have.width > UNSIGNED.width:
+                raise CannotJudge(place_of(node), f"{have} as a float")
             result = self.pool.apply("of_whole", -to.width, term, data=have.signed)
         else:
             result = term if have.width == to.width else self.pool.apply("fconvert", -to.width, term)
         state.scope.box(result)
         return result
+
+    def _enumerator(self, state: State, value: Typed, to: Scalar, node: Any) -> Term:
+        """A number as an enum: how wide that is and whether it has a sign, the compiler chooses (C99 6.7.2.2)."""
+        assert to.enumerators is not None
+        if value.scalar.family == Family.FLOAT:
+            raise CannotJudge(place_of(node), "a float as an enum")
+        wide = INDEX_WIDTH + 1
+        exact = self._number_as(state, value, Scalar(Family.INT, wide, True), node)
+        low, high = (self.pool.whole(each, wide) for each in to.enumerators)
+        inside = self.pool.and_(self.pool.apply("sle", TRUTH, low, exact), self.pool.apply("sle", TRUTH, exact, high))
+        self.need(Kind.CONVERSION, state, inside, node, "to an enum, between its enumerators")
+        return self.pool.wider(exact, to.width, True)
 
     def _is_convertible(self, term: Term, to: Scalar) -> Term:
         """Whether the whole part is a number of the type (C99 6.3.1.4)."""

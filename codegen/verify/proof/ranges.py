@@ -119,6 +119,19 @@ class Scope:
         assert isinstance(box, Truth)
         return box
 
+    def order(self, low: Term, high: Term) -> Term | None:
+        """What is taken to hold that says of two floats that one is not above the other, as far as both are numbers."""
+        for op, a, b, wanted in (
+            ("flt", low, high, TRUE),
+            ("fle", low, high, TRUE),
+            ("flt", high, low, FALSE),
+            ("fle", high, low, FALSE),
+        ):
+            term = self.pool.existing(op, 0, a, b)
+            if term is not None and self._known.get(term) == wanted:
+                return term if wanted == TRUE else self.pool.not_(term)
+        return None
+
     def learn(self, term: Term, box: Box) -> None:
         """That a term lies in a box too, because somebody knows."""
         if self.is_idle:
@@ -333,8 +346,9 @@ def _through_conversion(scope: Scope, term: Term, box: Box, depth: int) -> None:
     if 0 < low < form.whole_below and own.low < low:
         scope.facts.add(Fact((Bounded(x, 0.0, form.down(float(low))),), Bounded(term, 0.0, float(low - 1), bool(term.data))))
         scope.narrow(x, Real(float(low), INF, own.may_be_nan), depth)
-    if 0 <= high < form.whole_below - 1 and own.high >= high + 1:
-        top = own.high if own.high < 2.0**31 else float(high + 1)
+    most = (1 << (term.sort - (1 if term.data else 0))) - 1  # beyond, the conversion is not defined
+    if 0 <= high < min(form.whole_below - 1, most) and own.high >= high + 1:
+        top = min(own.high, form.down(float(most + 1)))
         premise = Bounded(x, float(high + 1), top)
         scope.facts.add(Fact((premise,), Bounded(term, float(high + 1), float(int(top)), bool(term.data))))
         scope.narrow(x, Real(-INF, form.down(float(high + 1)), own.may_be_nan), depth)

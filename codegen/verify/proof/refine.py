@@ -26,7 +26,7 @@ def refinements(cone: Sequence[Term], believed: dict[Term, Value], inputs: dict[
         if rule is not None and terms < REFINED_MAX:
             args = [believed[each] for each in term.args]
             true = value_of(term, args, inputs)
-            if true != believed[term] and not (true != true and believed[term] != believed[term]):
+            if true != believed[term] and true == true:  # when a result is NaN is encoded exactly
                 found += rule(term, args, true)
                 if term.op in ("fadd", "fmul"):
                     found += _as_far_as_wrong(term, args, believed[term])
@@ -45,20 +45,21 @@ def _of_sum(term: Term, args: list[Any], true: Any) -> list[Fact]:
 def _of_product(term: Term, args: list[Any], true: Any) -> list[Fact]:
     """Farther from zero, each in its direction, and nearer."""
     (a, b), (x, y) = term.args, args
-    return [
-        Fact((_toward_zero(a, x), _toward_zero(b, y)), _toward_zero(term, true)),
-        Fact((_away(a, x), _away(b, y)), _away(term, true)),
-    ]
+    found = [Fact((_toward_zero(a, x), _toward_zero(b, y)), _toward_zero(term, true))]
+    if true != 0.0 or 0.0 in (x, y):  # one that is too small for a float says nothing of larger ones
+        found.append(Fact((_away(a, x), _away(b, y)), _away(term, true)))
+    return found
 
 
 def _of_quotient(term: Term, args: list[Any], true: Any) -> list[Fact]:
     (a, b), (x, y) = term.args, args
+    if y == 0.0:
+        return []  # of which sign the quotient is, depends on that of the zero
     tiny = math.copysign(FORMATS[-term.sort].tiniest, y)
-    beside = Bounded(b, min(tiny, y), max(tiny, y)) if y != 0.0 else Bounded(b, y, y)
-    return [
-        Fact((_toward_zero(a, x), _away(b, y)), _toward_zero(term, true)),
-        Fact((_away(a, x), beside), _away(term, true)),
-    ]
+    found = [Fact((_toward_zero(a, x), _away(b, y)), _toward_zero(term, true))]
+    if true != 0.0 or x == 0.0:
+        found.append(Fact((_away(a, x), Bounded(b, min(tiny, y), max(tiny, y))), _away(term, true)))
+    return found
 
 
 def _as_far_as_wrong(term: Term, args: list[Any], believed: Any) -> list[Fact]:

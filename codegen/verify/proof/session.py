@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from codegen.errors import one_line
 from codegen.verify.proof import boxes
 from codegen.verify.proof.boxes import Box
 from codegen.verify.proof.c_types import Array, CType, Family, Pointer, Scalar, Struct, leaves
-from codegen.verify.proof.claims import Call, needs_of, of_function
+from codegen.verify.proof.calls import Call, Claims, stated
+from codegen.verify.proof.claims import needs_of, of_function
 from codegen.verify.proof.contracts import Contract
 from codegen.verify.proof.encode import Encoder
 from codegen.verify.proof.entries import INITIALISERS, Caller, Entry, named
@@ -17,17 +19,20 @@ from codegen.verify.proof.invariants import (
     Clause,
     Invariant,
     Path,
+    Same,
     dotted,
     own_leaves,
     states_inside,
     widened,
     within,
 )
-from codegen.verify.proof.machine import Kind, Obligation
+from codegen.verify.proof.obligations import Kind, Obligation
 from codegen.verify.proof.solver import Prover, Verdict
 from codegen.verify.proof.source import CannotJudge, Function, Parameter, Program
 from codegen.verify.proof.terms import Term
 
+UNFORESEEN = (AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What C that nobody thought of may come to; then nothing is proved of it."""
 TURNS_MAX = 24
 """Of looking for an invariant."""
 
@@ -50,10 +55,10 @@ class Report:
 
 
 class Session:
-    """Of one program."""
+    """Of one program. sampling_time: with which it is called, in s."""
 
-    def __init__(self, machine: Executor, prefix: str) -> None:
-        self.machine, self.prefix = machine, prefix
+    def __init__(self, machine: Executor, prefix: str, sampling_time: float) -> None:
+        self.machine, self.prefix, self.sampling_time = machine, prefix, sampling_time
         self.states: dict[str, Invariant] = {}
         self.report = Report()
         self._caller = Caller(machine, self.states)
@@ -68,6 +73,9 @@ class Session:
                 self._prove_group(functions)
             except CannotJudge as error:
                 self.report.troubles.append(f"{error.place}: cannot be judged: {error.what}")
+            except UNFORESEEN as error:
+                what = f"{type(error).__name__}: {one_line(str(error))}"
+                self.report.troubles.append(f"{functions[0].place}: {functions[0].name}: cannot be judged: {what}")
         self.report.invariants = dict(self.states)
         self.report.questions = self._prover.questions
         return self.report
@@ -115,12 +123,12 @@ class Session:
         if not initialisers:
             raise CannotJudge(functions[0].place, f"nothing initialises {target.name}")
         invariant = Invariant(target)
+        self.states[target.name] = invariant  # so that an initialiser is given nothing that was written
         first = [self._called(each) for each in initialisers]
         others = {name: each for name, each in self.states.items() if name != target.name}
         for entry in first:
             self._grow(invariant, entry, others, 0)
         invariant.clauses = self._surviving(_candidates(target, others), first)
-        self.states[target.name] = invariant
         rest = [each for each in functions if each not in initialisers]
         for turn in range(1, TURNS_MAX):
             before = dict(invariant.boxes)
@@ -147,7 +155,7 @@ class Session:
                 new = entry.state.scope.box(term) if isinstance(term, Term) else boxes.any_of(_sort(leaf))
                 invariant.boxes[path] = widened(old, new, leaf, self._landmarks, turn)
 
-    def _surviving(self, clauses: list[Clause], entries: Sequence[Entry]) -> list[Clause]:
+    def _surviving(self, clauses: list[Clause | Same], entries: Sequence[Entry]) -> list[Clause | Same]:
         """Those that the functions keep, if all that are left held before."""
         for entry in entries:
             parameter = entry.function.parameters[0]
@@ -157,7 +165,7 @@ class Session:
                 clauses = [each for each in clauses if goals[each] not in broken]
         return clauses
 
-    def _behind_or_false(self, clause: Clause, entry: Entry, name: str) -> Term:
+    def _behind_or_false(self, clause: Clause | Same, entry: Entry, name: str) -> Term:
         try:
             return clause.term(self.machine.pool, lambda path: entry.behind(name, path))
         except KeyError:
@@ -175,10 +183,16 @@ class Session:
     def _behind(self, entry: Entry) -> Iterator[Obligation]:
         """What has to hold behind a call: invariants, claims, that all was written, and the bounds that callers rely on."""
         function, pool = entry.function, self.machine.pool
-        call = self._call(entry)
-        for claims in of_function(self.machine.program, function, self.prefix):
-            for text, goal in claims(call):
+        call, unwritten = self._call(entry)
+        for path in unwritten:
+            text = f"{dotted(path) or 'a value'} of the result is written"
+            yield Obligation(Kind.WRITTEN, function.place, pool.true, pool.false, text)
+        for claims in self._claims(function):
+            shown, missing = stated(claims, call)
+            for text, goal in shown:
                 yield Obligation(Kind.CLAIM, function.place, pool.true, goal, text)
+            for text in missing:
+                yield Obligation(Kind.CLAIM, function.place, pool.true, pool.false, text)
         for parameter in function.parameters:
             yield from self._state_behind(entry, parameter)
             for path, term in _numbers(entry, parameter):
@@ -222,16 +236,25 @@ class Session:
         """Whether its floats may be NaN: a task keeps signals as they were received."""
         return invariant.ctype.name == f"{self.prefix}_task_t"
 
-    def _call(self, entry: Entry) -> Call:
+    def _claims(self, function: Function) -> list[Claims]:
+        return of_function(self.machine.program, function, self.prefix, self.sampling_time)
+
+    def _call(self, entry: Entry) -> tuple[Call, list[Path]]:
+        """The call, and what of its result was never written."""
         result = entry.result
         assert result is not None
         numbers: dict[Path, tuple[Scalar, Term]] = {}
+        unwritten: list[Path] = []
         for path, scalar in leaves(result.ctype):
-            if isinstance(scalar, Scalar):
-                term = result.payload if isinstance(result.payload, Term) else result.aggregate[path]
-                assert isinstance(term, Term)
-                numbers[path] = scalar, term
-        return Call(self.machine.pool, lambda name: entry.arguments[name].term, entry.behind, entry.earlier, numbers)
+            if not isinstance(scalar, Scalar):
+                raise CannotJudge(entry.function.place, "a pointer as a result")
+            term = result.payload if isinstance(result.payload, Term) else result.aggregate.get(path)
+            if not isinstance(term, Term):
+                unwritten.append(path)
+                term = self.machine.pool.fresh("never written", _sort(scalar))
+            numbers[path] = scalar, term
+        scalars = {name: argument.term for name, argument in entry.arguments.items() if isinstance(argument.ctype, Scalar)}
+        return Call(self.machine.pool, scalars.__getitem__, entry.behind, entry.earlier, numbers), unwritten
 
     def _promise(self, entry: Entry) -> None:
         """Let other functions take the proven one by its contract."""
@@ -252,9 +275,9 @@ class Session:
         self.machine.contracts[function.name] = Contract(
             function,
             self.states,
-            {path: scope.box(term) for path, (_, term) in self._call(entry).results.items()},
+            {path: scope.box(term) for path, (_, term) in self._call(entry)[0].results.items()},
             written,
-            of_function(self.machine.program, function, self.prefix),
+            self._claims(function),
             needs_of(function, self.prefix),
             self._caller.judge_of,
         )
@@ -282,17 +305,27 @@ def _numbers(entry: Entry, parameter: Parameter) -> Iterator[tuple[Path, Term | 
             yield path, found if isinstance(found, Term) else None
 
 
-def _candidates(target: Struct, others: dict[str, Invariant]) -> list[Clause]:
-    """Every flag with every value of every status."""
+def _candidates(target: Struct, others: dict[str, Invariant]) -> list[Clause | Same]:
+    """Every flag with every value of every status; every float with one of the same name in a state inside."""
     own = [(path, leaf) for path, leaf in own_leaves(target, others) if isinstance(leaf, Scalar)]
     flags = [path for path, leaf in own if leaf.family == Family.BOOL]
     statuses = [path for path, leaf in own if path[-1] == "status"]
+    floats = [path for path, leaf in own if leaf.family == Family.FLOAT]
+    inside = [
+        (*inner, *path)
+        for inner, each in states_inside(target, others)
+        for path, leaf in own_leaves(each.ctype, others)
+        if isinstance(leaf, Scalar) and leaf.family == Family.FLOAT
+    ]
     return [
-        Clause(status, value, flag, holds)
-        for status in statuses
-        for value in range(5)
-        for flag in flags
-        for holds in (True, False)
+        *(
+            Clause(status, value, flag, holds)
+            for status in statuses
+            for value in range(5)
+            for flag in flags
+            for holds in (True, False)
+        ),
+        *(Same(path, other) for path in floats for other in inside if path[-1] == other[-1]),
     ]
 
 

@@ -19,7 +19,7 @@ from codegen.verify.proof.concrete import computed
 from codegen.verify.proof.encode import Encoder, Float
 from codegen.verify.proof.facts import Fact
 from codegen.verify.proof.floats import FORMATS
-from codegen.verify.proof.machine import Obligation
+from codegen.verify.proof.obligations import Obligation
 from codegen.verify.proof.refine import refinements
 from codegen.verify.proof.semantics import Value, signed
 from codegen.verify.proof.terms import BOOL, Pool, Term, inside
@@ -65,6 +65,9 @@ class Prover:
     ) -> list[Verdict]:
         """All of them together first; then those alone that are left.
 
+        Of one that does not hold, what follows is not told again: the others are asked as if it held. An input that breaks any
+        breaks one that is told.
+
         Args:
             assumptions: what the inputs fulfil.
             obligations: what has to hold then.
@@ -72,13 +75,17 @@ class Prover:
         """
         waiting = list(obligations)
         verdicts: dict[Obligation, Verdict] = {}
+        assumed = list(assumptions)
         while waiting:
-            broken = self._broken_together(assumptions, waiting)
+            broken = self._broken_together(assumed, waiting)
             if broken == []:
                 verdicts |= {each: Verdict(each, Answer.PROVED) for each in waiting}
                 break
             alone = waiting if broken is None else broken
-            verdicts |= {each: self._alone(assumptions, each, typical) for each in alone}
+            for each in alone:
+                verdicts[each] = self._alone(assumed, each, typical)
+                if verdicts[each].answer is not Answer.PROVED:
+                    assumed.append(self._pool.or_(self._pool.not_(each.path), each.goal))
             waiting = [each for each in waiting if each not in verdicts]
         return list(verdicts.values())
 

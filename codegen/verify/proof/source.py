@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from pycparser import c_ast, c_parser
@@ -27,7 +27,12 @@ class CannotJudge(Exception):
 
 @dataclass(frozen=True)
 class Parameter:
-    """Of a function. length: of an array that it is declared as, None for none or for one that does not say."""
+    """Of a function.
+
+    Attributes:
+        length: of an array that it is declared as, None for none or for one that does not say.
+        is_const: whether what it points to may not be written.
+    """
 
     name: str
     ctype: CType
@@ -82,6 +87,7 @@ class Unit:
         except c_parser.ParseError as error:
             raise CannotJudge(name, f"not plain C99: {error}") from None
         unit = cls(name)
+        _refuse_qualified(tree)
         for node in tree.ext:
             unit._take(node)
         return unit
@@ -126,8 +132,8 @@ class Unit:
     def _parameter(self, node: Any) -> Parameter:
         ctype = self.type_of(node.type)
         if isinstance(ctype, Array):  # stands for a pointer to its first element (C99 6.7.5.3)
-            return Parameter(node.name, Pointer(ctype.element), ctype.length, _is_const(node))
-        return Parameter(node.name, ctype, None, _is_const(node))
+            return Parameter(node.name, Pointer(ctype.element), ctype.length, _points_to_const(node))
+        return Parameter(node.name, ctype, None, _points_to_const(node))
 
     def type_of(self, node: Any, name: str = "") -> CType:
         """The type that a declarator gives, called `name` where it has no tag. Raises CannotJudge."""
@@ -154,12 +160,22 @@ class Unit:
         return known
 
     def _enum(self, node: Any) -> CType:
-        value = 0
-        for each in node.values.enumerators if node.values is not None else ():
+        if node.values is None:
+            if node.name not in self.tags:
+                raise CannotJudge(place_of(node), f"an enum of which only the name is known: {node.name}")
+            return self.tags[node.name]
+        value, values = 0, []
+        for each in node.values.enumerators:
             value = value if each.value is None else self.constant(each.value)
             self.constants[each.name] = value
+            values.append(value)
             value += 1
-        return INT
+        if min(values) < -(1 << (INT.width - 1)) or max(values) >= 1 << (INT.width - 1):
+            raise CannotJudge(place_of(node), "an enumerator that is no int")
+        made = replace(INT, enumerators=(min(values), max(values)))
+        if node.name is not None:
+            self.tags[node.name] = made
+        return made
 
     def _struct(self, node: Any, name: str) -> CType:
         if node.decls is None:
@@ -177,7 +193,7 @@ class Unit:
     def constant(self, node: Any) -> int:
         """Of a whole number that is known when it is compiled. Raises CannotJudge."""
         if isinstance(node, c_ast.Constant) and node.type.endswith("int"):
-            return int(node.value.rstrip("uUlL"), 0)
+            return whole_of(node.value, place_of(node))
         if isinstance(node, c_ast.ID) and node.name in self.constants:
             return self.constants[node.name]
         if isinstance(node, c_ast.Cast) and isinstance(self.type_of(node.to_type), Scalar):
@@ -185,11 +201,17 @@ class Unit:
         if isinstance(node, c_ast.UnaryOp) and node.op == "-":
             return -self.constant(node.expr)
         if isinstance(node, c_ast.UnaryOp) and node.op == "sizeof" and isinstance(node.expr, c_ast.Typename):
-            return size_of(self.type_of(node.expr))
-        if isinstance(node, c_ast.BinaryOp) and node.op in "+-*":
+            return self._size(node)
+        if isinstance(node, c_ast.BinaryOp) and node.op in ("+", "-", "*"):
             left, right = self.constant(node.left), self.constant(node.right)
             return {"+": left + right, "-": left - right, "*": left * right}[node.op]
         raise CannotJudge(place_of(node), "a number that has to be constant")
+
+    def _size(self, node: Any) -> int:
+        try:
+            return size_of(self.type_of(node.expr))
+        except TypeError as error:
+            raise CannotJudge(place_of(node), str(error)) from None
 
 
 class Program:
@@ -262,13 +284,51 @@ def called_names(node: Any) -> Iterator[str]:
         yield from called_names(child)
 
 
+def holds_call(node: Any) -> bool:
+    """Whether a function is called anywhere inside."""
+    return isinstance(node, c_ast.FuncCall) or any(holds_call(child) for _, child in node.children())
+
+
 def place_of(node: Any) -> str:
     """File and line, "" for what the parser gives none."""
     return f"{node.coord.file}:{node.coord.line}" if node.coord else ""
 
 
+def whole_of(text: str, place: str) -> int:
+    """A literal. Raises CannotJudge."""
+    digits = text.rstrip("uUlL")
+    try:
+        return int(digits, 8) if digits.isdigit() and digits[0] == "0" else int(digits, 0)
+    except ValueError:
+        raise CannotJudge(place, f"the constant {text}") from None
+
+
 def _is_const(node: Any) -> bool:
-    """Whether what is declared, or what it points to or has as elements, is constant."""
-    while node is not None and not isinstance(node, c_ast.TypeDecl):
-        node = getattr(node, "type", None)
-    return node is not None and "const" in node.quals
+    """Whether what is declared is constant, or has constant elements."""
+    inner = _element(node.type)
+    return isinstance(inner, c_ast.TypeDecl | c_ast.PtrDecl) and "const" in inner.quals
+
+
+def _points_to_const(node: Any) -> bool:
+    """Whether what a parameter points to, or has as elements, is constant. Of a pointer behind a typedef: no."""
+    if not isinstance(node.type, c_ast.PtrDecl | c_ast.ArrayDecl):
+        return False
+    inner = _element(node.type.type)
+    return isinstance(inner, c_ast.TypeDecl) and "const" in inner.quals
+
+
+def _element(declarator: Any) -> Any:
+    return _element(declarator.type) if isinstance(declarator, c_ast.ArrayDecl) else declarator
+
+
+REFUSED_QUALIFIERS = ("volatile", "_Atomic")
+
+
+def _refuse_qualified(node: Any) -> None:
+    """What others may change between two statements is no C of which a run for all inputs could be made."""
+    for qualifier in REFUSED_QUALIFIERS:
+        if qualifier in (getattr(node, "quals", None) or ()):
+            raise CannotJudge(place_of(node), qualifier)
+    for _, child in node.children():
+        if not isinstance(child, c_ast.Constant):
+            _refuse_qualified(child)

@@ -138,6 +138,10 @@ class Pool:
         pushed = self._pushed(op, sort, args, data)
         return pushed if pushed is not None else self._keep(op, args, sort, data)
 
+    def existing(self, op: str, sort: int, *args: Term) -> Term | None:
+        """A term that was made before, of an operation that depends on the order of its operands."""
+        return self._kept.get((op, sort, None, *(each.number for each in args)))
+
     def _constant(self, value: Value, sort: int) -> Term:
         if sort == BOOL:
             return self.boolean(bool(value))

@@ -1,0 +1,519 @@
+"""The proof takes nothing for shown that is not: promises, single facts, and C that it does not understand."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import pytest
+
+from codegen.verify.proof import boxes, solver
+from codegen.verify.proof.boxes import Real
+from codegen.verify.proof.check import YAW_RATE
+from codegen.verify.proof.concrete import computed
+from codegen.verify.proof.executor import Executor
+from codegen.verify.proof.facts import Bounded, Fact, Facts
+from codegen.verify.proof.floats import FORMATS
+from codegen.verify.proof.ranges import Scope
+from codegen.verify.proof.refine import refinements
+from codegen.verify.proof.semantics import Value, signed
+from codegen.verify.proof.session import Report, Session
+from codegen.verify.proof.solver import Answer
+from codegen.verify.proof.source import CannotJudge, Program, Unit
+from codegen.verify.proof.terms import Pool, Term, inside
+from tests.verify import builds
+
+TYPES = """
+typedef unsigned char uint8_t;
+typedef signed char int8_t;
+typedef unsigned short uint16_t;
+typedef int int32_t;
+typedef unsigned int uint32_t;
+typedef _Bool bool;
+"""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What came of a proof, for a test."""
+
+    is_proved: bool
+    text: str
+
+
+def judged(body: str) -> Told:
+    """Of one unit of C, by the same way as a build."""
+    try:
+        program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
+        report: Report = Session(Executor(program, {}), "ars", 0.01).run()
+    except CannotJudge as error:
+        return Told(False, f"{error.place}: cannot be judged: {error.what}")
+    return told_by(report)
+
+
+def told_by(report: Report) -> Told:
+    obligations = [verdict.obligation for _, verdict in report.verdicts if verdict.answer is not Answer.PROVED]
+    broken = [f"{each.kind}: {each.text}" for each in obligations]
+    return Told(not broken and not report.troubles, "\n".join([*report.troubles, *broken]))
+
+
+TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};\n"
+PROBE = "uint32_t ars_probe(uint32_t x) {\n" + TABLE
+
+REFUSED = {
+    "a bound that a turn changes": (
+        "uint32_t ars_probe(uint32_t x) { uint8_t t[50]; uint32_t n = 50u; uint32_t i;\n"
+        "for (i = 0u; i < 50u; i++) { t[i] = 0u; }\n"
+        "for (i = 0u; i < n; i++) { n = 60u; t[i] = (uint8_t)i; }\nreturn x; }",
+        "changes its bound",
+    ),
+    "a counter that is narrower than its bound": (
+        "uint32_t ars_probe(uint32_t x) { uint8_t t[50] = {0u}; const uint32_t n = 300u; uint8_t i;\n"
+        "for (i = 0u; i < n; i++) { t[i] = 1u; }\nreturn x; }",
+        "of more than 40 turns",
+    ),
+    "a count from a number below zero": (
+        "int32_t ars_probe(int32_t x) { int32_t i; for (i = -100; i < 0; i++) { x = 1; } return x; }",
+        "of more than 40 turns",
+    ),
+    "bits by a cast of a pointer": (
+        "uint32_t ars_probe(float x) { " + TABLE + "const float y = x; return table[*(const uint32_t *)&y]; }",
+        "a cast to a pointer",
+    ),
+    "a pointer to another type": (
+        "static uint32_t of(const uint32_t *p) { return *p; }\n"
+        "uint32_t ars_probe(float x) { const float y = x; return of(&y); }",
+        "pointers to different types",
+    ),
+    "const cast away": (
+        "uint32_t ars_helper(const uint32_t *p) { *(uint32_t *)p = 4000000u; return 0u; }\n"
+        + PROBE
+        + "uint32_t k = x & 3u; (void)ars_helper(&k); return table[k]; }",
+        "a cast to a pointer",
+    ),
+    "const of a pointer, not of what it leads to": (
+        "typedef uint32_t *word_t;\nuint32_t ars_helper(const word_t p) { *p = 4000000u; return 0u; }\n"
+        + PROBE
+        + "uint32_t k = x & 3u; (void)ars_helper(&k); return table[k]; }",
+        "index inside its array",
+    ),
+    "const that is written": (
+        "uint32_t ars_helper(const uint32_t *p) { *p = 4000000u; return 0u; }",
+        "writes what it is given as constant",
+    ),
+    "arguments that overlap": (
+        "uint32_t ars_helper(uint32_t *a, const uint32_t *b) { uint32_t r = 0u;" + TABLE + "\n"
+        "if (*b < 4u) { *a = 9u; r = table[*b]; } return r; }\n"
+        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; return ars_helper(&k, &k); }",
+        "may overlap",
+    ),
+    "a part of an array": (
+        "void ars_pack_it(uint8_t d[8]) { uint32_t i; for (i = 0u; i < 8u; i++) { d[i] = 9u; } }\n"
+        "uint32_t ars_probe(uint32_t x) { " + TABLE + "uint8_t b[16] = {0u}; ars_pack_it(&b[8]); return table[b[8]] + x; }",
+        "a part of one",
+    ),
+    "one of several structs": (
+        "typedef struct { uint32_t k; } s_t;\nvoid ars_set(s_t *s) { s->k = 9u; }\n"
+        + PROBE
+        + "s_t s[2] = { { 0u }, { 0u } }; ars_set(&s[x & 1u]); return table[s[0].k]; }",
+        "one of several elements",
+    ),
+    "volatile": (
+        "static const volatile uint32_t limit_of = 3u;\n" + PROBE + "return (x <= limit_of) ? table[x] : 0u; }",
+        "volatile",
+    ),
+    "a label that the promoted number has": (
+        "uint32_t ars_probe(uint8_t x) { " + TABLE + "uint32_t k = 0u;\n"
+        "switch (x) { case 256: k = 0u; break; default: k = (x == 0u) ? 9u : 1u; break; } return table[k]; }",
+        "index inside its array",
+    ),
+    "side effects in operands": (PROBE + "uint32_t k = x & 3u; k = k++ + 0u; return table[k]; }", "inside an expression"),
+    "an assignment in an operand": (PROBE + "uint32_t k = 0u; k = x + (k = 1u); return table[k & 3u]; }", "Assignment"),
+    "an assignment to the index of its left side": (
+        "uint32_t ars_probe(uint32_t x) { uint32_t t[4] = {0u}; uint32_t i = 0u; t[i] = i = 3u; return t[0] + x; }",
+        "C leaves open",
+    ),
+    "a call that changes what another operand reads": (
+        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
+        + PROBE
+        + "uint32_t k = x & 1u; return next(&k) + k; }",
+        "C leaves open",
+    ),
+    "a call that changes what another argument reads": (
+        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
+        "static uint32_t both(uint32_t a, uint32_t b) { return a + b; }\n"
+        + PROBE
+        + "uint32_t k = x & 1u; return both(k, next(&k)); }",
+        "C leaves open",
+    ),
+    "a call that changes what is added to": (
+        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
+        + PROBE
+        + "uint32_t k = x & 1u; k += next(&k); return k; }",
+        "C leaves open",
+    ),
+    "a number as an enum": (
+        "typedef enum { A = 0, B = 3 } e_t;\nuint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }",
+        "between its enumerators",
+    ),
+    "an enum below an unknown number": (
+        "typedef enum { A = 0, B = 3 } e_t;\n"
+        "uint32_t ars_probe(bool b, int32_t x) { const e_t s = b ? A : B; return (s < x) ? 1u : 0u; }",
+        "of an enum",
+    ),
+    "arithmetic with an enum": (
+        "typedef enum { A = 0, B = 3 } e_t;\nint32_t ars_probe(bool b) { const e_t s = b ? A : B; return s - 1; }",
+        "of an enum",
+    ),
+    "an octal number": (PROBE + "return table[(x == 0u) ? 010 : 0]; }", "index inside its array"),
+    "an initialiser that leaves something out": (
+        "typedef struct { uint32_t a; uint32_t b; } s_t;\n"
+        "void ars_s_init(s_t *self) { self->a = 0u; }\nuint32_t ars_s_step(s_t *self) { return self->b; }",
+        "b is written",
+    ),
+    "a result of which something is left out": (
+        "typedef struct { uint32_t a; uint32_t b; } s_t;\ns_t ars_probe(uint32_t x) { s_t s; s.a = x; return s; }",
+        "b of the result is written",
+    ),
+    "what nobody thought of": ("uint32_t ars_probe(const uint32_t *p) { return p ? 1u : 0u; }", "cannot be judged"),
+    "a conversion into too few bits": (
+        "uint32_t ars_probe(float x) { " + TABLE + "float rest = 0.0f;\n"
+        "if ((x >= 0.0f) && (x < 1000.0f)) { const uint8_t whole = (uint8_t)x; rest = x - (float)whole; }\n"
+        "return table[(rest > 1.5f) ? 4000u : 0u]; }",
+        "conversion defined",
+    ),
+    "a last cell below zero": (
+        "uint32_t ars_probe(float x) { " + TABLE + "uint32_t result = 0u;\nif ((x >= 0.0f) && (x < 100.0f)) {\n"
+        "const int32_t whole = (x >= 10.0f) ? -1 : (int32_t)x; const float rest = x - (float)whole;\n"
+        "result = table[(rest > 1.5f) ? 4000u : 0u]; } return result; }",
+        "index inside its array",
+    ),
+    "a whole number of 64 bits as a float": ("float ars_probe(unsigned long long x) { return (float)x; }", "as a float"),
+    "a name that a case declares": (
+        PROBE + "uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; default: break; } return table[k]; }",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_it_is_not_proved(name: str) -> None:
+    body, why = REFUSED[name]
+    told = judged(body)
+    assert not told.is_proved
+    assert why in told.text
+
+
+ACCEPTED = {
+    "chained assignments": "uint32_t ars_probe(uint32_t x) { uint32_t a; uint32_t b; a = b = x & 3u; "
+    + TABLE
+    + "return table[a & b]; }",
+    "a call that changes what no other operand reads": (
+        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
+        "static uint32_t of(const uint32_t *k) { return *k; }\n"
+        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; uint32_t m = 1u; return next(&k) | of(&m); }"
+    ),
+    "enums among their like": (
+        "typedef enum { A = 0, B = 3 } e_t;\nuint32_t ars_probe(bool b) { const e_t s = b ? A : B; " + TABLE + "\n"
+        "return (s < B) ? 0u : table[s]; }"
+    ),
+    "a long loop": (
+        "uint32_t ars_probe(uint32_t x) { uint8_t t[200]; uint32_t i;\n"
+        "for (i = 0u; i < 200u; i++) { t[i] = (uint8_t)x; } return x; }"
+    ),
+    "a contract": (
+        "uint32_t ars_helper(const uint32_t *p) { return *p & 3u; }\n"
+        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; " + TABLE + "return table[ars_helper(&k)]; }"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_what_is_right_stays_proved(name: str) -> None:
+    told = judged(ACCEPTED[name])
+    assert told.is_proved, told.text
+
+
+def test_a_float_literal_is_rounded_once() -> None:
+    # Just above the middle of 1 and the next single; a double has only the middle, which goes to the even 1.
+    unit = Unit.parse("x.c", "static const float x = 1.00000005960464477540f;")
+    machine = Executor(Program({"x.c": unit}), {})
+    machine.global_object("x.c", "x", None)
+    value = machine.constant_at("x.c:x", ())
+    assert isinstance(value, Term)
+    assert value.data == 1.0 + 2.0**-23
+
+
+# A promise never shows what a call needs.
+
+LIMITER = """
+typedef struct { float rear_angle_max; float rear_rate_max; } ars_limiter_parameters_t;
+typedef struct { float rear_angle; } ars_limiter_t;
+bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters) { return parameters->rear_angle_max >= 0.0f; }
+void ars_limiter_init(ars_limiter_t *self, float rear_angle) { self->rear_angle = (rear_angle > 0.5f) ? 0.5f : -0.5f; }
+float ars_limiter_step(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, float demand)
+{
+    const bool fits = (demand >= -0.5f) && (demand <= 0.5f) && (demand <= parameters->rear_angle_max);
+    self->rear_angle = (fits && (-demand <= parameters->rear_angle_max)) ? demand : 0.0f;
+    return self->rear_angle;
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "need"),
+    [
+        # The limiter promises |result| <= rear_angle_max: nothing is that of a limit below zero.
+        pytest.param("p.rear_angle_max = x; ars_limiter_init(&s, 0.0f);", "the parameters are valid", id="parameters"),
+        # And that it is not far from its last angle: nothing is that of NaN.
+        pytest.param(
+            "p.rear_angle_max = 0.5f; ars_limiter_init(&s, 0.0f); s.rear_angle = ((x > 0.5f) || (x < -0.5f)) ? 0.0f : x;",
+            "rear_angle is ",
+            id="a state",
+        ),
+    ],
+)
+def test_what_a_call_needs_is_not_shown_by_what_it_promises(call: str, need: str) -> None:
+    probe = (
+        "float ars_probe(float x) {{ ars_limiter_t s; ars_limiter_parameters_t p; p.rear_rate_max = 1.0f; {} "
+        "return ars_limiter_step(&s, &p, 0.1f); }}"
+    )
+    assert need in judged(LIMITER + probe.format(call)).text
+    right = probe.format("p.rear_angle_max = 0.5f; ars_limiter_init(&s, 0.0f);")
+    assert need not in judged(LIMITER + right).text
+
+
+# What is claimed, each with a fault that it is there for.
+
+LIMITER_UNIT = "src/ars_limiter.c"
+LOW = "const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;"
+CLAMPED = "target = clamp(target, self->rear_angle - step, self->rear_angle + step);"
+SLOW = "target = clamp(target, self->rear_angle - (0.5f * step), self->rear_angle + step);"
+DEMANDED = "            target = input->demand;"
+LIMITER_FAULTS = [
+    {
+        ("rear_rate_max * sampling_time", "rear_rate_max * 0.02f"): "it rises by at most rear_rate_max",
+        ("self->speed = magnitude(input->speed);", "self->speed = input->speed;"): "speed is the one given",
+        ("-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f"): "it starts from the angle given",
+    },
+    {
+        (LOW, "const float low = -parameters->rear_angle_max + (0.0f * in_phase);"): "to the right of front wheels to the left",
+        (CLAMPED, SLOW): "to the left of front wheels to the right",
+        (DEMANDED, "            target = 1.5f * input->demand;"): "it is not above its last value",
+    },
+]
+
+
+def of_units(names: Sequence[str], *planted: tuple[str, str, str]) -> Told:
+    """A "pi" of some units alone, with texts of its files replaced: path, old, new."""
+    folder = builds.made("pi")
+    files = {path: text for path, text in folder.files.items() if path.startswith("include/") or path in names}
+    for path, old, new in planted:
+        text = files[path].decode("ascii")
+        assert text.count(old) == 1, old
+        files[path] = text.replace(old, new).encode("ascii")
+    machine = Executor(Program.read(files), {"yaw_rate_table": YAW_RATE})
+    return told_by(Session(machine, "ars", folder.manifest["configuration"]["controller"]["sampling_time_s"]).run())
+
+
+@pytest.mark.parametrize("faults", LIMITER_FAULTS, ids=["rate, speed and start", "range, return and demand"])
+def test_a_fault_of_the_limiter_breaks_its_claim(faults: dict[tuple[str, str], str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solver, "ROUNDS_MAX", 1)  # a counterexample is not asked for
+    told = of_units([LIMITER_UNIT], *((LIMITER_UNIT, old, new) for old, new in faults))
+    for claim in faults.values():
+        assert claim in told.text
+    assert "cannot be judged" not in told.text
+
+
+CONTROLLER_UNITS = ("src/ars_controller.c", LIMITER_UNIT, "src/ars_map.c")
+CONTROLLER = "src/ars_controller.c"
+
+
+def test_faults_of_the_controller_break_their_claims(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solver, "ROUNDS_MAX", 1)
+    told = of_units(
+        CONTROLLER_UNITS,
+        # The fail-safe ramps above hold_speed as well, and away from zero; degraded is not held; tracking goes too fast.
+        (CONTROLLER, "if (speed < parameters->hold_speed) {", "if (speed < 10000.0f) {"),
+        (CONTROLLER, "        result = value - step;", "        result = value + step;"),
+        (
+            CONTROLLER,
+            "        self->status = ARS_STATUS_DEGRADED;",
+            "        self->status = ARS_STATUS_DEGRADED;\n        self->rear_angle = 0.0f;",
+        ),
+        (CONTROLLER, "return ((own < behind) ? own : behind) * sampling_time;", "return behind * sampling_time;"),
+    )
+    assert "in fail-safe |rear_angle| does not grow" in told.text
+    assert "in fail-safe the angle is held from hold_speed on" in told.text
+    assert "degraded, the angle is held" in told.text
+    assert "tracking, it moves by at most the lower of both rates" in told.text
+    assert "cannot be judged" not in told.text
+
+
+def test_a_parameter_that_is_not_there_is_told() -> None:
+    told = judged(LIMITER)
+    assert "limited: what it is about is not there: " in told.text
+
+
+# No fact is false, whatever numbers it is about.
+
+SPECIAL = (
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    math.inf,
+    -math.inf,
+    math.nan,
+    1e-45,
+    -1e-45,
+    3e38,
+    -3e38,
+    255.0,
+    256.0,
+    300.0,
+    65536.0,
+    2.0**31,
+)
+SPECIAL_WIDE = (*SPECIAL, 2.0**24, 2.0**24 - 1.0, 2.0**32, 0.5, 1e-30, 9.0)
+
+
+class Made:
+    """Terms at random, and numbers for their variables."""
+
+    def __init__(self, seed: int) -> None:
+        self.random, self.pool = random.Random(seed), Pool()
+        self.floats = [self.pool.variable(f"x{k}", -32) for k in range(4)]
+        self.wholes = [self.pool.variable(f"n{width}{k}", width) for width in (8, 16, 32) for k in range(2)]
+        self.truths: list[Term] = []
+        self.shares: list[tuple[Term, Term]] = []
+        for _ in range(self.random.randrange(4, 14)):
+            self._grow()
+
+    def _grow(self) -> None:
+        choose, pool = self.random.choice, self.pool
+        x, y = choose(self.floats), choose(self.floats)
+        width, is_signed = choose((8, 16, 32)), choose((True, False))
+        whole = pool.apply("of_real", width, x, data=is_signed)
+        cut = pool.ite(pool.fle(pool.real(9.0, 32), x), pool.whole(choose((-1, 9, 255)), width), whole)
+        share = choose(self.floats)
+        makers: list[Callable[[], Term]] = [
+            lambda: pool.add(x, y),
+            lambda: pool.sub(x, y),
+            lambda: pool.apply("fmul", -32, x, choose([y, pool.real(choose((0.01, 4097.0, 1e-20, 3e38)), 32)])),
+            lambda: pool.apply("fdiv", -32, x, y),
+            lambda: pool.apply("fdiv", -32, x, pool.add(x, y)),
+            lambda: pool.apply("fdiv", -32, pool.sub(x, share), pool.sub(y, share)),
+            lambda: pool.apply("fdiv", -32, pool.sub(x, share), pool.sub(y, choose(self.floats))),
+            lambda: pool.add(x, pool.apply("fmul", -32, share, pool.sub(y, x))),
+            lambda: pool.sub(x, pool.apply("fmul", -32, share, x)),
+            lambda: pool.sub(x, pool.apply("of_whole", -32, choose((whole, cut)), data=choose((True, False)))),
+            lambda: pool.magnitude(x),
+            lambda: pool.apply("of_whole", -32, choose(self.wholes), data=is_signed),
+        ]
+        made = choose(makers)()
+        if made.op == "fdiv" and made.args[1].op == "fadd" and made.args[0] is not made.args[1]:
+            self.shares.append((made, pool.fle(x, y)))
+        if made.op == "fdiv":  # what a quotient below a factor asks for
+            self.truths.append(pool.flt(made.args[0], pool.apply("fmul", -32, made.args[1], choose(self.floats))))
+        self.floats.append(made)
+        self.wholes += [whole, cut, choose(self.wholes)]
+        self.truths += [pool.flt(x, y), pool.fle(x, y), pool.fle(pool.real(choose((0.0, 1.0, 9.0, -2.5)), 32), x)]
+        n, m = choose(self.wholes), choose(self.wholes)
+        if n.sort == m.sort:
+            self.wholes.append(pool.apply(choose(("add", "sub", "mul", "band", "bor", "bxor")), n.sort, n, m))
+            self.truths.append(pool.apply(choose(("ult", "ule", "slt", "sle", "eq")), 0, n, m))
+        self.wholes.append(pool.wider(n, choose((8, 16, 32)), is_signed))
+
+    def inputs(self) -> dict[Term, Value]:
+        choose, rounded = self.random.choice, FORMATS[32].round
+        found: dict[Term, Value] = {}
+        for term in (*self.floats, *self.wholes):
+            if term.op == "var" and term.sort < 0:
+                numbers = (choose(SPECIAL_WIDE), self.random.uniform(-12.0, 12.0), 10.0 ** self.random.uniform(-44.0, 38.0))
+                found[term] = rounded(choose(numbers))
+            elif term.op == "var":
+                found[term] = choose((0, 1, self.random.getrandbits(term.sort), 1 << (term.sort - 1)))
+        return found
+
+
+def learned(made: Made) -> Facts:
+    """All that is found out while terms are looked at, narrowed and taken to hold."""
+    facts, choose = Facts(), made.random.choice
+    scope = Scope(made.pool, facts)
+    for _ in range(12):
+        trial = scope.fork()
+        for share, order in made.shares:
+            if choose((True, False)):
+                trial.assume(order, choose((True, False)))
+                trial.narrow(share.args[1], Real(0.0, math.inf, False))
+        for x in made.random.sample(made.floats, 3):
+            low = choose((0.0, -1.0, 0.25, -20.0))
+            trial.narrow(x, Real(low, low + choose((1.0, 0.5, 30.0, 1000.0)), False))
+        for term in made.random.sample(made.truths, min(3, len(made.truths))):
+            trial.assume(term, choose((True, False)))
+        for n in made.random.sample(made.wholes, 3):
+            high = choose((0, 1, 9, 99, 255))
+            trial.narrow(n, boxes.unsigned(choose((0, 1)), min(high, (1 << n.sort) - 1), n.sort))
+        for term in (*made.floats, *made.wholes, *made.truths):
+            trial.box(term)
+    return facts
+
+
+def lies(bounded: Bounded, values: dict[Term, Value]) -> bool:
+    value = values[bounded.term]
+    if bounded.term.sort > 0 and bounded.signed:
+        value = signed(value, bounded.term.sort)
+    return bounded.low <= value <= bounded.high
+
+
+def is_false(fact: Fact, values: dict[Term, Value]) -> bool:
+    if not all(values[each] for each in fact.conditions) or not all(lies(each, values) for each in fact.premises):
+        return False
+    conclusion = values[fact.conclusion.term]
+    return conclusion == conclusion and not lies(fact.conclusion, values)
+
+
+def named(fact: Fact) -> Iterator[Term]:
+    yield from fact.conditions
+    yield from (each.term for each in (*fact.premises, fact.conclusion))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_fact_is_false(seed: int) -> None:
+    made = Made(seed)
+    kept = learned(made)
+    facts = [fact for term in inside([*made.floats, *made.wholes, *made.truths]) for fact in kept.about(term)]
+    assert facts
+    terms = {term for fact in facts for term in named(fact)}
+    for number in range(200):
+        inputs = made.inputs()
+        if number % 2:  # at the corner of some fact
+            for bounded in made.random.choice(facts).premises:
+                end = made.random.choice((bounded.low, bounded.high))
+                if bounded.term in inputs and bounded.term.sort < 0 and math.isfinite(end):
+                    inputs[bounded.term] = end
+        values = computed(terms, inputs)
+        false = [fact for fact in facts if is_false(fact, values)]
+        assert not false, (false[0], [(term, values[term]) for term in inside(named(false[0]))])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_refinement_is_false(seed: int) -> None:
+    made = Made(seed)
+    cone = inside([*made.floats, *made.wholes])
+    for _ in range(20):
+        inputs = made.inputs()
+        believed = computed(cone, inputs)
+        for term in cone:  # what z3 might believe instead; when a result is NaN it knows
+            if term.op in ("fadd", "fmul", "fdiv", "of_whole") and believed[term] == believed[term]:
+                believed[term] = made.random.choice((0.0, 1.0, -7.0, 1e30, believed[term]))
+            elif term.op == "of_real":
+                believed[term] = made.random.choice((0, 1, believed[term]))
+        facts = refinements(cone, believed, inputs)
+        for _ in range(10):
+            values = computed([*cone, *(term for fact in facts for term in named(fact))], made.inputs())
+            false = [fact for fact in facts if is_false(fact, values)]
+            assert not false, (false[0], [(term, values[term]) for term in inside(named(false[0]))])
