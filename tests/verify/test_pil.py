@@ -180,6 +180,13 @@ def test_a_fused_multiplication_is_found(monkeypatch: pytest.MonkeyPatch) -> Non
     assert any(finding.startswith("Cortex-M7: random steps, step ") for finding in found.findings)
 
 
+def test_c_that_might_never_return_is_not_run() -> None:
+    found = outcome(planted.limiter(PI, "    while (result > -2.0f) { result += 0.0f; }"))
+    assert found.verdict is Verdict.NOT_RUN
+    (finding,) = found.findings
+    assert finding.startswith("it might never return: src/ars_limiter.c:")
+
+
 def test_double_precision_in_between_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, CORTEX_M4F)
     found = outcome(planted.limiter(PI, "    result = (float)((double)result * 1.0000001);"))

@@ -14,6 +14,7 @@ import numpy as np
 from codegen.errors import BuildError
 from codegen.sil.software import Software, Status, compile_build
 from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler
+from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Ground, recorded
 from codegen.verify.packages import MissingTool, module, require
@@ -62,6 +63,12 @@ def check(subject: Subject, effort: Effort) -> Outcome:
         MissingTool: a package of the extra, or a C compiler, is missing.
     """
     _require_tools()
+    try:
+        endless = complaints(subject.files, subject.manifest)
+        if endless:  # on this machine too it might never return
+            return Outcome(SHOWS, "", Verdict.NOT_RUN, (f"it might never return: {endless[0]}",), limits=LIMITS, tools=_tools())
+    except BuildError:
+        pass  # C that cannot be read may still run
     try:
         return _compared(subject, effort)
     except BuildError as error:  # the C does not compile, or leaves the core's memory
