@@ -53,7 +53,7 @@ FAULTS = (
         "map",
         "faster = &table[place->row.lower + 1u][place->column.lower];",
         "faster = &table[place->row.lower][place->column.lower + 1u];",
-        *("sanitizers",),
+        *("processor-in-the-loop", "proof", "sanitizers"),
     ),
     _fault("a double literal", "controller", "const float half_turn = 0.5f *", "const float half_turn = 0.5 *", "compiles"),
     _fault(
@@ -61,7 +61,7 @@ FAULTS = (
         "can",
         "data[2] |= (uint8_t)(code & 0xFFu);",
         "data[2] |= ((const uint8_t *)&code)[0];",
-        *("processor-in-the-loop",),
+        *("processor-in-the-loop", "proof"),
     ),
     _fault(
         "a skipped CRC",
@@ -78,11 +78,11 @@ FAULTS = (
         *("proof", "sanitizers", "fuzzing"),
     ),
     _fault(
-        "a clamp that one speed in millions goes round",
-        "limiter",
-        "self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
-        "self->rear_angle = ((input->speed > 33.3333f) && (input->speed < 33.3334f)) ? target "
-        ": clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "a fail-safe that grows at one speed in millions",
+        "controller",
+        "self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);",
+        "self->rear_angle = ((speed > 7.77777f) && (speed < 7.77778f)) ? (2.0f * self->rear_angle) "
+        ": toward_zero(self->rear_angle, rate * sampling_time);",
         *("proof",),
     ),
     _fault(
@@ -101,10 +101,10 @@ FAULTS = (
     ),
     _fault(
         "a bloated loop",
-        "e2e",
-        "*counter = (*counter < counter_max)",
-        "for (uint32_t k = 0u; k < 200u; k++) { data[0] ^= (uint8_t)k; data[1] ^= 0u; } data[0] = ars_e2e_crc(data_id, data); "
-        "*counter = (*counter < counter_max)",
+        "limiter",
+        "self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "uint32_t k; for (k = 0u; k < 20u; k++) { target = clamp(target, -parameters->rear_angle_max, "
+        "parameters->rear_angle_max); } self->rear_angle = target;",
         *("budgets",),
     ),
 )

@@ -250,6 +250,18 @@ IN_THE_SUPERVISION = (
         "0.0f",
     ),
     Fault(
+        "at the hold speed the fail-safe ramps",
+        checks_supervision.check_fail_safe_at_the_hold_speed,
+        "if (speed < parameters->hold_speed) {",
+        "if (speed <= parameters->hold_speed) {",
+    ),
+    Fault(
+        "a start at no angle",
+        checks_supervision.check_start_at_no_angle,
+        "if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) {",
+        "if (true) {",
+    ),
+    Fault(
         "a limit hides a gap",
         checks_supervision.check_limiter_in_a_gap,
         "if ((self->status == ARS_STATUS_TRACKING) && ((limited",
