@@ -10,9 +10,12 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from codegen import config as configuration
+from codegen.config import Config
 from codegen.emit.folder import MANIFEST, read_files, read_manifest, verify_hashes
 from codegen.verify.manifest import require_whole
 
@@ -104,6 +107,11 @@ class Subject:
     def kind(self) -> str:
         """Of the controller."""
         return str(self.manifest["options"]["kind"])
+
+    @cached_property
+    def config(self) -> Config:
+        """That it was built with. Raises ConfigError: the manifest's is none."""
+        return configuration.parse(self.manifest["configuration"], "manifest.json: configuration")
 
     def sources(self, *folders: str) -> dict[str, bytes]:
         """The .c and .h files below some folders, by default include/ and src/: what goes into an ECU."""

@@ -12,7 +12,6 @@ from math import degrees
 from typing import Any, TypeVar
 
 from codegen import __version__
-from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
@@ -98,7 +97,7 @@ class MapView:
 def manual(report: Report) -> str:
     """The text of `verify.md`, in Markdown."""
     subject = report.subject
-    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     context = {
         "version": __version__,
         "subject": subject,

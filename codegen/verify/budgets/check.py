@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen import config as configuration
 from codegen.budget_sections import MapShape
-from codegen.config import Config
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
 from codegen.verify.budgets.bounded_loops import complaints
@@ -81,7 +79,7 @@ def _version(tool: str) -> str:
 
 
 def _budgets(subject: Subject) -> dict[str, int]:
-    config: Config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     table = subject.manifest["map"]
     axes = [Axis.from_breakpoints(np.array(table[name])) for name in ("speed_m_s", "front_angle_rad")]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from codegen import config as configuration
 from codegen.emit.can_view import task_view
 from codegen.errors import BuildError
 from codegen.sil.software import compile_build
@@ -48,7 +47,7 @@ def measure_step(subject: Subject, effort: Effort) -> LongestStep:
 def _counter(subject: Subject) -> Counter:
     if not subject.is_single:
         raise BuildError(NOT_SINGLE, where="options.precision", remedy="build with --precision single")
-    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     return Counter(subject.sources(), subject.prefix, task_view(config))
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzzing.harness import HARNESSES, Name, driver, seeds, source
-from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, find_compiler, findings_of, launcher
+from codegen.verify.sanitizers.sanitized import Compiler, compiled, find_compiler, findings_of, run_program
 
 SHOWS = (
     "no frames, measurements, starts or accepted parameters that fuzzing finds make the code crash, leave its bounds, use a "
@@ -83,16 +83,7 @@ def _run(compiler: Compiler, subject: Subject, name: Name, corpus: Sequence[byte
         stored = program.path.parent / "seeds"
         stored.write_bytes(b"".join(struct.pack("=I", len(data)) + data for data in corpus))
         try:
-            result = subprocess.run(
-                [*launcher(), str(program.path), str(stored), str(inputs), str(SEED)],
-                env=environment(),
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                check=False,
-                timeout=SECONDS_MAX,
-            )
+            result = run_program(program.path, str(stored), str(inputs), str(SEED), seconds=SECONDS_MAX)
         except subprocess.TimeoutExpired:
             return _Run(inputs, 0, 0, ("an input does not end",))
         return _read(result, inputs)

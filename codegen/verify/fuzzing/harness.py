@@ -120,7 +120,7 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
         BuildError: the C of the simulated car does not compile here.
     """
     precision = subject.manifest["options"]["precision"]
-    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     recorded = recordings(config, precision, SEED_SAMPLES)
     real = numpy_type(precision)
     return {

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
 from codegen.emit.laws import LAWS
 from codegen.emit.text import numpy_type
 from codegen.errors import BuildError
@@ -55,7 +54,7 @@ def lookup_of(subject: Subject) -> Lookup:
         per_friction = _the(constants, lambda array: array.size == 1 and _is_near(array[0], near), f"a cap of {near}", subject)[
             0
         ]
-    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     return Lookup(
         speed_axis=AxisConstants(axes[0], real),
         front_axis=AxisConstants(axes[1], real),

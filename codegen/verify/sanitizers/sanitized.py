@@ -115,7 +115,7 @@ def _finds_planted_faults(command: tuple[str, ...]) -> bool:
             tree = Path(scratch)
             (tree / "canary.c").write_text(_CANARY, encoding="ascii")
             require_success(run([*command, *FLAGS, SANITIZERS, "canary.c", "-o", "canary"], tree), "canary.c")
-            return all(what in _stderr_of(tree / "canary", fault) for fault, what in _CANARY_FAULTS.items())
+            return all(what in run_program(tree / "canary", fault, seconds=60).stderr for fault, what in _CANARY_FAULTS.items())
     except (BuildError, OSError):
         return False
 
@@ -130,18 +130,18 @@ def launcher() -> tuple[str, ...]:
     return (program, "-R")
 
 
-def _stderr_of(program: Path, argument: str) -> str:
-    result = subprocess.run(
-        [*launcher(), str(program), argument],
+def run_program(program: Path, *arguments: str, seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run a sanitized program to its end. Raises subprocess.TimeoutExpired: it takes longer than so many seconds."""
+    return subprocess.run(
+        [*launcher(), str(program), *arguments],
         env=environment(),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         errors="replace",
         check=False,
-        timeout=60,
+        timeout=seconds,
     )
-    return result.stderr
 
 
 def environment() -> dict[str, str]:

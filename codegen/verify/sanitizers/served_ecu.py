@@ -17,7 +17,6 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
 from codegen.emit.can_view import task_view
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
@@ -181,7 +180,7 @@ def served(compiler: Compiler, subject: Subject) -> Iterator[Served]:
 
 
 def _around(subject: Subject) -> dict[str, bytes]:
-    config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
+    config = subject.config
     precision = subject.manifest["options"]["precision"]
     context = {
         "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
