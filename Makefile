@@ -13,13 +13,20 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil test vcan-test check verify bench bench-can lock generated wheel clean venv preflight
+.PHONY: help sil docs screenshots test vcan-test check verify bench bench-can lock generated wheel clean venv preflight
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 sil: $(READY) ## solve the paper's three maps, build the C, run C1 and C2, plot; results under build/
 	@$(BIN)/codegen paper -o build
+
+docs: $(READY) ## the guide, as pages to open from disk: build/docs/index.html
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo "the guide: build/docs/index.html"
+
+screenshots: sil docs ## report, explorer and guide as pictures at three widths, to be looked at; needs Chromium
+	@$(BIN)/python scripts/screenshots.py build/screenshots
 
 test: $(READY) ## all tests
 	@$(BIN)/python -m pytest -n auto -q
@@ -38,8 +45,8 @@ verify: $(READY) ## every check of the committed builds, and coverage, mutation,
 	@$(BIN)/codegen verify generated/4ws2-tracking
 	@$(BIN)/python -m tests.campaign $(if $(QUICK),--quick)
 
-bench: $(READY) ## the benchmarks
-	@$(BIN)/python -m benchmarks
+bench: $(READY) ## the benchmarks, also into benchmarks/results.md; some twenty minutes
+	@$(BIN)/python -m benchmarks --write benchmarks/results.md
 
 bench-can: $(READY) ## the bench on vcan0: lock-step against real time, punctuality by the clock
 	@$(BIN)/python -m tests.can.vcan_run -- $(BIN)/python -m benchmarks can
@@ -67,7 +74,7 @@ wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist
 
 clean: ## remove what was made, except .venv
-	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf build dist docs/_figures .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage *.egg-info
 	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 venv: $(READY) ## .venv with the project and all its tools
@@ -76,7 +83,7 @@ preflight:
 	@sh scripts/preflight.sh "$(PYTHON)"
 
 $(PINNED): requirements.lock | preflight
-	@echo "Making $(VENV): about 50 packages, a few minutes the first time."
+	@echo "Making $(VENV): about 150 packages, a minute or more the first time."
 	@$(PYTHON) -m venv --clear $(VENV)
 	@$(PIP) --require-hashes -r requirements.lock
 	@touch $@

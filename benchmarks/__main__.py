@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+from pathlib import Path
 from typing import Any
 
 NAMES = {
@@ -14,11 +15,19 @@ NAMES = {
     "lookup": "lookup",
     "can": "on_can",
     "cortex-m": "cortex_m",
+    "newcomer": "newcomer",
+    "explore": "explore",
+    "nonlinear": "nonlinear_map",
+    "flash": "flash",
+    "batch": "batch",
+    "campaign": "campaign",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m")
+ON_REQUEST = ("can", "cortex-m", "newcomer")
 """Only where named: they need what not every machine has, or measure no time."""
+
+READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."
 
 
 def main() -> int:
@@ -28,6 +37,7 @@ def main() -> int:
         "names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)}; by default all but {', '.join(ON_REQUEST)}"
     )
     parser.add_argument("--quick", action="store_true", help="fewer repeats, and IPOPT on a part of the grid")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="write what is printed, as Markdown")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
@@ -35,9 +45,11 @@ def main() -> int:
 
     from benchmarks import machine
     from codegen.errors import CodegenError
+    from codegen.files import write_atomically
 
-    print(machine.description())
-    missed = 0
+    described = machine.description()
+    print(described)
+    missed, told = 0, []
     for name in options.names or [name for name in NAMES if name not in ON_REQUEST]:
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
         try:
@@ -47,9 +59,14 @@ def main() -> int:
             missed += 1
             continue
         print(f"\n{report}", flush=True)
+        told.append(report.markdown())
         missed += sum(not comparison.met for comparison in report.comparisons)
-    print("\nTimes: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side.")
+    print(f"\n{READING}")
     print(f"At the end: {machine.load()}.")
+    if options.write is not None:
+        head = ["# Measured", "By `make bench`, on this machine:", f"```text\n{described}\n```", READING]
+        write_atomically(options.write, ("\n\n".join([*head, *told]) + "\n").encode())
+        print(f"written: {options.write}")
     return 1 if missed else 0
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.timing import markdown_table
 from benchmarks.tyre_curves import Candidate, Shape, candidates
 from codegen import config as configuration
 from codegen.config import Config, Kind
@@ -74,6 +75,11 @@ class CountReport:
         return "\n".join(
             [line for title, header, rows in self.tables for line in _table(title, header, rows)] + list(self.notes)
         )
+
+    def markdown(self) -> str:
+        """The same for a page."""
+        parts = [f"## {title}\n\n{markdown_table(header, [row.cells for row in rows])}" for title, header, rows in self.tables]
+        return "\n\n".join([*parts, "\n".join(f"- {note}" for note in self.notes)]).rstrip()
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 Clock = Callable[[], float]
@@ -120,6 +120,17 @@ class Report:
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
         rule = "-" * max(map(len, lines))
         return "\n".join([self.title, *(f"  {line}" for line in (rule, lines[0], rule, *lines[1:], rule, *self.notes))])
+
+    def markdown(self) -> str:
+        """The same for a page."""
+        header = ("what", "peer", "ours", "times faster", "required")
+        table = [markdown_table(header, [line.cells for line in self.comparisons]), ""] if self.comparisons else []
+        return "\n".join([f"## {self.title}", "", *table, *(f"- {note}" for note in self.notes)]).rstrip()
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table for a page."""
+    return "\n".join([f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)])
 
 
 def number(value: float) -> str:

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TextIO
 
 
 def say(text: str) -> None:
@@ -25,19 +25,45 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
+def has_colour(stream: TextIO) -> bool:
+    """Whether colour is wanted there: `NO_COLOR` (no-color.org), then `FORCE_COLOR`, else only on a terminal that has it."""
+    if os.environ.get("NO_COLOR"):
+        return False
+    return bool(os.environ.get("FORCE_COLOR")) or _is_screen(stream)
+
+
+def _is_screen(stream: TextIO | None) -> bool:
+    """Whether it is a terminal on which what was written can be drawn over."""
+    return stream is not None and stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown")
+
+
+@contextlib.contextmanager
+def status(title: str) -> Iterator[None]:
+    """A line on the terminal while something of unknown length goes on, on standard error; nothing elsewhere."""
+    if not _is_screen(sys.stderr):
+        yield
+        return
+    from rich.console import Console
+    from rich.text import Text
+
+    with Console(stderr=True, no_color=not has_colour(sys.stderr)).status(Text(f"{title} ...")):
+        yield
+
+
 @contextlib.contextmanager
 def progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on a terminal, a plain line for each tenth elsewhere; both on standard error.
 
     Yields a function of (done, in all).
     """
-    if sys.stderr.isatty():
+    if _is_screen(sys.stderr):
         from rich.console import Console
         from rich.progress import Progress
+        from rich.text import Text
 
-        console = Console(stderr=True, no_color=bool(os.environ.get("NO_COLOR")) or None)
+        console = Console(stderr=True, no_color=not has_colour(sys.stderr))
         with Progress(console=console, transient=True) as bar:
-            task = bar.add_task(title, total=None)
+            task = bar.add_task(Text(title).markup, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
         return
     told = 0

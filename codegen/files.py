@@ -1,6 +1,6 @@
 """Files written whole or not at all.
 
-Layer 1: imports only `errors`.
+Layer 1: imports only `errors` and `interrupts`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from codegen.errors import CodegenError
+from codegen.interrupts import deferred
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -21,7 +22,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises:
         CodegenError: the folder is missing, `path` is a folder or a device, the disk is full, and the like.
     """
-    with _told(path):
+    with deferred(), _told(path):  # a signal between the making of the temporary file and what removes it would leave it there
         path = path.resolve()  # through a link, to what it names
         if path.exists() and not path.is_file():
             raise OSError(0, "there is something that is not a file")

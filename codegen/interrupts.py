@@ -8,9 +8,69 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
+from types import FrameType
+
+Handler = Callable[[int, FrameType | None], None]
 
 STOPPING = (signal.SIGINT, signal.SIGTERM)
+
+SWALLOWING = ("casadi.casadi",)
+"""Modules that catch every exception, those of signals too, and go on: operators of CasADi's symbols."""
+RETRY = 0.01
+"""s, after which a signal that came inside of them is tried again."""
+
+IMPATIENCE = 2.0
+"""s, in which another Ctrl-C is taken for the same wish: what cleans up after the first one is not cut short."""
+
+
+def raise_once() -> Handler:
+    """A handler of SIGINT: KeyboardInterrupt, but not again for `IMPATIENCE` seconds."""
+    last = -IMPATIENCE
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= IMPATIENCE:
+            last = now
+            raise KeyboardInterrupt
+
+    return handle
+
+
+def take(handlers: Mapping[int, Handler]) -> None:
+    """Install handlers that raise, each of which waits while a package runs that would swallow what it raises."""
+    waiting: list[tuple[int, Handler]] = []
+
+    def patient(handler: Handler) -> Handler:
+        def handle(number: int, frame: FrameType | None) -> None:
+            if _is_swallowed(frame):
+                waiting.append((number, handle))
+                signal.setitimer(signal.ITIMER_REAL, RETRY)
+            else:
+                handler(number, frame)
+
+        return handle
+
+    def again(number: int, frame: FrameType | None) -> None:
+        del number
+        if waiting:
+            first, handle = waiting.pop(0)
+            handle(first, frame)
+
+    signal.signal(signal.SIGALRM, again)
+    for number, handler in handlers.items():
+        signal.signal(number, patient(handler))
+
+
+def _is_swallowed(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__") in SWALLOWING:
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextlib.contextmanager

@@ -184,12 +184,15 @@ class Limits(Section):
 class Case(Section):
     """One run of the optimisation: may the rear wheels steer, and how dear is sideslip (lambda of the objective)?
 
-    `passive_safe` leaves out what the car could not do without its rear steering.
+    `passive_safe` leaves out what the car could not do without its rear steering. `tyre_model` is that of the steady turn: the
+    linear single-track car, as in the paper, or the plant's four loaded wheels with the whole Magic Formula.
     """
 
     rear_steering: bool = True
     sideslip_weight_per_s2: Annotated[float, Range(0.0, 1e7, "1/s^2")] = 3000.0
     passive_safe: bool = False
+    # Left out where it is linear: maps and builds from before it do not change with it.
+    tyre_model: Literal["linear", "magic-formula"] = Field(default="linear", exclude_if=lambda model: model == "linear")
 
 
 class Grid(Section):

@@ -16,26 +16,42 @@ from codegen.errors import BuildError
 from codegen.sil.cache import cache_folder
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
-"""The same arithmetic as in `codegen.sil`: no fused multiply-add."""
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")
+"""The same arithmetic as in `codegen.sil`: no fused multiply-add. For XCP: addresses of 32 bits, and what lies where."""
 
 FOLDERS = ("include/", "src/", "linux/")
-CACHE_FORMAT = 1
+CACHE_FORMAT = 2
 """To be raised when what is compiled, or how, changes."""
 
 
-def command(build: Path, interface: str, *, lock_step: bool = False, parent: int | None = None) -> list[str]:
+def command(build: Path, interface: str, *, lock_step: bool = False, parent: int | None = None, xcp: bool = False) -> list[str]:
     """The command line of the ECU on a CAN interface, compiled where it is not yet; for `EcuProcess` or `os.execv`.
 
     Args:
         parent: the id of the process that will start it; the ECU ends when that process does. None: it lives on its own.
+        xcp: whether a master can measure and calibrate.
 
     Raises:
-        BuildError: see `compile_ecu`.
+        BuildError: see `compile_ecu`; a build that has no XCP.
     """
+    if xcp:
+        _require_xcp(build)
     options = ["--lock-step"] if lock_step else []
+    options += ["--xcp"] if xcp else []
     options += [] if parent is None else ["--parent", str(parent)]
     return [str(compile_ecu(build)), *options, interface]
+
+
+def _require_xcp(build: Path) -> None:
+    manifest = read_manifest(build)
+    source = f"linux/{manifest['options']['prefix']}_xcp.c"
+    if source not in read_files(build, manifest, FOLDERS):
+        raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
+
+
+def section_flag(prefix: str) -> str:
+    """What puts the calibration into a section of its own, whose ends the linker names."""
+    return f'-D{prefix.upper()}_SECTION_CALIBRATION=__attribute__((section("{prefix}_calibration")))'
 
 
 def compile_ecu(build: Path) -> Path:
@@ -52,9 +68,10 @@ def compile_ecu(build: Path) -> Path:
     if program not in sources:
         raise BuildError(f"the build has no {program}", where=build, remedy="build again with `codegen build`")
     compiler = compiler_command()
-    name, cache = f"{prefix}_ecu_{_key(sources, compiler)}", cache_folder()
+    flags = (*FLAGS, section_flag(prefix))
+    name, cache = f"{prefix}_ecu_{_key(sources, compiler, flags)}", cache_folder()
     try:
-        return _cached(cache, name) or _compile(sources, program, compiler, cache, name)
+        return _cached(cache, name) or _compile(sources, program, (*compiler, *flags), cache, name)
     except OSError as error:
         raise BuildError(
             f"the native ECU cannot be stored: {error.strerror or error}",
@@ -68,11 +85,11 @@ def counters(line: str) -> dict[str, int]:
     return {name: int(count) for name, _, count in (word.partition("=") for word in line.split())}
 
 
-def _key(sources: dict[str, bytes], compiler: tuple[str, ...]) -> str:
+def _key(sources: dict[str, bytes], compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
     description = {
         "format": CACHE_FORMAT,
         "sources": {path: hashlib.sha256(content).hexdigest() for path, content in sources.items()},
-        "flags": FLAGS,
+        "flags": flags,
         "compiler": [compiler, compiler_identity(compiler, ())],
     }
     return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
@@ -87,13 +104,14 @@ def _cached(cache: Path, name: str) -> Path | None:
     return next((path for path in sorted(cache.glob(f"{name}-*")) if path.name == f"{name}-{_digest(path)}"), None)
 
 
-def _compile(sources: dict[str, bytes], program: str, compiler: tuple[str, ...], cache: Path, name: str) -> Path:
+def _compile(sources: dict[str, bytes], program: str, compile_c: tuple[str, ...], cache: Path, name: str) -> Path:
     with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
         tree, made = Path(scratch_name, "tree"), Path(scratch_name, "ecu")
         for path, content in sources.items():
             (tree / path).parent.mkdir(parents=True, exist_ok=True)
             (tree / path).write_bytes(content)
         units = sorted(path for path in sources if path.endswith(".c"))
-        require_success(run([*compiler, *FLAGS, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
+        same_everywhere = f"-fdebug-prefix-map={tree}=."
+        require_success(run([*compile_c, same_everywhere, "-Iinclude", *units, "-o", str(made), "-lm"], tree), program)
         # In one step, under a name made of its content: another process sees it whole or not at all, and one that runs stays.
         return made.replace(cache / f"{name}-{_digest(made)}")

@@ -114,19 +114,23 @@ class HilRun:
     ecu_counters: str
 
 
-def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None) -> HilRun:
+def run_hil(setup: Setup, build: Path, kind: EcuKind, observe: Observer | None = None, *, xcp: bool = False) -> HilRun:
     """A run with the ECU of a build, which is started and stopped here, or with one that is there already.
+
+    Args:
+        xcp: whether a master can measure and calibrate the ECU while it runs.
 
     Raises:
         CodegenError: bus or ECU do not start, or the combination has no meaning.
     """
+    check_xcp(kind, xcp=xcp)
     if kind == "external":
         if setup.lock_step:
             raise CodegenError(
                 "an external ECU has a clock of its own", where="--lock-step", remedy="take --real-time, or another --ecu"
             )
         return HilRun(run_plant(setup, None, observe), "")
-    with ecu_of(build, setup.address, kind, lock_step=setup.lock_step) as ecu:
+    with ecu_of(build, setup.address, kind, lock_step=setup.lock_step, xcp=xcp) as ecu:
         try:
             result = run_plant(setup, ecu, observe)
         except CodegenError as error:
@@ -149,18 +153,26 @@ def _ended(ecu: EcuProcess | EcuThread) -> CodegenError:
     return CheckFailed(f"the ECU ended during the run: {ecu.stop() or 'without a word'}")
 
 
-def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool) -> EcuProcess | EcuThread:
+def ecu_of(build: Path, address: BusAddress, kind: EcuKind, *, lock_step: bool, xcp: bool = False) -> EcuProcess | EcuThread:
     """The ECU of a build, not started yet. Raises CodegenError where this bus cannot have it."""
+    check_xcp(kind, xcp=xcp)
     if kind == "native":
         check_native(address)
         from hil_sim import native
 
-        return EcuProcess(native.command(build, address.channel, lock_step=lock_step, parent=os.getpid()))
+        options = {"lock_step": lock_step, "xcp": xcp}
+        return EcuProcess(native.command(build, address.channel, parent=os.getpid(), **options))
     if address.interface == "virtual":
         from codegen.sil.software import load
 
         return EcuThread(load(build), address, lock_step=lock_step)
     return EcuProcess(cffi_command(build, address, lock_step=lock_step))
+
+
+def check_xcp(kind: str, *, xcp: bool) -> None:
+    """Refuse XCP where the ECU has none. Raises CodegenError."""
+    if xcp and kind != "native":
+        raise CodegenError(f"only the native ECU has XCP, not {kind}", where="--xcp", remedy="take --ecu native")
 
 
 def check_native(address: BusAddress) -> None:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, file_type, json_option
-from codegen.cli.run_options import build_option, bus_option, clock_option, run_options
+from codegen.cli.base import example, json_option
+from codegen.cli.run_options import build_option, bus_option, clock_option, run_options, xcp_option
 from codegen.cli.sil_command import sil
+from codegen.cli.values import bus_names, configuration_file
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
@@ -38,14 +39,15 @@ class Choices:
     log: Path | None
     plot: Path | None
     csv: Path | None
+    files: tuple[Path, ...]
     as_json: bool
 
     def outputs(self, *inputs: Path | None) -> Outputs:
         """Where the results go; refused before anything runs where they could not be written. `inputs`: files that are read."""
         from codegen.cli.bench_report import Outputs
 
-        outputs = Outputs(self.plot, self.csv, self.log, self.as_json)
-        outputs.check(inputs)
+        outputs = Outputs(self.plot, self.csv, self.log, self.files, self.as_json)
+        outputs.check((*inputs, Path(self.scenario)))
         return outputs
 
     def setup(self, config: Config, precision: Precision = "single", dbc: bytes | None = None) -> Setup:
@@ -79,21 +81,23 @@ class Choices:
     required=True,
     help="A Linux program made of the C, the C in Python, or an ECU that is on the bus already.",
 )
+@xcp_option
 @run_options
-def hil(build_path: Path, kind: EcuKind, **given: Any) -> None:
+def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
     """Let a plant simulator and an ECU exchange CAN frames, every 10 ms by the clock or in lock-step.
 
     The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
     """
     from codegen.cli.bench_report import live_view, note_edited
-    from hil_sim.session import BuildFacts, passive, run_hil
+    from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
 
+    check_xcp(kind, xcp=xcp)
     chosen = Choices(**given)
     outputs, facts = chosen.outputs(), BuildFacts.read(build_path)
     setup = chosen.setup(facts.config, facts.precision, facts.dbc)
     note_edited(build_path, facts.edited, quiet=chosen.as_json)
     with live_view(setup, kind, quiet=chosen.as_json) as observe:
-        ran = run_hil(setup, build_path, kind, observe)
+        ran = run_hil(setup, build_path, kind, observe, xcp=xcp)
     runs = {"controlled": ran.result.record, "passive": passive(setup.config, setup.scenario)}
     title = f"{build_path} on {setup.address}, ECU {kind}, {setup.clock}"
     described = {"build": str(build_path), "ecu": kind, **setup.describe()}
@@ -103,7 +107,7 @@ def hil(build_path: Path, kind: EcuKind, **given: Any) -> None:
 @click.command(
     short_help="Be the plant on a bus.", epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell")
 )
-@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the paper's preset.")
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @run_options
 def plant(config_path: Path | None, **given: Any) -> None:
     """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
@@ -133,20 +137,22 @@ def plant(config_path: Path | None, **given: Any) -> None:
     help="A Linux program made of the C (default on socketcan), or the C in Python (default elsewhere).",
 )
 @clock_option
+@xcp_option
 @click.option("--parent", type=int, hidden=True, help="End where the parent is no longer this process.")
-def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, parent: int | None) -> None:
+def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool, parent: int | None) -> None:
     """Be the ECU on a bus until interrupted: print `ready`, answer the car's frames, leave a line of counters."""
     from hil_sim.bus import BusAddress
-    from hil_sim.session import check_native
+    from hil_sim.session import check_native, check_xcp
 
     address = BusAddress.parse(bus)
     if kind is None:
         kind = "native" if address.interface == "socketcan" and sys.platform == "linux" else "cffi"
+    check_xcp(kind, xcp=xcp)
     if kind == "native":
         from hil_sim import native
 
         check_native(address)
-        command = native.command(build_path, address.channel, lock_step=lock_step)
+        command = native.command(build_path, address.channel, lock_step=lock_step, xcp=xcp)
         sys.stdout.flush()
         os.execv(command[0], command)  # from here on it is that program
     _serve(build_path, address, lock_step, parent)
@@ -159,7 +165,8 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     from hil_sim.ecu_node import EcuNode
     from hil_sim.ecu_process import READY, counters_line
 
-    software = load(build_path)
+    with console.status(f"compiling {build_path}"):
+        software = load(build_path)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     ended = False
@@ -183,7 +190,13 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
     epilog=example("codegen faults --build generated/4ws2 --bus socketcan:vcan0 --ecu native"),
 )
 @build_option
-@click.option("--bus", "bus", metavar="INTERFACE:CHANNEL", help="A bus of python-can; by default in this process, without one.")
+@click.option(
+    "--bus",
+    "bus",
+    metavar="INTERFACE:CHANNEL",
+    shell_complete=bus_names,
+    help="A bus of python-can; by default in this process, without one.",
+)
 @click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
 def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
@@ -204,7 +217,8 @@ def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: boo
         raise CodegenError("without a bus there is no ECU to choose", where="--ecu", remedy="add --bus")
     address, facts = None if bus is None else BusAddress.parse(bus), BuildFacts.read(build_path)
     note_edited(build_path, facts.edited, quiet=as_json)
-    software = load(build_path) if address is None else None
+    with console.status(f"compiling {build_path}"):
+        software = load(build_path) if address is None else None
 
     def run(scenario: Scenario) -> BenchResult:
         if software is not None:

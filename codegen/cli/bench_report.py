@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from codegen import console
+from codegen.errors import CodegenError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,12 +30,17 @@ class Outputs:
     plot: Path | None
     csv: Path | None
     log: Path | None
+    files: tuple[Path, ...]
     as_json: bool
 
     def check(self, inputs: Sequence[Path | None]) -> None:
         """Refuse, before anything runs, what could not be written. Raises CodegenError."""
         from codegen.emit.outputs import check_output
+        from codegen.export.runs import check_formats
 
+        check_formats(self.files)
+        for path in self.files:
+            check_output(path, path.suffix.lower(), inputs)
         check_output(self.plot, ".png", inputs)
         check_output(self.csv, ".csv", inputs)
         if self.log is not None:
@@ -42,6 +48,23 @@ class Outputs:
 
             BusLog(self.log)  # the extension
             check_output(self.log, self.log.suffix.lower(), inputs)
+        self._check_each_once()
+
+    def _check_each_once(self) -> None:
+        seen: set[Path] = set()
+        for path in (self.plot, self.csv, self.log, *self.files):
+            if path is None:
+                continue
+            if path.resolve() in seen:
+                raise CodegenError("it would be written twice", where=path, remedy="name each file once")
+            seen.add(path.resolve())
+
+    @property
+    def written(self) -> dict[str, list[str]]:
+        """Kind to the files of it, for JSON; kinds of which there is none are left out."""
+        kinds = {"plot": (self.plot,), "recording": (self.csv, *self.files), "log": (self.log,)}
+        named = {kind: [str(path) for path in paths if path is not None] for kind, paths in kinds.items()}
+        return {kind: paths for kind, paths in named.items() if paths}
 
     def tell(
         self,
@@ -54,6 +77,7 @@ class Outputs:
         ecu_counters: str = "",
     ) -> None:
         """Write and print everything of a run; `result` where it went through frames."""
+        from codegen.export import runs as exported
         from codegen.report import plots
         from codegen.report.bench_summary import bus_facts, bus_lines
         from codegen.report.summary import metric_rows, table
@@ -61,13 +85,16 @@ class Outputs:
         from hil_sim.recording import save_csv
 
         evaluation, period = evaluate(scenario, config, runs), config.controller.sampling_time_s
-        if self.csv is not None:
-            save_csv(runs["controlled"], self.csv)
-        if self.plot is not None:
-            plots.save(plots.scenario_figure(scenario, config, runs, title), self.plot)
+        with console.status("writing") if self.written else nullcontext():
+            if self.csv is not None:
+                save_csv(runs["controlled"], self.csv)
+            for path in self.files:
+                exported.save(runs["controlled"], path)
+            if self.plot is not None:
+                plots.save(plots.scenario_figure(scenario, config, runs, title), self.plot)
         if self.as_json:
             bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
-            console.print_json({**facts, "metrics": evaluation.to_dict(), **bus})
+            console.print_json({**facts, "metrics": evaluation.to_dict(), **bus, "files": self.written})
             return
         console.say(f"{title}: {scenario.title}")
         if facts.get("sensors", "ideal") != "ideal":
@@ -81,9 +108,9 @@ class Outputs:
                 console.say(line)
             if ecu_counters:
                 console.say(f"ECU: {ecu_counters}")
-        for name, written in (("plot", self.plot), ("recording", self.csv), ("log", self.log)):
-            if written is not None:
-                console.say(f"{name}: {written}")
+        for kind, names in self.written.items():
+            for name in names:
+                console.say(f"{kind}: {name}")
 
 
 @contextmanager
@@ -92,7 +119,8 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
     from codegen.report.live import LiveSample, LiveView
 
     if quiet:
-        yield None
+        with console.status(f"{setup.scenario.title}, {setup.clock}"):
+            yield None
         return
     duration = setup.scenario.duration
     with LiveView(setup.scenario.title, str(setup.address), kind, setup.clock) as view:

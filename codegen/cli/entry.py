@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import select
 import signal
 import sys
+from collections.abc import Sequence
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import click
 
-from codegen.cli.base import cli
+from codegen.cli import EXIT_INTERRUPTED, INTERRUPTED, end_quietly
+from codegen.cli.commands import cli
 from codegen.errors import CodegenError, one_line
+from codegen.interrupts import Handler, raise_once, take
+
+PROGRAM = "codegen"
+COMPLETION = "_CODEGEN_COMPLETE"
+"""The variable by which a shell asks for completions; click's convention."""
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERNAL = 70
-EXIT_INTERRUPTED = 130
 
 
 def main() -> NoReturn:
@@ -22,42 +30,90 @@ def main() -> NoReturn:
     # Taken out here, so that it may stand anywhere, and so that an error in the other words is shown in full too.
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     debug = len(arguments) < len(sys.argv) - 1
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
-            signal.signal(number, _terminate)
+    code = 0
     try:
-        cli.main(arguments, standalone_mode=False)
+        try:
+            _take_signals()
+            _run(arguments)
+        except BaseException as error:
+            text, code = _answer(error)
+            if debug and not isinstance(error, (SystemExit, click.exceptions.Exit)):
+                raise
+            if text:
+                print(text, file=sys.stderr)
         if sys.stdout is not None:  # closed by the caller
             sys.stdout.flush()
-    except CodegenError as error:
-        _fail(f"error: {error}", error.exit_code, debug)
-    except click.exceptions.Exit as error:
-        raise SystemExit(error.exit_code) from None
-    except (click.Abort, KeyboardInterrupt):
-        _fail("interrupted; nothing is left half-written", EXIT_INTERRUPTED, debug)
-    except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message(), file=sys.stderr)
-        raise SystemExit(EXIT_BAD_INPUT) from None
-    except click.ClickException as error:
-        context = getattr(error, "ctx", None)
-        hint = f"; see `{context.command_path} --help`" if context is not None else ""
-        _fail(f"error: {one_line(error.format_message()).rstrip('.')}{hint}", EXIT_BAD_INPUT, debug)
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: no error, and nothing more to say.
-        sys.stdout = None
-        raise SystemExit(0) from None
-    except OSError as error:
-        _fail(f"error: {one_line(error)}; check the path, the permissions and the disk", EXIT_BAD_INPUT, debug)
-    except Exception as error:
-        _fail(f"internal error: {one_line(repr(error))}; run it again with --debug and report it", EXIT_INTERNAL, debug)
-    raise SystemExit(0)
-
-
-def _fail(text: str, code: int, debug: bool) -> NoReturn:
-    if debug:
-        raise
-    print(text, file=sys.stderr)
+        _give_up_what_nobody_reads()
     raise SystemExit(code)
+
+
+def _take_signals() -> None:
+    handlers: dict[int, Handler] = {}
+    if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_quietly):  # else ignored, in the background
+        handlers[signal.SIGINT] = raise_once()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            handlers[number] = _terminate
+    take(handlers)
+
+
+def _run(arguments: Sequence[str]) -> None:
+    """The command. Not by click's `main`, which has exit codes of its own for a reader that goes away and for Ctrl-C."""
+    if instruction := os.environ.get(COMPLETION):
+        from codegen.cli.completion import complete
+
+        raise SystemExit(complete(cli, PROGRAM, COMPLETION, instruction))
+    with cli.make_context(PROGRAM, list(arguments)) as context:
+        cli.invoke(context)
+
+
+def _answer(error: BaseException) -> tuple[str, int]:
+    """What is said of an error, "" for nothing, and the exit code."""
+    if isinstance(error, SystemExit):
+        return "", error.code if isinstance(error.code, int) else 0
+    if isinstance(error, click.exceptions.Exit):
+        return "", error.exit_code
+    if isinstance(error, CodegenError):
+        return f"error: {error}", error.exit_code
+    if isinstance(error, (click.Abort, KeyboardInterrupt)):
+        return INTERRUPTED, EXIT_INTERRUPTED
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        return error.format_message(), EXIT_BAD_INPUT
+    if isinstance(error, click.ClickException):
+        context = getattr(error, "ctx", None)
+        hint = f"; see `{context.command_path} --help`" if context is not None else ""
+        return f"error: {one_line(error.format_message()).rstrip('.')}{hint}", EXIT_BAD_INPUT
+    if isinstance(error, BrokenPipeError) and any(map(_has_no_reader, _streams())):
+        return "", 0
+    if isinstance(error, OSError):
+        return f"error: {one_line(error)}; check the path, the permissions and the disk", EXIT_BAD_INPUT
+    return f"internal error: {one_line(repr(error))}; run it again with --debug and report it", EXIT_INTERNAL
+
+
+def _streams() -> list[TextIO]:
+    return [stream for stream in (sys.stdout, sys.stderr) if stream is not None]  # None: closed by the caller
+
+
+def _give_up_what_nobody_reads() -> None:
+    """Let what is still to be written to a stream without a reader go nowhere.
+
+    Python would else try once more at its end, and complain. Recipe: note on SIGPIPE in the documentation of `signal`.
+    """
+    for stream in filter(_has_no_reader, _streams()):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    poll = select.poll()
+    try:
+        poll.register(stream, select.POLLOUT)
+    except (OSError, ValueError):  # no file behind it
+        return False
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -8,18 +8,30 @@ from typing import TYPE_CHECKING
 import click
 
 from codegen import console
-from codegen.cli.base import example, file_type, json_option
+from codegen.cli.base import example, json_option
+from codegen.cli.values import (
+    Quantity,
+    case_names,
+    configuration_file,
+    folder_to_write,
+    map_file,
+    map_to_write,
+    memory_size,
+    picture_to_write,
+    yaw_rate_error,
+)
 from codegen.errors import CheckFailed, CodegenError, within
 
 if TYPE_CHECKING:
     from codegen.refmap.map import ReferenceMap
+    from codegen.refmap.place import Request
 
 LATERAL_ACCELERATION_NOTE_G = 1.5
 """Maps that ask for more than this are built, but their user is asked about the units."""
 
 
 @click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
-@click.argument("folder", metavar="DIR", type=file_type)
+@click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
     "preset",
@@ -45,9 +57,11 @@ def init(folder: Path, preset: str) -> None:
 @click.command(
     short_help="Solve one case and write the map.", epilog=example("codegen solve --config ars.toml --case 4ws-2 -o 4ws2.npz")
 )
-@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the paper's preset.")
-@click.option("--case", "case", required=True, metavar="NAME", help="fws, 4ws-1, 4ws-2 or a case of your own.")
-@click.option("-o", "--output", required=True, type=file_type, metavar="MAP.npz", help="The map to write.")
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
+@click.option(
+    "--case", "case", required=True, metavar="NAME", shell_complete=case_names, help="fws, 4ws-1, 4ws-2 or a case of your own."
+)
+@click.option("-o", "--output", required=True, type=map_to_write, metavar="MAP.npz", help="The map to write.")
 @click.option(
     "--method",
     type=click.Choice(["exact", "ipopt"]),
@@ -94,22 +108,32 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
 
 
 @click.command(short_help="Tell what a map holds, and draw it.", epilog=example("codegen show 4ws2.npz --plot map.png"))
-@click.argument("map_path", metavar="MAP.npz", type=file_type)
-@click.option("--plot", "plot", type=file_type, metavar="PNG", help="Also draw the map.")
+@click.argument("map_path", metavar="MAP.npz", type=map_file)
+@click.option(
+    "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw the map; with --flash, error against flash."
+)
+@click.option("--flash", is_flag=True, help="Instead: the bytes that chosen breakpoints take, for errors from 1 to 0.02 deg/s.")
+@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml of the kind of controller.")
 @json_option
-def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
+def show(map_path: Path, plot: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
     from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.report.summary import map_summary, table
 
-    check_output(plot, ".png", (map_path,))
+    check_output(plot, ".png", (map_path, config_path))
     reference_map = npz.load(map_path)
+    if flash:
+        _show_flash(map_path, reference_map, config_path, plot, as_json)
+        return
+    if config_path is not None:
+        raise CodegenError("nothing to do with it", where="--config", remedy="add --flash, or leave it out")
     summary = map_summary(reference_map)
     if plot is not None:
         from codegen.report import plots
 
-        plots.save(plots.map_figure(reference_map, map_path.stem), plot)
+        with console.status("drawing"):
+            plots.save(plots.map_figure(reference_map, map_path.stem), plot)
     if as_json:
         console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
         return
@@ -128,12 +152,51 @@ def show(map_path: Path, plot: Path | None, as_json: bool) -> None:
         console.say(f"\nplot: {plot}")
 
 
+def _show_flash(
+    map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
+) -> None:
+    """What chosen breakpoints cost, for the kind of controller of the configuration."""
+    from codegen.emit.laws import law_of
+    from codegen.refmap.choose import choose_config
+    from codegen.refmap.place_sweep import flash_table
+    from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
+    from codegen.report.summary import table
+
+    chosen = choose_config(reference_map, config_path)
+    tables = 2 if law_of(chosen.config).uses_rear_angle else 1
+    with within(map_path), console.progress("placing breakpoints") as progress:
+        found = flash_table(reference_map, chosen.config, tables, progress=progress)
+    if plot is not None:
+        from codegen.report import plots
+
+        plots.save(flash_figure(found, map_path.stem), plot)
+    if as_json:
+        console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
+        return
+    for text in chosen.notes:
+        console.note(text)
+    console.say(f"{map_path}: {flash_headline(found)}\n")
+    console.say(table(HEADER, flash_rows(found)))
+    if plot is not None:
+        console.say(f"\nplot: {plot}")
+
+
 @click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
-@click.option("--map", "map_path", required=True, type=file_type, metavar="MAP.npz")
-@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the map's own configuration.")
-@click.option("-o", "--output", type=file_type, metavar="DIR", help="By default generated/<name of the map>.")
+@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
+@click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
 @click.option("--prefix", default="ars", show_default=True, help="Start of all C names.")
 @click.option("--precision", type=click.Choice(["single", "double"]), default="single", show_default=True)
+@click.option(
+    "--max-error",
+    type=yaw_rate_error,
+    metavar="RATE",
+    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum, such as 0.05deg/s.",
+)
+@click.option(
+    "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
+)
+@click.option("--storage", type=click.Choice(["float", "int16"]), help="Of tables on chosen breakpoints; by default float.")
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 where DIR is not up to date.")
 @json_option
 def build(
@@ -142,6 +205,9 @@ def build(
     output: Path | None,
     prefix: str,
     precision: str,
+    max_error: Quantity | None,
+    max_flash: Quantity | None,
+    storage: str | None,
     check: bool,
     as_json: bool,
 ) -> None:
@@ -149,9 +215,14 @@ def build(
     from codegen.emit.evidence import margin_note
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
+    from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.write import write_folder
 
-    prepared = prepare(map_path, config_path, output, prefix, "double" if precision == "double" else "single")
+    request = _request(max_error, max_flash, storage)
+    with console.status(f"generating the C of {map_path}"):
+        prepared = prepare(
+            map_path, config_path, output, prefix, "double" if precision == "double" else "single", request=request
+        )
     if not as_json:
         for text in prepared.chosen.notes:
             console.note(text)
@@ -171,6 +242,8 @@ def build(
     little_margin = margin_note(prepared.folder.manifest)
     notes = [*prepared.chosen.notes, *filter(None, [little_margin])]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
+    if request is not None:
+        result["placement"] = placement_summary(prepared.folder.manifest)
     if as_json:
         console.print_json({**result, "notes": notes})
         return
@@ -178,16 +251,39 @@ def build(
     if little_margin:
         console.note(little_margin)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
+    if request is not None:
+        console.say(placement_line(prepared.folder.manifest))
+
+
+def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: str | None) -> Request | None:
+    """What the breakpoints are to be chosen for; None where nothing is asked."""
+    if max_error is None and max_flash is None:
+        if storage is not None:
+            remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
+            raise CodegenError("goes with chosen breakpoints alone", where="--storage", remedy=remedy)
+        return None
+    from codegen.refmap.place import Request
+
+    words = [f"--max-error {max_error.words}"] if max_error else []
+    words += [f"--max-flash {max_flash.words}"] if max_flash else []
+    words += [f"--storage {storage}"] if storage == "int16" else []
+    return Request(
+        max_error=max_error.value if max_error else None,
+        max_flash=int(min(max_flash.value, 2.0**31)) if max_flash else None,
+        storage="int16" if storage == "int16" else "float",
+        words=" ".join(words),
+    )
 
 
 @click.command(short_help="Reproduce the paper's tables and plots.", epilog=example("codegen paper -o build"))
-@click.option("-o", "--output", required=True, type=file_type, metavar="DIR", help="Where maps, C, plots and runs go.")
+@click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where maps, C, plots and runs go.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
     """Reproduce the paper: solve its three maps, build the C, run C1 and C2, print its tables beside ours."""
     from codegen.report.paper import reproduce
 
-    result = reproduce(output)
+    with console.progress("reproducing the paper") as progress:
+        result = reproduce(output, done=progress)
     if as_json:
         console.print_json(result.to_dict())
         return

@@ -7,21 +7,42 @@ from typing import Any, TypeVar
 
 import click
 
-from codegen.cli.base import file_type, json_option
+from codegen.cli.base import json_option
+from codegen.cli.values import (
+    build_folder,
+    bus_names,
+    csv_to_write,
+    log_to_write,
+    picture_to_write,
+    run_to_write,
+    scenario_names,
+)
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 DEFAULT_SCENARIO = "step-steer"
 SCENARIO_HELP = "One of codegen scenarios, a recorded .csv, or a .toml of your own."
+OUTPUT_HELP = "Write the run: .mf4, .parquet or .csv; may be repeated."
 
 build_option = click.option(
-    "--build", "build_path", required=True, type=file_type, metavar="DIR", help="A folder made by codegen build."
+    "--build", "build_path", required=True, type=build_folder, metavar="DIR", help="A folder made by codegen build."
 )
 bus_option = click.option(
-    "--bus", "bus", required=True, metavar="INTERFACE:CHANNEL", help="Any of python-can, e.g. socketcan:vcan0."
+    "--bus",
+    "bus",
+    required=True,
+    metavar="INTERFACE:CHANNEL",
+    shell_complete=bus_names,
+    help="Any of python-can, e.g. socketcan:vcan0.",
 )
 scenario_option = click.option(
-    "--scenario", "scenario", default=DEFAULT_SCENARIO, show_default=True, metavar="NAME|FILE", help=SCENARIO_HELP
+    "--scenario",
+    "scenario",
+    default=DEFAULT_SCENARIO,
+    show_default=True,
+    metavar="NAME|FILE",
+    shell_complete=scenario_names,
+    help=SCENARIO_HELP,
 )
 clock_option = click.option(
     "--lock-step/--real-time",
@@ -29,7 +50,15 @@ clock_option = click.option(
     default=False,
     help="Simulated time, as fast as it goes, or by the clock (default).",
 )
-log_option = click.option("--log", type=file_type, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
+xcp_option = click.option(
+    "--xcp", is_flag=True, help="Let a calibration tool measure and calibrate the native ECU: XCP on CAN, ids of [can]."
+)
+log_option = click.option("--log", type=log_to_write, metavar="FILE", help="Log the bus: .blf, .asc, .log (candump) or .mf4.")
+
+
+def output_option(text: str, metavar: str = "FILE") -> Callable[[Command], Command]:
+    """-o, --output as often as the user likes: the run as a file, its format by the extension."""
+    return click.option("-o", "--output", "files", type=run_to_write, multiple=True, metavar=metavar, help=text)
 
 
 def sensor_options(command: Command) -> Command:
@@ -43,12 +72,13 @@ def sensor_options(command: Command) -> Command:
 def result_options(command: Command) -> Command:
     """--plot, --csv and --json."""
     command = json_option(command)
-    command = click.option("--csv", type=file_type, metavar="CSV", help="Write the run, units in the column names.")(command)
-    return click.option("--plot", type=file_type, metavar="PNG", help="Draw the run beside the passive car.")(command)
+    command = click.option("--csv", type=csv_to_write, metavar="CSV", help="Write the run, units in the column names.")(command)
+    return click.option("--plot", type=picture_to_write, metavar="PNG", help="Draw the run beside the passive car.")(command)
 
 
 def run_options(command: Command) -> Command:
     """All options of a run on a bus."""
-    for option in (result_options, log_option, sensor_options, clock_option, scenario_option, bus_option):
+    output = output_option(OUTPUT_HELP)
+    for option in (result_options, output, log_option, sensor_options, clock_option, scenario_option, bus_option):
         command = option(command)
     return command

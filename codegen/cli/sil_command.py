@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, file_type
-from codegen.cli.run_options import DEFAULT_SCENARIO, SCENARIO_HELP, result_options, sensor_options
+from codegen.cli.base import example
+from codegen.cli.run_options import OUTPUT_HELP, output_option, result_options, scenario_option, sensor_options
+from codegen.cli.values import build_folder, map_file
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class Choices:
     seed: int
     plot: Path | None
     csv: Path | None
+    files: tuple[Path, ...]
     as_json: bool
 
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
@@ -56,21 +58,22 @@ class Choices:
     short_help="Run the generated C in closed loop.",
     epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv\n  codegen sil --suite tracking"),
 )
-@click.option("--build", "build_path", type=file_type, metavar="DIR", help="A folder made by codegen build.")
-@click.option("--map", "map_path", type=file_type, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
-@click.option("--scenario", "scenario", default=DEFAULT_SCENARIO, show_default=True, metavar="NAME|FILE", help=SCENARIO_HELP)
+@click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
+@click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
+@scenario_option
 @click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
 @click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
 @sensor_options
 @click.option(
     "--suite",
     metavar="NAME",
+    shell_complete=lambda *_: ["tracking"],
     help="Instead of a scenario the whole test set, tracking; without --build, of the recommended preset.",
 )
-@click.option("-o", "--output", "folder", type=file_type, metavar="DIR", help="Of --suite: all its pictures.")
+@output_option(f"{OUTPUT_HELP} With --suite: the folder for all its pictures.", "FILE|DIR")
 @result_options
 @click.pass_context
-def sil(context: click.Context, /, suite: str | None, folder: Path | None, **given: Any) -> None:
+def sil(context: click.Context, /, suite: str | None, **given: Any) -> None:
     """Run the generated C in closed loop with the two-track plant, software in the loop.
 
     With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
@@ -80,12 +83,13 @@ def sil(context: click.Context, /, suite: str | None, folder: Path | None, **giv
         from codegen.cli.suite_command import SuiteOutputs, run_suite_command
 
         _refuse_with_suite(context)
+        if len(given["files"]) > 1:
+            raise CodegenError("a second folder for the pictures", where=given["files"][1], remedy="name one")
+        folder = next(iter(given["files"]), None)
         run_suite_command(suite, given["build_path"], SuiteOutputs(given["plot"], folder, given["as_json"]))
         return
     if given["build_path"] is None:
         raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or give --suite tracking")
-    if folder is not None:
-        raise CodegenError("it is for the pictures of --suite", where="-o", remedy="name the picture of a scenario with --plot")
     _run_scenario(Choices(**given))
 
 
@@ -105,20 +109,23 @@ def _run_scenario(chosen: Choices) -> None:
     from hil_sim.scenarios import find
 
     build_path = chosen.build_path
-    outputs = Outputs(chosen.plot, chosen.csv, None, chosen.as_json)
-    outputs.check((chosen.map_path,))
+    outputs = Outputs(chosen.plot, chosen.csv, None, chosen.files, chosen.as_json)
+    outputs.check((chosen.map_path, Path(chosen.scenario)))
     if chosen.sensors and not chosen.through_can:
         raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
     config = npz.load(chosen.map_path).config if chosen.map_path is not None else None
     if chosen.map_path is not None and config is None:
         console.note(f"{chosen.map_path} brings no car; the build's own is taken")
-    software = load(build_path, config)
+    with console.status(f"compiling {build_path}"):
+        software = load(build_path, config)
     scenario = find(chosen.scenario, software.config)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
-    controlled, result = chosen.drive(software, scenario)
+    with console.status(scenario.title):
+        controlled, result = chosen.drive(software, scenario)
+        passive = run(software, scenario, controlled=False)
     beside = _baselines(chosen, software, scenario) if chosen.baselines else {}
-    runs = {"controlled": controlled, **beside, "passive": run(software, scenario, controlled=False)}
+    runs = {"controlled": controlled, **beside, "passive": passive}
     facts = {"build": str(build_path), "scenario": scenario.name, "edited": list(software.edited)}
     if chosen.sensors:
         facts["sensors"] = f"seed {chosen.seed}"

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from codegen import console
-from codegen.cli.base import example, file_type, json_option
+from codegen.cli.base import example, json_option
+from codegen.cli.values import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
 
 if TYPE_CHECKING:
@@ -25,10 +26,15 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
 
 
 @click.command(short_help="Design the gains of a map's controller.", epilog=example("codegen tune --map map.npz -o map.npz"))
-@click.option("--map", "map_path", required=True, type=file_type, metavar="MAP.npz")
-@click.option("--config", "config_path", type=file_type, help="ars.toml; by default the map's own configuration.")
+@click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
+@click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option(
-    "-o", "--output", required=True, type=file_type, metavar="MAP.npz", help="The map to write; it may be the one that is read."
+    "-o",
+    "--output",
+    required=True,
+    type=map_to_write,
+    metavar="MAP.npz",
+    help="The map to write; it may be the one that is read.",
 )
 @json_option
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:

@@ -7,14 +7,17 @@ from pathlib import Path
 import click
 
 from codegen import console
-from codegen.cli.base import example, file_type
+from codegen.cli.base import example
+from codegen.cli.values import FileType, build_folder
 from codegen.errors import CheckFailed
 
 
 @click.command(epilog=example("codegen verify generated/4ws2"))
-@click.argument("build", type=file_type, metavar="DIR")
+@click.argument("build", type=build_folder, metavar="DIR")
 @click.option("--quick", is_flag=True, help="Only what answers in half a minute.")
-@click.option("--json", "json_file", type=file_type, metavar="FILE", help="Write the result as JSON too.")
+@click.option(
+    "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
+)
 def verify(build: Path, quick: bool, json_file: Path | None) -> None:
     """Show why the C of a build can be trusted.
 

@@ -48,11 +48,11 @@ class SampledCar:
     """Cars at speeds, one for each place of an array of any shape (...): x[k+1] = transition x[k] + input u[k-delay], r = x[1].
 
     Attributes:
-        transition: (..., 5, 5), of STATES.
-        input: (..., 5), for each rad of command.
+        transition: (..., n, n), of STATES, or of other states of which the yaw rate is the second.
+        input: (..., n), for each rad of command.
         sampling_time: s.
         delay: whole samples between computing a command and its acting.
-        numerator, denominator: (5, ...) and (6, ...), coefficients of the transfer function without the delay in powers of
+        numerator, denominator: (n, ...) and (n + 1, ...), coefficients of the transfer function without the delay in powers of
             z - 1, highest first. In powers of z they would cancel to nothing near z = 1, where all that is slow lies.
     """
 
@@ -73,7 +73,7 @@ class SampledCar:
     def pick(self, places: Sequence[int]) -> SampledCar:
         """The cars at the flat indices `places` (k): a SampledCar of shape (k,)."""
         chosen = list(places)
-        size = len(STATES)
+        size = self.input.shape[-1]
         return SampledCar(
             self.transition.reshape(-1, size, size)[chosen],
             self.input.reshape(-1, size)[chosen],
@@ -93,14 +93,23 @@ class SampledCar:
         return _stable(self.transition)
 
     def closed_loop_stable(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> BoolArray:
-        """(...): whether all poles of the closed loop lie inside the unit circle.
+        """(...): whether all poles of the closed loop lie inside the unit circle."""
+        return _stable(self.closed_loop(kp, ki))
+
+    def growth(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
+        """(...) 1/s: the rate at which the slowest motion of the closed loop grows; below zero where it dies out."""
+        result: FloatArray = np.log(np.abs(np.linalg.eigvals(self.closed_loop(kp, ki))).max(axis=-1)) / self.sampling_time
+        return result
+
+    def closed_loop(self, kp: npt.ArrayLike, ki: npt.ArrayLike) -> FloatArray:
+        """(..., k, k): the closed loop from sample to sample, of the states, the commands on their way and the integral.
 
         The loop is u = -(kp e + ki q), q[k] = q[k-1] + T e[k], e = -r. Gains broadcast against (...). With ki = 0 the
         integrator is no part of the loop.
         """
         shape = np.broadcast_shapes(self.input.shape[:-1], np.shape(kp), np.shape(ki))
         kp, ki = np.broadcast_to(kp, shape), np.broadcast_to(ki, shape)
-        cars, time = len(STATES), self.sampling_time
+        cars, time = self.input.shape[-1], self.sampling_time
         integrator = cars + self.delay
         loop = np.zeros((*shape, integrator + 1, integrator + 1))
         loop[..., :cars, :cars] = self.transition
@@ -116,7 +125,7 @@ class SampledCar:
             loop[..., cars, :] = command
         else:
             loop[..., :cars, :] += self.input[..., np.newaxis] * command[..., np.newaxis, :]
-        return _stable(loop)
+        return loop
 
 
 def _stable(matrices: FloatArray) -> BoolArray:
@@ -146,13 +155,18 @@ def sample(config: Config, family: Sequence[Member], speed: npt.ArrayLike) -> Sa
     The sampling time is the controller's, the delay `config.tuning.delay_samples`.
     """
     a, b = _continuous(config, family, np.atleast_1d(np.asarray(speed, dtype=np.float64)))
-    states, time = len(STATES), config.controller.sampling_time_s
+    return sample_of(a, b, config.controller.sampling_time_s, config.tuning.delay_samples)
+
+
+def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledCar:
+    """Cars x' = a x + b u, (..., n, n) and (..., n), as samples `time` s apart see them; the yaw rate is the second state."""
+    states = b.shape[-1]
     augmented = np.zeros((*b.shape[:-1], states + 1, states + 1))
     augmented[..., :states, :states] = a
     augmented[..., :states, states] = b
     exponential = _exponential(time * augmented)
     transition, inputs = exponential[..., :states, :states].copy(), exponential[..., :states, states].copy()
-    return SampledCar(transition, inputs, time, config.tuning.delay_samples, *_transfer_function(transition, inputs))
+    return SampledCar(transition, inputs, time, delay, *_transfer_function(transition, inputs))
 
 
 def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from codegen import __version__
 from codegen.config import KM_H, Config, check_name
+from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
@@ -22,19 +23,23 @@ from codegen.emit.evidence import Evidence
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
+from codegen.emit.placement import placement_facts, placement_text, request_facts
 from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render
+from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
+from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
 from codegen.refmap.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.refmap.lookup import error_bound
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.place import Placed, Request, choose
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
 HEADERS = ("sections", "map", "limiter", "controller", "dynamics", "e2e", "can", "task")
-SOURCES = ("map", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
+SOURCES = ("calibration", "map", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
 NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
@@ -52,11 +57,13 @@ class BuildInputs:
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """What the user chose: name of the build, prefix of the C names, precision of the numbers."""
+    """What the user chose: name of the build, prefix of the C names, precision of the numbers, and for what the breakpoints
+    are chosen (None: those of the map)."""
 
     name: str
     prefix: str = "ars"
     precision: Precision = "single"
+    request: Request | None = None
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
@@ -76,6 +83,7 @@ class BuildView:
     PREFIX: str
     version: str
     id: str
+    epk: str
     domain: str
     sources: tuple[str, ...]
 
@@ -106,6 +114,7 @@ class _Parts:
     table: MapView
     error_bound: float
     evidence: Evidence
+    placed: Placed | None
 
 
 def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, inputs: BuildInputs) -> Folder:
@@ -119,7 +128,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         BuildError, MapError: see `extend` and `check_prefix`.
     """
     law = law_of(config)
-    total = extend(reference_map, config, config.steering.front_angle_stop)
+    placed = _placed(reference_map, config, options)
+    total = placed.total if placed else extend(reference_map, config, config.steering.front_angle_stop)
     more = ("reference_model",) if law.uses_reference_model else ()
     headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
@@ -130,6 +140,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         PREFIX=options.prefix.upper(),
         version=__version__,
         id=f"0x{identity}u",
+        epk=identity,
         domain=_domain(total),
         sources=tuple(f"src/{options.prefix}_{source}.c" for source in sources),
     )
@@ -145,13 +156,17 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
         "task": task_view(config),
+        "xcp": xcp_view(config),
         "example": _example_view(reference_map, config, options.precision),
         "real": real,
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
+    context["a2l"] = a2l_view(
+        options.prefix, options.precision, context["controller"], context["limiter"], table, context["can"]
+    )
     bound = error_bound(total, numpy_type(options.precision))
     evidence = Evidence.of(reference_map, config)
-    parts = _Parts(reference_map, config, options, inputs, total, table, bound, evidence)
+    parts = _Parts(reference_map, config, options, inputs, total, table, bound, evidence, placed)
     context["readme"] = _readme_facts(parts)
     prefix = options.prefix
     files = {
@@ -160,17 +175,28 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
         f"linux/{prefix}_ecu.c": render("linux/ars_ecu.c.j2", context),
-        "CMakeLists.txt": render("CMakeLists.txt.j2", context),
+        f"linux/{prefix}_xcp.c": render("linux/ars_xcp.c.j2", context),
+        f"linux/{prefix}_xcp.h": render("linux/ars_xcp.h.j2", context),
+        f"{prefix}.a2l": render("a2l.j2", context),
+        **take_over_files(context),
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
     return Folder(files=files, manifest=_manifest(parts, dynamics, identity))
 
 
+def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) -> Placed | None:
+    if options.request is None:
+        return None
+    tables = 2 if law_of(config).uses_rear_angle else 1
+    return choose(reference_map, config, options.request, tables, numpy_type(options.precision))
+
+
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
     """Eight hexadecimal digits that change with any input: headers and sources of one build carry the same ones."""
-    text = "\n".join((__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision))
-    return hashlib.sha256(text.encode()).hexdigest()[:8].upper()
+    words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
+    words += [options.request.words] if options.request else []
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()
 
 
 def _domain(total: TotalMap) -> str:
@@ -210,6 +236,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
     reference_map = parts.reference_map
     flags = "" if options.prefix == "ars" else f" --prefix {options.prefix}"
     flags += "" if options.precision == "single" else f" --precision {options.precision}"
+    flags += f" {options.request.words}" if options.request else ""
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
@@ -228,6 +255,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "cells": total.yaw_rate.size,
         "error_bound": f"{parts.error_bound:.2g}",
         "flash": parts.table.flash_bytes,
+        "placement": placement_text(parts.placed) if parts.placed else "",
         "degraded_samples": config.controller.fail_safe.degraded_samples_max,
         "fail_safe_ms": f"{(config.controller.fail_safe.degraded_samples_max + 1) * config.controller.sampling_time_s * 1e3:g}",
         "recovery_samples": config.controller.fail_safe.recovery_samples,
@@ -253,7 +281,12 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
         "tools": {tool: importlib.metadata.version(tool) for tool in TOOLS},
         "name": options.name,
         "build_id": identity,
-        "options": {"prefix": options.prefix, "precision": options.precision, "kind": config.controller.kind},
+        "options": {
+            "prefix": options.prefix,
+            "precision": options.precision,
+            "kind": config.controller.kind,
+            **(request_facts(options.request) if options.request else {}),
+        },
         "inputs": {
             "map": {"file": inputs.map_file, "sha256": inputs.map_sha256, "case": reference_map.case},
             "configuration": {
@@ -274,6 +307,7 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
             "checksum_crc32": f"{table.checksum_value:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
+            **(placement_facts(parts.placed, law_of(config).uses_rear_angle) if parts.placed else {}),
         },
         **parts.evidence.to_dict(),
         "dynamics_library_functions": list(dynamics.math_functions),

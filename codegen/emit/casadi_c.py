@@ -14,7 +14,7 @@ import casadi as ca
 
 from codegen.emit.text import Precision, c_type, literal
 
-_LIBRARY = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_ATAN: "atan", ca.OP_SQRT: "sqrt"}
+LIBRARY = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_ATAN: "atan", ca.OP_SQRT: "sqrt"}
 _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 _COMPARISON = {ca.OP_LT: "<", ca.OP_LE: "<="}
 
@@ -42,12 +42,12 @@ def function_body(function: Any, precision: Precision, indent: str = "    ") -> 
             stores.append(f"{indent}{function.name_out(results[0])}[{results[1]}] = {value[arguments[0]]};")
             continue
         if operation == ca.OP_CONST:
-            value[results[0]] = _constant(function.instruction_constant(k), precision)
+            value[results[0]] = constant_text(function.instruction_constant(k), precision)
             continue
         if operation == ca.OP_INPUT:
             value[results[0]] = f"{function.name_in(arguments[0])}[{arguments[1]}]"
             continue
-        expression = _expression(operation, [value[argument] for argument in arguments], precision)
+        expression = expression_text(operation, [value[argument] for argument in arguments], precision)
         name = f"t{count}"
         count += 1
         lines.append(f"{indent}const {real} {name} = {expression};")
@@ -55,20 +55,22 @@ def function_body(function: Any, precision: Precision, indent: str = "    ") -> 
     return [*lines, *stores]
 
 
-def _constant(number: float, precision: Precision) -> str:
+def constant_text(number: float, precision: Precision) -> str:
+    """A constant as an operand."""
     text = literal(number, precision)
     return f"({text})" if text.startswith("-") else text
 
 
-def _expression(operation: int, arguments: list[str], precision: Precision) -> str:
+def expression_text(operation: int, arguments: list[str], precision: Precision) -> str:
+    """One CasADi operation on operands. Raises ValueError where it has no C here."""
     suffix = "f" if precision == "single" else ""
     zero, one, two = (literal(number, precision) for number in (0.0, 1.0, 2.0))
     first = arguments[0]
     second = arguments[1] if len(arguments) > 1 else ""
     if operation in _BINARY:
         return f"{first} {_BINARY[operation]} {second}"
-    if operation in _LIBRARY:
-        return f"{_LIBRARY[operation]}{suffix}({first})"
+    if operation in LIBRARY:
+        return f"{LIBRARY[operation]}{suffix}({first})"
     if operation in _COMPARISON:
         return f"({first} {_COMPARISON[operation]} {second}) ? {one} : {zero}"
     # Any number but zero is true; written without comparing reals for equality, as MISRA wants it.

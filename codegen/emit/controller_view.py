@@ -60,7 +60,13 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
     period = controller.sampling_time_s
     rate = controller.rear_rate_max_deg_s
     return (
-        Parameter("rear_angle_max", config.rear_actuator.angle_max, "rad, bound on the command", 1e-4, 1.0),
+        Parameter(
+            "rear_angle_max",
+            config.rear_actuator.angle_max,
+            "rad, bound on the command; at most what the actuator can",
+            1e-4,
+            config.rear_actuator.angle_max,
+        ),
         Parameter(
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
@@ -113,6 +119,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
 _COMMON_STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
+    Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
     Field("real", "speed", "m/s, last one in range"),
     Field("uint16_t", "bad_samples", "in a row"),
     Field("uint16_t", "good_samples", "in a row, counted in fail-safe"),

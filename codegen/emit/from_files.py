@@ -14,6 +14,7 @@ from codegen.refmap import archive
 from codegen.refmap import map as npz
 from codegen.refmap.choose import Chosen, choose_config
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.place import Request
 
 
 @dataclass(frozen=True)
@@ -32,17 +33,19 @@ def prepare(
     target: Path | None = None,
     prefix: str = "ars",
     precision: Precision = "single",
+    request: Request | None = None,
 ) -> Prepared:
     """Read the map, choose the configuration and render the build; nothing is written.
 
     Args:
         target: output folder; by default generated/<stem of the map> in the current folder.
+        request: for what to choose the breakpoints; those of the map where it is None.
 
     Raises:
         MapError, ConfigError, BuildError: what cannot be read or built.
     """
     # The name is checked before the map is read: a bad one is the quicker thing to mend.
-    options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision)
+    options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)
     data = archive.read_file(map_path)  # once: what is hashed is what is built from
     reference_map = npz.from_bytes(data, map_path)
     chosen = choose_config(reference_map, config_path)

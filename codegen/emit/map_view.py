@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from typing import Any, Literal
 
@@ -11,14 +12,24 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H
-from codegen.emit.text import Precision, lines_of, literal, numpy_type
+from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
+from codegen.refmap.storage import raw_of
+from codegen.refmap.tables import PLAUSIBLE
 
 MAGNITUDE = "magnitude"
 """An argument that is never negative."""
+
+TABLE_RANGES = {quantity: PLAUSIBLE[key][:2] for quantity, key in (("yaw_rate", "yaw_rate"), ("rear_angle", "delta_r"))}
+SPEED_TOP, FRONT_ANGLE_TOP = PLAUSIBLE["vx"].high, PLAUSIBLE["delta_f"].high
+"""What a map may be calibrated to: rad/s and rad; m/s and rad."""
+
+EVENNESS = 0.01
+"""Of a step: how far a breakpoint of an even core may lie from its even place, where the lookup takes it to be. A cell of a map
+varies by much less than the map, so that this is far below the map's own error; a calibration that moves one means more."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +51,23 @@ class AxisView:
     locate: str
     size: int
     text: str
-    top: str
+    kind_text: str
     top_text: str
     even: bool
     has_first_cell: bool
-    has_last_cell: bool
     last_cell: int
     cells: tuple[CellsView, ...]
     total_text: str
     start_text: str
-    core_origin: str
-    core_origin_is_zero: bool
-    offset_text: str
-    core_top: str
-    inverse_step: str
-    inverse_first: str
-    inverse_last: str
+    counts_first: bool
+    steps: str
+    first_share: str
+    last_share: str
     search_start: int
+    breakpoints: str
+    points: str
+    core_first: int
+    core_cells: int
     lines: tuple[str, ...]
 
 
@@ -78,11 +89,24 @@ class LayerView:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table on the shared axes; `indices` are what picks each of its layers ("" where there is only one)."""
+    """A table on the shared axes; `indices` are what picks each of its layers ("" where there is only one).
+
+    Of a table of raw numbers `times` says so in a comment, and `scale` is the value of one; all empty for real numbers.
+    `are_between` and `crc_of` are the functions of the C for its numbers.
+    """
 
     name: str
     function: str
+    type: str
     unit: str
+    times: str
+    scale: str
+    scale_name: str
+    scale_argument: str
+    are_between: str
+    crc_of: str
+    low: str
+    high: str
     layers: tuple[LayerView, ...]
     indices: tuple[str, ...]
 
@@ -105,9 +129,12 @@ class MapView:
 
     speed: AxisView
     front_angle: AxisView
+    axis_tops: tuple[str, str]
+    evenness: str
     tables: tuple[TableView, ...]
     table_size: str
     with_rear_angle: bool
+    is_raw: bool
     stacked: bool
     layer_count: int
     frictions: str
@@ -123,40 +150,46 @@ class MapView:
     checksum: str
     checksum_value: int
     checksum_steps: int
-    checksum_also: str
     bits: int
     bits_type: str
     flash_bytes: int
 
 
+@dataclass(frozen=True)
+class _Options:
+    precision: Precision
+    prefix: str
+
+
 def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
     """The view of a total map; `with_rear_angle` where the control law looks the optimum's rear angle up.
 
-    Raises ValueError where a number has no literal (the map contract rules that out).
+    Raises:
+        MapError: breakpoints that the target's precision cannot tell apart.
+        ValueError: a number has no literal (the map contract rules that out).
     """
+    options = _Options(precision, prefix)
     lookup = Lookup.from_map(total, numpy_type(precision))
     for key, constants in (("vx", lookup.speed_axis), ("delta_f", lookup.front_axis)):
         _check_apart(key, constants)
     stacked = bool(total.layers)
-    named = [("yaw_rate_table", "uncapped_yaw_rate", "rad/s", lookup.tables)]
-    if with_rear_angle:
-        named.append(("rear_angle_table", "rear_angle_of_table", "rad", lookup.rear_tables))
-    tables = tuple(
-        TableView(name, function, unit, _layers(total, numbers, precision), _indices(len(numbers), stacked))
-        for name, function, unit, numbers in named
-    )
+    tables = tuple(_tables(total, lookup, options, with_rear_angle))
+    numbers = _calibration(total, lookup, with_rear_angle)
     bits = lookup.table.dtype.itemsize * 8
-    uneven = [constants.table for constants in (lookup.speed_axis, lookup.front_axis) if not constants.axis.even]
-    also = ([lookup.frictions] if stacked else []) + uneven
-    numbers = np.concatenate([table.ravel() for *_, table in named] + also)
-    checksum = zlib.crc32(numbers.astype(lookup.table.dtype.newbyteorder("<")).tobytes())
-    points = f"[{prefix.upper()}_MAP_SPEED_POINTS][{prefix.upper()}_MAP_FRONT_ANGLE_POINTS]"
+    checksum = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers))
+    size = sum(part.nbytes for part in numbers)
+    speed = _axis_view(lookup.speed_axis, "speed", "speed", "m/s", options)
+    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", options)
+    points = f"[{speed.points}][{front_angle.points}]"
     return MapView(
-        speed=_axis_view(lookup.speed_axis, "speed", "speed", "m/s", precision),
-        front_angle=_axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", precision),
+        speed=speed,
+        front_angle=front_angle,
+        axis_tops=(literal(SPEED_TOP, precision), literal(FRONT_ANGLE_TOP, precision)),
+        evenness=literal(EVENNESS, precision),
         tables=tables,
         table_size=f"[{prefix.upper()}_MAP_FRICTION_POINTS]{points}" if stacked else points,
         with_rear_angle=with_rear_angle,
+        is_raw=total.scales is not None,
         stacked=stacked,
         layer_count=len(lookup.frictions),
         frictions=", ".join(literal(value, precision) for value in lookup.frictions),
@@ -171,17 +204,52 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         friction_text=f"{total.friction:g}",
         checksum=f"0x{checksum:08X}u",
         checksum_value=checksum,
-        checksum_steps=numbers.size * bits // 4,
-        checksum_also=_checksum_also(stacked, bool(uneven)),
+        checksum_steps=2 * size,
         bits=bits,
         bits_type=f"uint{bits}_t",
-        flash_bytes=numbers.nbytes,
+        flash_bytes=size,
     )
 
 
-def _checksum_also(stacked: bool, uneven: bool) -> str:
-    also = (["the frictions"] if stacked else []) + (["the uneven breakpoints"] if uneven else [])
-    return f", then over {' and '.join(also)}" if also else ""
+def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle: bool) -> Iterator[TableView]:
+    functions = [("yaw_rate", "uncapped_yaw_rate", "rad/s"), ("rear_angle", "rear_angle_of_table", "rad")]
+    stored = _stored(total, lookup, with_rear_angle)
+    for (quantity, function, unit), (numbers, scale) in zip(functions, stored, strict=False):
+        low, high = (literal(bound, options.precision) for bound in TABLE_RANGES[quantity])
+        factor = "" if scale is None else literal(scale, options.precision)
+        yield TableView(
+            name=f"{options.prefix}_map_{quantity}_table",
+            function=function,
+            type="int16_t" if factor else c_type(options.precision),
+            unit=unit,
+            times=f" = {factor} * raw" if factor else "",
+            scale=factor,
+            scale_name=f"{quantity}_scale" if factor else "",
+            scale_argument=f"{quantity}_scale, " if factor else "",
+            are_between="are_values_between" if factor else "are_between",
+            crc_of="crc_of_raw" if factor else "crc_of",
+            low=low,
+            high=high,
+            layers=_layers(total, numbers, options.precision),
+            indices=_indices(len(numbers), bool(total.layers)),
+        )
+
+
+def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tuple[npt.NDArray[Any], float | None]]:
+    """The tables (k, n, m) as the C holds them, and the scale of raw ones."""
+    count, scales = 1 + with_rear_angle, total.scales
+    if scales is None:
+        return [(table, None) for table in (lookup.tables, lookup.rear_tables)[:count]]
+    named = (("yaw_rate", scales.yaw_rate), ("rear_angle", scales.rear_angle))[:count]
+    return [(np.stack([raw_of(getattr(layer, name), scale) for layer in total.stack]), scale) for name, scale in named]
+
+
+def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[npt.NDArray[Any]]:
+    """The numbers that the checksum is over, in its order."""
+    frictions = [lookup.frictions] if lookup.frictions.size > 1 else []
+    stored = _stored(total, lookup, with_rear_angle)
+    scales = [np.array([scale], dtype=lookup.real) for _, scale in stored if scale is not None]
+    return [*(table for table, _ in stored), *scales, *frictions, lookup.speed_axis.table, lookup.front_axis.table]
 
 
 def _layers(total: TotalMap, tables: npt.NDArray[Any], precision: Precision) -> tuple[LayerView, ...]:
@@ -189,12 +257,16 @@ def _layers(total: TotalMap, tables: npt.NDArray[Any], precision: Precision) -> 
         LayerView(
             text=f"{layer.friction:g}",
             rows=tuple(
-                RowView(f"{speed / KM_H:.4g} km/h", lines_of([literal(value, precision) for value in row]))
+                RowView(f"{speed / KM_H:.4g} km/h", lines_of([_number(value, precision) for value in row]))
                 for speed, row in zip(total.speed, table, strict=True)
             ),
         )
         for layer, table in zip(total.stack, tables, strict=True)
     )
+
+
+def _number(value: Any, precision: Precision) -> str:
+    return str(int(value)) if isinstance(value, np.integer) else literal(value, precision)
 
 
 def _indices(layers: int, stacked: bool) -> tuple[str, ...]:
@@ -212,11 +284,19 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
             where=key,
             remedy="take one of them out, or build with --precision double",
         )
+    if constants.unevenness > 0.5 * EVENNESS:
+        raise MapError(
+            "steps too small for this precision: rounding makes them uneven",
+            where=key,
+            remedy="take every second breakpoint out, or build with --precision double",
+        )
 
 
-def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, precision: Precision) -> AxisView:
+def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, options: _Options) -> AxisView:
     axis: Axis = constants.axis
-    origin_is_zero = bool(axis.breakpoints[axis.core_start] == 0.0)
+    breakpoints = f"{options.prefix}_map_{name}_breakpoints"
+    first, last = f"at[{axis.core_start}]", f"at[{axis.core_end}]"
+    count = literal(float(axis.core_end - axis.core_start), options.precision)
     return AxisView(
         name=name,
         title=name.replace("_", " ").capitalize(),
@@ -225,38 +305,39 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, pr
         locate=f"locate_{name}",
         size=axis.size,
         text=_describe(axis, unit),
-        top=literal(constants.top, precision),
+        kind_text=_kind_of(axis),
         top_text=_with_unit(float(axis.breakpoints[-1]), unit),
         even=axis.even,
         has_first_cell=axis.has_first_cell,
-        has_last_cell=axis.has_last_cell,
         last_cell=axis.size - 2,
-        cells=_cells(constants, name, argument, precision) if axis.even else (),
+        cells=_cells(axis, argument, count, literal(0.0, options.precision)) if axis.even else (),
         total_text="Not negative; NaN counts as zero" if argument == MAGNITUDE else "NaN and what is below zero count as zero",
-        start_text="NaN" if argument == MAGNITUDE else "zero, below it, or NaN",
-        core_origin=literal(constants.core_origin, precision),
-        core_origin_is_zero=origin_is_zero,
-        offset_text=argument if origin_is_zero else f"({argument} - {name}_core_first)",
-        core_top=literal(constants.core_top, precision),
-        inverse_step=literal(constants.inverse_step, precision) if axis.even else "",
-        inverse_first=literal(constants.inverse_first, precision) if axis.has_first_cell else "",
-        inverse_last=literal(constants.inverse_last, precision) if axis.has_last_cell else "",
+        start_text="NaN" if argument == MAGNITUDE and not axis.has_first_cell else "zero, below it, or NaN",
+        counts_first=axis.even and not axis.has_last_cell,
+        steps=(
+            f"(({argument} - {first}) / ({last} - {first})) * {count}"
+            if axis.core_start
+            else f"({argument} / {last}) * {count}"
+        ),
+        first_share=f"{argument} / at[1]",
+        last_share=f"({argument} - {last}) / (at[{axis.size - 1}] - {last})",
         search_start=axis.search_steps[0] if axis.search_steps else 0,
-        lines=() if axis.even else lines_of([literal(value, precision) for value in np.asarray(constants.table)]),
+        breakpoints=breakpoints,
+        points=f"{options.prefix.upper()}_MAP_{name.upper()}_POINTS",
+        core_first=axis.core_start,
+        core_cells=axis.core_end - axis.core_start,
+        lines=lines_of([literal(value, options.precision) for value in np.asarray(constants.table)]),
     )
 
 
-def _cells(constants: AxisConstants, name: str, argument: str, precision: Precision) -> tuple[CellsView, ...]:
-    """In the order in which the fewest comparisons find the core. Every comparison is false for NaN."""
-    axis, zero = constants.axis, literal(0.0, precision)
+def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView, ...]:
+    """In the order in which the fewest comparisons find the core. Every comparison is false for NaN; an axis begins at zero."""
     # Of the steps where the table ends with the core: they may round up to one cell too many, which a last cell may be.
-    counted, end = argument, f"{name}_core_last"
-    if not axis.has_last_cell:
-        counted, end = "steps", literal(float(axis.core_end - axis.core_start), precision)
+    counted, end = (argument, f"at[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
     beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
     if argument == MAGNITUDE and not axis.has_first_cell:
         return CellsView("core", f"{counted} < {end}"), beyond
-    core = CellsView("core", f"{argument} >= {name}_core_first" if axis.has_first_cell else f"{argument} >= {zero}")
+    core = CellsView("core", f"{argument} >= {f'at[{axis.core_start}]' if axis.has_first_cell else zero}")
     first = (CellsView("first", f"{argument} > {zero}"),) if axis.has_first_cell else ()
     return beyond, core, *first
 
@@ -264,6 +345,13 @@ def _cells(constants: AxisConstants, name: str, argument: str, precision: Precis
 def _with_unit(value: float, unit: str) -> str:
     other = f"{value / KM_H:.4g} km/h" if unit == "m/s" else f"{math.degrees(value):.4g} deg"
     return f"{value:.4g} {unit} ({other})"
+
+
+def _kind_of(axis: Axis) -> str:
+    if not axis.even:
+        return "uneven, searched"
+    wider = [text for holds, text in ((axis.has_first_cell, "first"), (axis.has_last_cell, "last")) if holds]
+    return "even" + (f" but for the {' and the '.join(wider)} cell" if wider else "")
 
 
 def _describe(axis: Axis, unit: str) -> str:

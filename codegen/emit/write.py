@@ -61,6 +61,7 @@ def write_folder(folder: Folder, target: Path) -> bool:
     with told(target, "written"), _parents(place.parent), _turn(place.parent):
         _restore(place)
         _refuse_foreign(place, target)
+        _refuse_other_kind(folder, place, target)
         for leftover in list(_leftovers(place)):
             _discard(leftover)
         if not differences(folder, place):
@@ -75,6 +76,16 @@ def _refuse_foreign(place: Path, target: Path) -> None:
         raise BuildError("not a folder that a build can be written to", where=target, remedy=remedy)
     if place.is_dir() and (stray := next(strays(entries(place), owned_paths(place)), None)) is not None:
         raise BuildError(f"holds {stray!r}, which no manifest of codegen names", where=target, remedy=remedy)
+
+
+def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
+    """A build does not replace a firmware project, nor the other way round."""
+    if owned_paths(place) and read_manifest(place).get("what") != folder.manifest.get("what"):
+        raise BuildError(
+            "another kind of generated folder stands there",
+            where=target,
+            remedy="nothing was changed; choose another folder with -o",
+        )
 
 
 def _replace(place: Path, content: Mapping[str, bytes], target: Path) -> None:

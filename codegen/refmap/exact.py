@@ -7,7 +7,7 @@ yaw rate where the parabola opens downwards (small weight).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,10 @@ class Solution:
     active: npt.NDArray[np.uint8]
     margin: FloatArray
 
+    def reshaped(self, shape: tuple[int, ...]) -> Solution:
+        """The same optima in arrays of another shape."""
+        return Solution(*(getattr(self, entry.name).reshape(shape) for entry in fields(self)))
+
 
 @dataclass(frozen=True)
 class Edge:
@@ -44,12 +48,13 @@ class Edge:
 
     Attributes:
         front_angle: rad, the largest front angle with a feasible rear angle, on the continuous problem.
-        yaw_rate: rad/s there.
+        yaw_rate: rad/s there, of the optimum. rear_angle: rad there.
         grip_limited: a slip or lateral-acceleration bound ends it (else sideslip and rear angle do).
     """
 
     front_angle: FloatArray
     yaw_rate: FloatArray
+    rear_angle: FloatArray
     grip_limited: BoolArray
 
 
@@ -131,25 +136,32 @@ def binding(
 ) -> npt.NDArray[np.uint8]:
     """Which constraints bind at given solutions (arrays that broadcast together; NaN binds nothing)."""
     lateral_acceleration = np.abs(speed * yaw_rate)
-    used = (
-        (Binding.SIDESLIP, np.abs(sideslip), problem.sideslip_max),
-        (Binding.LATERAL_ACCELERATION, lateral_acceleration, problem.lateral_acceleration_max),
-        (
-            Binding.SLIP_FRONT,
-            lateral_acceleration * problem.car.front_slip_per_lateral_acceleration,
-            problem.front_slip_max,
-        ),
-        (
-            Binding.SLIP_REAR,
-            lateral_acceleration * problem.car.rear_slip_per_lateral_acceleration,
-            problem.rear_slip_max,
-        ),
-        (Binding.REAR_ANGLE, np.abs(rear_angle), problem.rear_angle_max),
+    slips = (
+        lateral_acceleration * problem.car.front_slip_per_lateral_acceleration,
+        lateral_acceleration * problem.car.rear_slip_per_lateral_acceleration,
     )
-    active = np.zeros(yaw_rate.shape, dtype=np.uint8)
+    return flags(problem, lateral_acceleration, sideslip, slips, rear_angle)
+
+
+def flags(
+    problem: SteadyTurnProblem,
+    lateral_acceleration: FloatArray,
+    sideslip: FloatArray,
+    slips: tuple[FloatArray, FloatArray],
+    rear_angle: FloatArray,
+) -> npt.NDArray[np.uint8]:
+    """Which constraints bind, from what they bound: arrays of one shape, of any sign; NaN binds nothing; slips front, rear."""
+    used = (
+        (Binding.SIDESLIP, sideslip, problem.sideslip_max),
+        (Binding.LATERAL_ACCELERATION, lateral_acceleration, problem.lateral_acceleration_max),
+        (Binding.SLIP_FRONT, slips[0], problem.front_slip_max),
+        (Binding.SLIP_REAR, slips[1], problem.rear_slip_max),
+        (Binding.REAR_ANGLE, rear_angle, problem.rear_angle_max),
+    )
+    active = np.zeros(lateral_acceleration.shape, dtype=np.uint8)
     for flag, value, bound in used:
         if bound > 0.0:
-            active |= np.where(value >= (1.0 - BINDING_TOLERANCE) * bound, np.uint8(flag), np.uint8(0))
+            active |= np.where(np.abs(value) >= (1.0 - BINDING_TOLERANCE) * bound, np.uint8(flag), np.uint8(0))
     return active
 
 
@@ -174,5 +186,9 @@ def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
             with np.errstate(invalid="ignore"):
                 rear_angle = np.where(first, lower.low_slope * meeting + lower.low_offset, rear_angle)
             grip_limited = np.where(first, (lower is grip) or (upper is grip), grip_limited)
-    yaw_rate = problem.car.yaw_gain(speed) * (front_angle - rear_angle)
-    return Edge(front_angle=front_angle, yaw_rate=yaw_rate, grip_limited=grip_limited)
+    gain = problem.car.yaw_gain(speed)
+    yaw_rate = gain * (front_angle - rear_angle)
+    rear_angle = front_angle - yaw_rate / gain
+    return Edge(
+        front_angle, np.where(grip_limited, problem.lateral_acceleration_cap / speed, yaw_rate), rear_angle, grip_limited
+    )

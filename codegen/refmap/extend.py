@@ -3,7 +3,7 @@
 Rules, with G(vx) the steady yaw gain of the passive car and ay_cap the largest lateral acceleration that the constraints allow:
 
 - zero at zero speed and at zero angle, linear up to the first breakpoints;
-- beyond an edge that grip sets (slip angles, lateral acceleration): hold ay_cap / vx;
+- beyond an edge that grip sets (slip angles, lateral acceleration): hold the edge's yaw rate, ay_cap / vx with linear tyres;
 - beyond an edge that sideslip and the rear angle set, and beyond the last front angle: r_edge + G (delta_f - delta_edge);
 - everything at most ay_cap / vx, which the lookup itself applies: the table holds the straight line of the second rule
   uncapped, so that the lookup meets the minimum of both exactly and not along a chord;
@@ -18,18 +18,17 @@ steer the rear wheels with the front ones just where the driver wants to turn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
 from codegen.errors import MapError
-from codegen.refmap import exact
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.stack import layer_configs
 from codegen.refmap.total import RULE_TEXT, CapSteering, Rule, TotalMap
+from codegen.refmap.turns import Edge, SteadyTurns, turns_behind
 from codegen.vehicle.single_track import SingleTrack
 
 __all__ = ["RULE_TEXT", "CapSteering", "Rule", "TotalMap", "extend"]
@@ -65,8 +64,11 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
     speed, front_angle = reference_map.speed, reference_map.front_angle
     stop = config.steering.front_angle_stop if front_angle_stop is None else front_angle_stop
     angles = np.concatenate([front_angle, [stop]]) if stop > front_angle[-1] * (1.0 + 1e-6) else front_angle
-    cap, steering = _lateral_acceleration_cap(reference_map), CapSteering.from_config(config)
-    filled = _beyond_the_edges(reference_map, angles, _passive_gain(config, speed), cap)
+    steering, gain = CapSteering.from_config(config), _passive_gain(config, speed)
+    inside = _inside(reference_map, gain)
+    turns = turns_behind(reference_map)
+    edges = _edges(reference_map, inside, turns)
+    filled = _beyond_the_edges(inside, edges, speed, angles, gain)
     zeros = _Zeros(speed, angles)
     return TotalMap(
         speed=zeros.speed,
@@ -74,7 +76,7 @@ def extend(reference_map: ReferenceMap, config: Config, front_angle_stop: float 
         yaw_rate=zeros.table(filled.yaw_rate),
         rear_angle=zeros.table(np.clip(filled.rear_angle, -steering.rear_angle_max, steering.rear_angle_max)),
         rule=zeros.rule(filled.rule),
-        lateral_acceleration_cap=cap,
+        lateral_acceleration_cap=_lateral_acceleration_cap(reference_map, turns, edges),
         friction=config.road.friction,
         steering=steering,
         layers=tuple(
@@ -93,21 +95,25 @@ class _Filled:
     rule: npt.NDArray[np.str_]
 
 
-def _beyond_the_edges(reference_map: ReferenceMap, angles: FloatArray, gain: FloatArray, cap: float) -> _Filled:
-    """The map on `angles` (k,), with `gain` (n,) of the passive car in 1/s and the largest lateral acceleration in m/s^2."""
-    speed, points = reference_map.speed, reference_map.front_angle.size
-    known_yaw_rate, known_rule = _fill_inside(reference_map, reference_map.yaw_rate)
-    known_rear_angle, _ = _fill_inside(reference_map, _rear_angle(reference_map, gain))
-    edges = _edges(reference_map, known_yaw_rate, known_rear_angle, gain)
+def _inside(reference_map: ReferenceMap, gain: FloatArray) -> _Filled:
+    """The map on its own angles; NaN beyond the last feasible cell of a speed. `gain` (n,) of the passive car in 1/s."""
+    yaw_rate, rule = _fill_inside(reference_map, reference_map.yaw_rate)
+    rear_angle, _ = _fill_inside(reference_map, _rear_angle(reference_map, gain))
+    return _Filled(yaw_rate, rear_angle, rule)
+
+
+def _beyond_the_edges(inside: _Filled, edges: _Edges, speed: FloatArray, angles: FloatArray, gain: FloatArray) -> _Filled:
+    """The map on `angles` (k,), of which its own are the first."""
+    points = inside.yaw_rate.shape[1]
     yaw_rate, rear_angle = (np.full((speed.size, angles.size), np.nan) for _ in range(2))
-    yaw_rate[:, :points], rear_angle[:, :points] = known_yaw_rate, known_rear_angle
+    yaw_rate[:, :points], rear_angle[:, :points] = inside.yaw_rate, inside.rear_angle
     rule = np.full(yaw_rate.shape, Rule.PASSIVE_SLOPE.value)
-    rule[:, :points] = known_rule
-    slope_line = edges.yaw_rate[:, np.newaxis] + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
-    hold = np.where(speed > 0.0, cap / np.maximum(speed, 1e-9), 0.0)[:, np.newaxis]
+    rule[:, :points] = inside.rule
+    at_edge = edges.yaw_rate[:, np.newaxis]
+    slope_line = at_edge + gain[:, np.newaxis] * (angles - edges.front_angle[:, np.newaxis])
     beyond = np.isnan(yaw_rate) & np.isfinite(edges.front_angle)[:, np.newaxis]
     grip = edges.grip_limited[:, np.newaxis]
-    yaw_rate = np.where(beyond, np.where(grip, hold, slope_line), yaw_rate)
+    yaw_rate = np.where(beyond, np.where(grip, at_edge, slope_line), yaw_rate)
     rear_angle = np.where(beyond, edges.rear_angle[:, np.newaxis], rear_angle)
     rule = np.where(beyond & grip, Rule.HOLD.value, rule)
     empty: BoolArray = np.any(np.isnan(yaw_rate), axis=1)
@@ -135,23 +141,16 @@ def _passive_gain(config: Config, speed: FloatArray) -> FloatArray:
     return car.yaw_gain(speed)
 
 
-def _problem(reference_map: ReferenceMap) -> SteadyTurnProblem | None:
-    """The optimisation behind a solved map, None for a bare one."""
-    if not reference_map.solved or reference_map.config is None or reference_map.case is None:
-        return None
-    config = reference_map.config
-    return SteadyTurnProblem.from_config(config, config.case(reference_map.case))
-
-
-def _lateral_acceleration_cap(reference_map: ReferenceMap) -> float:
-    problem = _problem(reference_map)
-    if problem is not None:
-        return problem.lateral_acceleration_cap
-    lateral_acceleration = reference_map.speed[:, np.newaxis] * reference_map.yaw_rate
-    cap = float(np.max(lateral_acceleration[reference_map.feasible]))
-    if cap <= 0.0:
-        raise MapError("every yaw rate is zero", where="yaw_rate", remedy="check what the table holds")
-    return cap
+def _lateral_acceleration_cap(reference_map: ReferenceMap, turns: SteadyTurns | None, edges: _Edges) -> float:
+    speed = reference_map.speed[:, np.newaxis]
+    lateral_acceleration = np.where(reference_map.feasible, speed * reference_map.yaw_rate, np.nan)
+    if turns is None:
+        cap = float(np.nanmax(lateral_acceleration))
+        if cap <= 0.0:
+            raise MapError("every yaw rate is zero", where="yaw_rate", remedy="check what the table holds")
+        return cap
+    at_edges = np.where(edges.grip_limited, reference_map.speed * edges.yaw_rate, np.nan)
+    return turns.lateral_acceleration_cap(np.column_stack([lateral_acceleration, at_edges]))
 
 
 def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatArray, npt.NDArray[np.str_]]:
@@ -171,46 +170,44 @@ def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatA
     return filled, rule
 
 
-def _edges(reference_map: ReferenceMap, yaw_rate: FloatArray, rear_angle: FloatArray, gain: FloatArray) -> _Edges:
+def _edges(reference_map: ReferenceMap, inside: _Filled, turns: SteadyTurns | None) -> _Edges:
     """For a solved map from the continuous problem; else, and beyond the last angle, the last known cell of each row."""
     front_angle = reference_map.front_angle
-    known = np.isfinite(yaw_rate)
+    known = np.isfinite(inside.yaw_rate)
     last = known.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
     rows = np.arange(known.shape[0])
     some = known.any(axis=1)
     angle = np.where(some, front_angle[last], np.nan)
-    value = np.where(some, yaw_rate[rows, last], np.nan)
-    rear = np.where(some, rear_angle[rows, last], np.nan)
+    value = np.where(some, inside.yaw_rate[rows, last], np.nan)
+    rear = np.where(some, inside.rear_angle[rows, last], np.nan)
     grip = np.zeros(angle.shape, dtype=bool)
-    problem = _problem(reference_map)
-    if problem is not None:
-        found = _end_of_cells(reference_map, problem)
+    if turns is not None:
+        found = _end_of_cells(reference_map, turns)
         # The edge counts where the cells end at it. Beyond the last breakpoint it is not reached by the table; elsewhere the
         # user has taken cells out of a solved map, which then ends where its cells do.
         below = np.where(some, front_angle[last], 0.0)
         above = np.append(front_angle, -np.inf)[np.where(some, last + 1, 0)]
         slack = 1e-9 * front_angle[-1]
-        inside = (found.front_angle >= below - slack) & (found.front_angle <= above + slack)
-        angle = np.where(inside, found.front_angle, angle)
-        value = np.where(inside, found.yaw_rate, value)
-        rear = np.where(inside, found.front_angle - found.yaw_rate / gain, rear)
-        grip = inside & found.grip_limited
+        reached = (found.front_angle >= below - slack) & (found.front_angle <= above + slack)
+        angle = np.where(reached, found.front_angle, angle)
+        value = np.where(reached, found.yaw_rate, value)
+        rear = np.where(reached, found.rear_angle, rear)
+        grip = reached & found.grip_limited
     return _Edges(angle, value, rear, grip)
 
 
-def _end_of_cells(reference_map: ReferenceMap, problem: SteadyTurnProblem) -> exact.Edge:
+def _end_of_cells(reference_map: ReferenceMap, turns: SteadyTurns) -> Edge:
     """The edge of the continuous problem. A passive-safe map ends where the passive car does, with the optimum's own values
     there: mostly below what grip allows, so that the slope goes on from them."""
     assert reference_map.config is not None  # a solved map has both
     assert reference_map.case is not None
     speed = reference_map.speed
-    if not reference_map.config.case(reference_map.case).passive_safe or problem.rear_angle_max == 0.0:
-        return exact.edge(problem, speed)
-    passive = exact.edge(replace(problem, rear_angle_max=0.0), speed)
-    # A trifle inside, for rounding decides whether the edge itself is feasible.
-    inside = passive.front_angle * (1.0 - 1e-12)
-    yaw_rate = [exact.solve(problem, speed[i : i + 1], inside[i : i + 1]).yaw_rate[0, 0] for i in range(speed.size)]
-    return exact.Edge(passive.front_angle, np.array(yaw_rate), np.zeros(speed.shape, dtype=bool))
+    if not reference_map.config.case(reference_map.case).passive_safe or turns.problem.rear_angle_max == 0.0:
+        return turns.edge(speed, float(reference_map.front_angle[-1]))
+    passive = turns.without_rear_steering().edge(speed, float(reference_map.front_angle[-1]))
+    # A trifle inside, for rounding decides whether the edge itself is feasible; without an edge nothing is asked for there.
+    optimum = turns.at(speed, np.where(np.isfinite(passive.front_angle), passive.front_angle, 0.0) * (1.0 - 1e-12))
+    return Edge(passive.front_angle, optimum.yaw_rate, optimum.rear_angle, np.zeros(speed.shape, dtype=bool))
 
 
 def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> FloatArray:

@@ -1,8 +1,8 @@
-"""The steady-turn problem handed to IPOPT point by point: the reference that the exact solution is held against.
+"""The steady-turn problem handed to IPOPT point by point: the reference that the other solutions are held against.
 
-Nothing of `exact` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made from the CasADi
-single-track model; the solver is built once and warm-started along the grid. Where the objective is concave over the steady
-turns, it is started from both ends and the better result taken.
+Nothing of `exact` or `nonlinear` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made
+from the CasADi models (see `ipopt_turns`); the solver is built once and warm-started along the grid. Where the objective is
+concave over the steady turns, it is started from both ends and the better result taken.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import numpy as np
 from codegen.config import KM_H, Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
-from codegen.refmap.exact import Solution, binding
+from codegen.refmap.exact import Solution, flags
+from codegen.refmap.ipopt_turns import turn_expressions
 from codegen.refmap.problem import FloatArray, SteadyTurnProblem
-from codegen.vehicle.dynamics import single_track
+from codegen.vehicle.dynamics import TyreModel
 
 Progress = Callable[[int, int], None]
 
@@ -60,47 +61,34 @@ class _Solvers:
     optimum_easier: Any
     elastic: Any
     tangent: Any
+    slips: Any
     scale: FloatArray
     bounds: FloatArray
+    shares: int
+    """How many bounds there are beside the box."""
 
 
-def _build(config: Config, problem: SteadyTurnProblem) -> _Solvers:
-    model = single_track(config, "linear")
+def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) -> _Solvers:
     z, slack = ca.SX.sym("z", 3), ca.SX.sym("s")
     speed, front = ca.SX.sym("vx"), ca.SX.sym("delta_f")
-    rear_scale = problem.rear_angle_max or math.radians(1.0)
-    scale = np.array([problem.sideslip_max, 1.0, rear_scale])
-    beta, yaw_rate, rear = (z[i] * scale[i] for i in range(3))
-    rate = model.derivative(ca.vertcat(beta, yaw_rate), ca.vertcat(speed, front, rear, 0.9))
-    # Residuals as angles over a slip bound, so that all constraints are of order one.
-    car = problem.car
-    residual = ca.vertcat(
-        rate[0] * car.mass * speed / (car.front_stiffness * problem.front_slip_max),
-        rate[1] * car.yaw_inertia / (car.front_arm * car.front_stiffness * problem.front_slip_max),
-    )
-    slip_front = beta + car.front_arm * yaw_rate / speed - front
-    slip_rear = beta - car.rear_arm * yaw_rate / speed - rear
-    used = ca.vertcat(
-        speed * yaw_rate / problem.lateral_acceleration_max,
-        slip_front / problem.front_slip_max,
-        slip_rear / problem.rear_slip_max,
-    )
-    objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
+    turn = turn_expressions(config, problem, tyre_model, z, speed, front)
     parameters = ca.vertcat(speed, front)
-    steady_turn = {"x": z, "p": parameters, "f": objective, "g": ca.vertcat(residual, used)}
+    steady_turn = {"x": z, "p": parameters, "f": turn.objective, "g": ca.vertcat(turn.residual, turn.used)}
     optimum, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
     # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
-    box = ca.vertcat(used, z[0], z[2])
-    relaxed = ca.vertcat(residual, box - slack, box + slack)
+    box = ca.vertcat(turn.used, z[0], z[2])
+    relaxed = ca.vertcat(turn.residual, box - slack, box + slack)
     elastic = ca.nlpsol(
         "elastic", "ipopt", {"x": ca.vertcat(z, slack), "p": parameters, "f": slack, "g": relaxed}, _ELASTIC_OPTIONS
     )
-    direction = -ca.solve(ca.jacobian(residual, z[:2]), ca.jacobian(residual, z[2]))
+    direction = -ca.solve(ca.jacobian(turn.residual, z[:2]), ca.jacobian(turn.residual, z[2]))
     steady_tangent = ca.vertcat(direction, 1.0)
-    curvature = steady_tangent.T @ ca.hessian(objective, z)[0] @ steady_tangent
-    tangent = ca.Function("curvature", [parameters], [ca.simplify(curvature)])
+    curvature = steady_tangent.T @ ca.hessian(turn.objective, z)[0] @ steady_tangent
+    tangent = ca.Function("curvature", [parameters, z], [ca.simplify(curvature)])
+    slips = ca.Function("slips", [z, parameters], [turn.slips])
     rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
-    return _Solvers(optimum, easier, elastic, tangent, scale, np.array([1.0, np.inf, rear_bound]))
+    bounds = np.array([1.0, np.inf, rear_bound])
+    return _Solvers(optimum, easier, elastic, tangent, slips, turn.scale, bounds, int(turn.used.numel()))
 
 
 def solve(
@@ -109,11 +97,13 @@ def solve(
     speed: FloatArray,
     front_angle: FloatArray,
     progress: Progress | None = None,
+    tyre_model: TyreModel = "linear",
 ) -> Solution:
     """Solve for speeds (n,) in m/s and front angles (m,) in rad, one cell after the other.
 
     Args:
         progress: called with (cells done, cells in all) after each speed.
+        tyre_model: "linear" for the single-track car with linear tyres, "magic-formula" for the two-track plant.
 
     Returns:
         As `exact.solve`; `margin` is NaN, for an interior-point method does not know the feasible interval.
@@ -121,9 +111,9 @@ def solve(
     Raises:
         MapError: IPOPT does not converge; names the operating point.
     """
-    solvers = _build(config, problem)
+    solvers = _build(config, problem, tyre_model)
     shape = (speed.size, front_angle.size)
-    result = np.full((*shape, 3), np.nan)
+    result, slips = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
     with deferred() as stop_if_asked:
         for i, vx in enumerate(speed):
             warm, feasible_expected = np.zeros(3), True
@@ -133,6 +123,7 @@ def solve(
                 feasible_expected = point is not None
                 if point is not None:
                     result[i, j] = point * solvers.scale
+                    slips[i, j] = np.asarray(solvers.slips(point, [vx, delta_f])).ravel()
                     warm = point
             if progress is not None:
                 progress((i + 1) * front_angle.size, speed.size * front_angle.size)
@@ -142,7 +133,7 @@ def solve(
         sideslip=sideslip,
         rear_angle=rear_angle,
         feasible=np.isfinite(yaw_rate),
-        active=binding(problem, speed[:, np.newaxis], yaw_rate, sideslip, rear_angle),
+        active=flags(problem, speed[:, np.newaxis] * yaw_rate, sideslip, (slips[..., 0], slips[..., 1]), rear_angle),
         margin=np.full(shape, np.nan),
     )
 
@@ -172,7 +163,7 @@ def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *,
 def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list[FloatArray]:
     """The neighbour's solution; both ends of the rear angle where the objective is concave over the steady turns."""
     steers = solvers.bounds[2] > 0.0
-    if steers and float(solvers.tangent(parameters)) <= 0.0:
+    if steers and float(solvers.tangent(parameters, warm)) <= 0.0:
         return [np.array([warm[0], warm[1], end]) for end in (-1.0, 1.0)]
     return [warm]
 
@@ -205,8 +196,8 @@ def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[
             p=parameters,
             lbx=-solvers.bounds,
             ubx=solvers.bounds,
-            lbg=[0.0, 0.0, -1.0, -1.0, -1.0],
-            ubg=[0.0, 0.0, 1.0, 1.0, 1.0],
+            lbg=np.append([0.0, 0.0], -np.ones(solvers.shares)),
+            ubg=np.append([0.0, 0.0], np.ones(solvers.shares)),
         )
         status = optimum.stats()["return_status"]
         if status in _CONVERGED:
@@ -220,9 +211,9 @@ def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray
     """The point that is furthest inside all constraints; None where even that one violates a constraint."""
     steers = solvers.bounds[2] > 0.0
     # Without rear steering delta_r is fixed at zero and has no bound to relax.
-    limits = np.array([1.0, 1.0, 1.0, 1.0, 1.0 if steers else np.inf])
+    limits = np.append(np.ones(solvers.shares + 1), 1.0 if steers else np.inf)
     fixed = np.inf if steers else 0.0
-    infinite = np.full(5, np.inf)
+    infinite = np.full(limits.size, np.inf)
     for first in (start, np.zeros(3)):
         answer = solvers.elastic(
             x0=np.append(first, 1.0),

@@ -4,12 +4,13 @@ Written from the rules for a total map, not from the C: nothing of the code gene
 is part of the contract, because in floating point it decides the last bit:
 
 1. speed and |front angle|: NaN and what is below zero are at the first breakpoint, i = 0 and u = 0; beyond the last one u = 1.
-2. even axis: core p = (x - x_core) inv, i = int(p), u = p - i; first cell u = x inv_first; last cell
-   u = min((x - x_last) inv_last, 1). Uneven axis: i by binary search, u = (x - x_i) / (x_{i+1} - x_i), held to 0 to 1.
+2. axes begin at zero. Even axis, of N cells from x_a to x_b: core p = (x - x_a) / (x_b - x_a) N, i = int(p), u = p - i; first
+   cell u = x / x_1; last cell u = min((x - x_b) / (x_top - x_b), 1). Uneven axis: i by binary search,
+   u = (x - x_i) / (x_{i+1} - x_i), held to 0 to 1.
 3. a = t00 + u (t10 - t00), b = t01 + u (t11 - t01), r = a + w (b - a), u along speed and w along the front angle.
    The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
-   needs for that, up to the sideslip bound (`_capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
+   needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
    it, ay_cap is interpolated. The sign of the front angle comes back last.
 """
 
@@ -24,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.refmap.axis import Axis
-from codegen.refmap.extend import TotalMap
+from codegen.refmap.total import CapSteering, TotalMap
 
 Real = type[np.float32] | type[np.float64]
 
@@ -60,19 +61,18 @@ class AxisConstants:
         return self._at(self.axis.core_end)
 
     @property
-    def inverse_step(self) -> Any:
-        """One over the width of a core cell."""
-        return self.real(1.0 / self.axis.step)
+    def cells(self) -> Any:
+        """How many cells the even core has."""
+        return self.real(self.axis.core_end - self.axis.core_start)
 
     @property
-    def inverse_first(self) -> Any:
-        """One over the width of the first cell."""
-        return self.real(1.0 / (self.axis.breakpoints[1] - self.axis.breakpoints[0]))
-
-    @property
-    def inverse_last(self) -> Any:
-        """One over the width of the last cell."""
-        return self.real(1.0 / (self.axis.breakpoints[-1] - self.axis.breakpoints[-2]))
+    def unevenness(self) -> float:
+        """How far the roundings of the target's precision move a breakpoint of an even core, as a share of a step."""
+        axis, core = self.axis, self.table[self.axis.core_start : self.axis.core_end + 1]
+        step = (core[-1] - core[0]) / self.cells
+        if not (axis.even and step > 0.0):
+            return 0.0
+        return float(np.max(np.abs((core - core[0]) - np.arange(core.size, dtype=self.real) * step)) / step)
 
     @property
     def table(self) -> npt.NDArray[Any]:
@@ -85,17 +85,17 @@ class AxisConstants:
 
     def _locate_even(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
         axis, zero, one = self.axis, self.real(0.0), self.real(1.0)
-        steps = (x - self.core_origin) * self.inverse_step
+        steps = ((x - self.core_origin) / (self.core_top - self.core_origin)) * self.cells
         # Rounded up to one step too many is the last cell's first, where there is one.
-        within = x < self.core_top if axis.has_last_cell else steps < self.real(axis.core_end - axis.core_start)
+        within = x < self.core_top if axis.has_last_cell else steps < self.cells
         core = (x >= self.core_origin) & within
         whole = np.where(core, steps, zero).astype(np.int64)
         cell = np.where(core, whole + axis.core_start, 0)
         fraction = np.where(core, steps - whole.astype(self.real), zero)
         if axis.has_first_cell:
-            fraction = np.where((x > zero) & (x < self.core_origin), x * self.inverse_first, fraction)
+            fraction = np.where((x > zero) & (x < self.core_origin), x / self._at(1), fraction)
         beyond = (x >= self.core_origin) & ~within
-        last = np.minimum((x - self.core_top) * self.inverse_last, one) if axis.has_last_cell else one
+        last = np.minimum((x - self.core_top) / (self.top - self.core_top), one) if axis.has_last_cell else one
         return np.where(beyond, axis.size - 2, cell), np.where(beyond, last, fraction)
 
     def _locate_uneven(self, x: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
@@ -121,9 +121,9 @@ class SteeringConstants:
     rear_angle_max: Any
 
     @classmethod
-    def from_map(cls, total: TotalMap, real: Real) -> SteeringConstants:
-        """Those of a total map."""
-        return cls(*(real(value) for value in astuple(total.steering)))
+    def of(cls, steering: CapSteering, real: Real) -> SteeringConstants:
+        """Those of a car."""
+        return cls(*(real(value) for value in astuple(steering)))
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Lookup:
             frictions=np.array([layer.friction for layer in stack], dtype=real),
             caps=np.array([cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack], dtype=real),
             lateral_acceleration_cap_per_friction=cap_in_precision(lowest.lateral_acceleration_cap / lowest.friction, real),
-            steering=SteeringConstants.from_map(total, real),
+            steering=SteeringConstants.of(total.steering, real),
             real=real,
         )
 
@@ -201,7 +201,7 @@ class Lookup:
             layer, cap = self._road(self.real(friction))
             yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
             capped = yaw_rate * v > cap
-            rear_angle = np.where(capped, self._capped_rear_angle(yaw_rate, rear_angle, cap / v, clamped), rear_angle)
+            rear_angle = np.where(capped, capped_rear_angle(self.steering, yaw_rate, rear_angle, cap / v, clamped), rear_angle)
             yaw_rate = np.where(capped, cap / v, yaw_rate)
             left = ~(angle < zero)
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
@@ -231,15 +231,18 @@ class Lookup:
         result: npt.NDArray[Any] = slippery + share * (_interpolate(tables[index + 1], row, column) - slippery)
         return result
 
-    def _capped_rear_angle(self, yaw_rate: Any, rear_angle: Any, allowed_yaw_rate: Any, speed: Any) -> npt.NDArray[Any]:
-        car = self.steering
-        excess = yaw_rate - allowed_yaw_rate
-        wanted = rear_angle + excess * (car.wheelbase / speed + car.understeer_coefficient * speed)
-        bound = car.sideslip_max - allowed_yaw_rate * (car.rear_arm / speed - car.rear_slip * speed)
-        wanted = np.where(wanted > bound, bound, wanted)
-        wanted = np.where(wanted > car.rear_angle_max, car.rear_angle_max, wanted)
-        result: npt.NDArray[Any] = np.where(wanted > rear_angle, wanted, rear_angle)
-        return result
+
+def capped_rear_angle(
+    car: SteeringConstants, yaw_rate: Any, rear_angle: Any, allowed_yaw_rate: Any, speed: Any
+) -> npt.NDArray[Any]:
+    """Rear angle in rad where the cap leaves `allowed_yaw_rate` of `yaw_rate`; `speed` at most the last breakpoint, m/s."""
+    excess = yaw_rate - allowed_yaw_rate
+    wanted = rear_angle + excess * (car.wheelbase / speed + car.understeer_coefficient * speed)
+    bound = car.sideslip_max - allowed_yaw_rate * (car.rear_arm / speed - car.rear_slip * speed)
+    wanted = np.where(wanted > bound, bound, wanted)
+    wanted = np.where(wanted > car.rear_angle_max, car.rear_angle_max, wanted)
+    result: npt.NDArray[Any] = np.where(wanted > rear_angle, wanted, rear_angle)
+    return result
 
 
 def _interpolate(table: npt.NDArray[Any], row: Any, column: Any) -> npt.NDArray[Any]:
@@ -254,7 +257,7 @@ def error_bound(total: TotalMap, real: Real = np.float32) -> float:
     """Bound in rad/s on |lookup in `real` - the same rule in exact arithmetic|, for all inputs that `real` can hold.
 
     Rounding-error analysis to first order in the unit roundoff u (N. J. Higham, Accuracy and Stability of Numerical
-    Algorithms, chapter 3). Rounded breakpoints, the subtraction, the inverse width and the product move the position by at
+    Algorithms, chapter 3). Rounded breakpoints, the subtractions, the quotient and the product move the position by at
     most 6 u x, worth the steepest slope at hand (of a cell or its neighbour, for rounding may choose that one). Stored corners
     and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value.
     """

@@ -23,8 +23,7 @@ import numpy.typing as npt
 from codegen.config import KM_H, Config
 from codegen.refmap.loss_simulation import MODES, Points, simulate
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.problem import SteadyTurnProblem
-from codegen.refmap.solve import passively_feasible
+from codegen.refmap.turns import passively_feasible, turns_behind
 from codegen.vehicle.single_track import SingleTrack
 
 __all__ = ["MODES", "LossOfFunction", "loss_of_function", "rounded"]
@@ -171,12 +170,12 @@ def _kept(request: _Request) -> LossOfFunction:
 def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
     points = _operating_points(reference_map, config)
     only = share = passive = None
-    problem = _problem(reference_map)
-    if problem is not None:
+    turns = turns_behind(reference_map)
+    if turns is not None:
         feasible = reference_map.feasible
-        only = feasible & ~passively_feasible(problem, reference_map.speed, reference_map.front_angle)
+        only = feasible & ~passively_feasible(turns, reference_map.speed, reference_map.front_angle)
         share = float(only.sum() / max(int(feasible.sum()), 1))
-        passive = np.diagonal(passively_feasible(problem, points.speed, points.front_angle)).copy()
+        passive = turns.without_rear_steering().at(points.speed, points.front_angle).feasible
     ramp_rate = _ramp_rate(points.speed, config)
     simulated = simulate(points, ramp_rate, config)
     return LossOfFunction(
@@ -193,13 +192,6 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
         spins=simulated.spins,
         horizon=simulated.horizon,
     )
-
-
-def _problem(reference_map: ReferenceMap) -> SteadyTurnProblem | None:
-    """The optimisation behind a solved map, None for a bare one."""
-    if not reference_map.solved or reference_map.config is None or reference_map.case is None:
-        return None
-    return SteadyTurnProblem.from_config(reference_map.config, reference_map.config.case(reference_map.case))
 
 
 def _ramp_rate(speed: FloatArray, config: Config) -> FloatArray:

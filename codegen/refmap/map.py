@@ -20,7 +20,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +105,7 @@ class ReferenceMap:
         return self.config is not None and self.case is not None and self.active is not None
 
 
-def make_meta(config: Config, case: str, method: Literal["exact", "ipopt"]) -> dict[str, Any]:
+def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
     """The `meta` of a solved map. No clock, user or host: the same input and versions give the same text."""
     return {
         "schema_version": SCHEMA_VERSION,

@@ -27,6 +27,19 @@ BINDING_TOLERANCE = 1e-6
 are reached together up to rounding, so binding constraints are a set)."""
 
 
+CRITICAL_SPEED_SHARE = 0.98
+"""Of an oversteering car's critical speed, that a map may reach."""
+
+STABILITY_MARGIN = 1.0 - CRITICAL_SPEED_SHARE**2
+"""The same for a turn: the rear angle must fall with the yaw rate by at least this share of the neutral car's L/vx. With linear
+tyres it falls by 1/G = (L/vx) (1 - (vx/critical speed)^2)."""
+
+
+PEAK_SHARE = 0.9
+"""Of the slip angle at which a tyre's force peaks, that a slip bound may reach with the nonlinear tyre: there is hardly more
+force beyond, and nothing that more steering could add."""
+
+
 @dataclass(frozen=True)
 class SteadyTurnProblem:
     """Car, bounds (SI, rad) and weight (1/s^2) of one case. `rear_angle_max` is 0 where the rear wheels do not steer."""
@@ -79,10 +92,11 @@ def breakpoints(config: Config) -> tuple[FloatArray, FloatArray]:
     else:
         front_angle = np.deg2rad(np.linspace(grid.front_angle_min_deg, grid.front_angle_max_deg, grid.front_angle_points))
     critical = SingleTrack.from_config(config).critical_speed
-    if math.isfinite(critical) and speed[-1] >= 0.98 * critical:
+    highest = CRITICAL_SPEED_SHARE * critical
+    if math.isfinite(critical) and speed[-1] >= highest:
         raise ConfigError(
             f"the car oversteers and is unstable from {critical / KM_H:.1f} km/h",
             where="grid.speed_max_km_h",
-            remedy=f"keep it below {0.98 * critical / KM_H:.0f} km/h, or check the tyre stiffnesses and the centre of gravity",
+            remedy=f"keep it below {highest / KM_H:.0f} km/h, or check the tyre stiffnesses and the centre of gravity",
         )
     return speed, front_angle

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from codegen.config import Config
 from codegen.errors import MapError
-from codegen.refmap import exact
 from codegen.refmap.map import ReferenceMap, make_meta
-from codegen.refmap.problem import FloatArray, SteadyTurnProblem, breakpoints
+from codegen.refmap.problem import breakpoints
+from codegen.refmap.turns import Solution, passively_feasible, turns_of
 
 Method = Literal["exact", "ipopt"]
 
@@ -26,29 +26,32 @@ def solve_case(
     A `passive_safe` case keeps of its operating points those that the car could drive without its rear steering as well.
 
     Args:
-        method: "exact" (closed form over the whole grid) or "ipopt" (point by point; the reference).
+        method: "exact" (the whole grid at once: closed form, or Newton's method with the nonlinear tyre) or "ipopt" (point by
+            point; the reference).
         progress: called with (cells done, cells in all); only "ipopt" takes long enough to call it.
 
     Raises:
         ConfigError: no such case, or a grid beyond the critical speed of an oversteering car.
-        MapError: no operating point of the grid is feasible, or none is left of a passive_safe case.
+        MapError: no operating point of the grid is feasible, or none is left of a passive_safe case; or a steady turn is not
+            found.
     """
-    problem = SteadyTurnProblem.from_config(config, config.case(case))
+    chosen = config.case(case)
+    turns = turns_of(config, chosen)
     speed, front_angle = breakpoints(config)
     if method == "exact":
-        solution = exact.solve(problem, speed, front_angle)
+        solution = turns.solve(speed, front_angle)
     else:
         from codegen.refmap import ipopt
 
-        solution = ipopt.solve(config, problem, speed, front_angle, progress)
+        solution = ipopt.solve(config, turns.problem, speed, front_angle, progress, chosen.tyre_model)
     if not solution.feasible.any():
         raise MapError(
             "no operating point of the grid is feasible",
             where=f"[cases.{case}]",
             remedy="relax [limits], start the grid at smaller front angles, or check the vehicle data",
         )
-    if config.case(case).passive_safe:
-        solution = _keep(solution, solution.feasible & passively_feasible(problem, speed, front_angle))
+    if chosen.passive_safe:
+        solution = _keep(solution, solution.feasible & passively_feasible(turns, speed, front_angle))
         if not solution.feasible.any():
             raise MapError(
                 "no operating point of the grid is feasible without rear steering",
@@ -65,16 +68,11 @@ def solve_case(
         active=solution.active,
         config=config,
         case=case,
-        meta=make_meta(config, case, method),
+        meta=make_meta(config, case, turns.method if method == "exact" else method),
     )
 
 
-def passively_feasible(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.bool_]:
-    """(n, m): where the car meets the same bounds with its rear wheels straight, for speeds (n,) m/s, front angles (m,) rad."""
-    return exact.solve(replace(problem, rear_angle_max=0.0), speed, front_angle).feasible
-
-
-def _keep(solution: exact.Solution, kept: npt.NDArray[np.bool_]) -> exact.Solution:
+def _keep(solution: Solution, kept: npt.NDArray[np.bool_]) -> Solution:
     """The solution with all cells but `kept` (n, m) infeasible."""
     yaw_rate, sideslip, rear_angle = (
         np.where(kept, values, np.nan) for values in (solution.yaw_rate, solution.sideslip, solution.rear_angle)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
+from codegen.refmap.storage import Scales
 from codegen.vehicle.single_track import SingleTrack
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,6 +24,7 @@ class Rule(StrEnum):
     PASSIVE_SLOPE = "p"
     BETWEEN = "i"
     NEIGHBOUR = "n"
+    CONTINUED = "c"
 
 
 RULE_TEXT = {
@@ -32,6 +34,7 @@ RULE_TEXT = {
     Rule.PASSIVE_SLOPE: "beyond an edge set by sideslip or rear angle, or beyond the last angle: on with the passive gain",
     Rule.BETWEEN: "infeasible between feasible cells: interpolated over the front angle",
     Rule.NEIGHBOUR: "no feasible cell at this speed: interpolated between the neighbouring speeds",
+    Rule.CONTINUED: "beyond ay_cap / speed: the optimum without the grip bounds, which the cap of the lookup then cuts",
 }
 
 
@@ -80,6 +83,7 @@ class TotalMap:
         friction: the road friction that the map assumes.
         steering: what the lookup needs where the cap takes yaw rate away.
         layers: the total maps of lower frictions on the same axes, the lowest first.
+        scales: of tables that are stored as int16, whose numbers here are then the stored ones; None for real numbers.
     """
 
     speed: FloatArray
@@ -91,6 +95,7 @@ class TotalMap:
     friction: float
     steering: CapSteering
     layers: tuple[TotalMap, ...] = ()
+    scales: Scales | None = None
 
     @property
     def stack(self) -> tuple[TotalMap, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -24,23 +24,25 @@ HEADER = (
 
 
 def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
-    """Rows under HEADER."""
-    seen = [", ".join(_condensed(outcome.seen)) or "nothing" for outcome in outcomes]
-    width = max(map(len, seen), default=0)
-    return [
-        (
-            outcome.case.what,
-            outcome.worst.name,
-            _milliseconds(outcome.fail_safe_after),
-            f"{outcome.rear_angle_max_deg:.2f} deg",
-            f"{outcome.rear_rate_max_deg_s:.1f} deg/s",
-            f"{outcome.command_step_max_deg:.2f} deg",
-            _milliseconds(outcome.recovered_after),
-            "yes" if not outcome.violations else "; ".join(outcome.violations),
-            text.ljust(width),
-        )
-        for outcome, text in zip(outcomes, seen, strict=True)
-    ]
+    """Rows under HEADER, for a terminal: the last column is flush left."""
+    rows = [fault_cells(entry) for entry in fault_data(outcomes)]
+    width = max((len(row[-1]) for row in rows), default=0)
+    return [(*row[:-1], row[-1].ljust(width)) for row in rows]
+
+
+def fault_cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    """The row of one entry of `fault_data`, under HEADER."""
+    return (
+        entry["injected"],
+        entry["reached"],
+        _milliseconds(entry["fail_safe_after_s"]),
+        f"{entry['rear_angle_max_deg']:.2f} deg",
+        f"{entry['rear_rate_max_deg_s']:.1f} deg/s",
+        f"{entry['command_step_max_deg']:.2f} deg",
+        _milliseconds(entry["recovered_after_s"]),
+        "yes" if not entry["violations"] else "; ".join(entry["violations"]),
+        ", ".join(_condensed(entry["seen"])) or "nothing",
+    )
 
 
 def fault_data(outcomes: Sequence[FaultOutcome]) -> list[dict[str, Any]]:

@@ -38,7 +38,8 @@ class LiveView:
             bus, ecu, clock: "socketcan:vcan0", "native", "real time".
             console: None for standard error.
         """
-        self._console = Console(stderr=True) if console is None else console
+        # FORCE_COLOR is about colour; what is drawn over needs a terminal.
+        self._console = Console(stderr=True, force_terminal=sys.stderr.isatty()) if console is None else console
         self._title, self._footer = title, f"{bus} · ECU {ecu} · {clock}"
         self._samples: deque[LiveSample] = deque()
         self._history = History()

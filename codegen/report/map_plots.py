@@ -204,7 +204,7 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
                     continue
                 values = at_front_angle(one, table, front_angle)
                 axes.plot(one.speed / KM_H, values, label=_case_name(name), **look)
-                if _is_paper(one, name.lower()) and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
+                if is_paper(one) and one.case == name.lower() and math.isclose(front_angle, PAPER_FRONT_ANGLE, rel_tol=1e-6):
                     here = np.interp(PAPER_SPEED, one.speed, values)
                     # The table gives |beta|: it is marked on the side where the map has it.
                     value = math.copysign(PAPER_TABLE[name.lower()][entry], here)
@@ -214,9 +214,10 @@ def front_angle_cut_figure(maps: Mapping[str, ReferenceMap], front_angle: float)
     return figure
 
 
-def _is_paper(reference_map: ReferenceMap, name: str) -> bool:
-    paper, own = preset(), reference_map.config
-    if own is None or name not in PAPER_TABLE or reference_map.case != name or own.cases.get(name) != paper.cases[name]:
+def is_paper(reference_map: ReferenceMap) -> bool:
+    """Whether a map is one of the paper's: its car, its limits, and one of its cases."""
+    paper, own, case = preset(), reference_map.config, reference_map.case
+    if own is None or case not in PAPER_TABLE or own.cases.get(case) != paper.cases[case]:
         return False
     return (own.vehicle, own.tyre, own.road, own.limits) == (paper.vehicle, paper.tyre, paper.road, paper.limits)
 

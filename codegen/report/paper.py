@@ -6,60 +6,46 @@ Four-Wheel Steering Vehicles.
 
 from __future__ import annotations
 
+import importlib.util
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen.config import Config
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed
-from codegen.files import make_folder
-from codegen.refmap import exact
+from codegen.files import make_folder, write_atomically
 from codegen.refmap import map as npz
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.report import plots
-from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from codegen.report.fault_table import fault_data
+from codegen.report.html.maps import NamedMap
+from codegen.report.html.page import render
+from codegen.report.html.report import Material, sections
+from codegen.report.paper_tables import CASES, RUNS, TableRow, optimum_rows, optimum_table, run_table
+from codegen.report.published import TABLE_FRONT_ANGLE_DEG
 from codegen.report.summary import metric_rows, table
 from codegen.sil.compile import find_compiler
 from codegen.sil.software import load
+from hil_sim.fault_catalogue import run_all
 from hil_sim.metrics import Evaluation, StepMetrics, evaluate, step_metrics
 from hil_sim.recording import save_csv
-from hil_sim.runs import run
+from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import DEFAULT, find
 from hil_sim.suite.subjects import recommended_config, tuned
 
-CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
-TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
-"""The speed that the paper's table names, and the one at which its three rows come out together: see `Reproduction.lines`."""
-
-RUNS = {"C1": "4ws-2", "C2": "fws"}
 TRACKING = "C1 tracking"
+RUN_NOTES = (
+    "C1 is the paper's PI on the 4WS-2 map, C2 the same on the FWS map.",
+    "C1 tracking is the recommended controller on the map of C1.",
+)
 """C1's map with the recommended controller instead of the paper's, beside it."""
-
-
-@dataclass(frozen=True)
-class TableRow:
-    """One case at one speed: deg/s and deg, ours and the paper's."""
-
-    case: str
-    speed_km_h: float
-    yaw_rate_deg_s: float
-    sideslip_abs_deg: float
-    paper_yaw_rate_deg_s: float
-    paper_sideslip_abs_deg: float
-
-    @property
-    def yaw_rate_difference_percent(self) -> float:
-        """Ours against the paper's."""
-        return 100.0 * (self.yaw_rate_deg_s / self.paper_yaw_rate_deg_s - 1.0)
 
 
 @dataclass(frozen=True)
@@ -91,10 +77,7 @@ class Reproduction:
         text = [
             f"Optimum at a front angle of {TABLE_FRONT_ANGLE_DEG:g} deg, beside the paper's table for 43.9 km/h",
             "",
-            table(
-                ("", "speed", "yaw rate", "paper", "differs", "over FWS", "paper", "|sideslip|", "paper"),
-                [self._table_cells(row) for row in self.table],
-            ),
+            table(*optimum_table(self.table)),
             "",
             "The paper's three rows fit 43.35 km/h better than the 43.9 km/h that it names: it was most likely read one",
             "grid column beside its label. Both speeds are shown, and no parameter is bent to hide the difference.",
@@ -103,20 +86,7 @@ class Reproduction:
             "",
             table(("", *self.evaluation.runs), metric_rows(self.evaluation)),
             "",
-            table(
-                ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's"),
-                [
-                    (
-                        f"{name} ({CASES[RUNS[name]]} map)",
-                        f"{metrics.yaw_rate_steady_deg_s:.2f} deg/s",
-                        f"{metrics.yaw_rate_peak_deg_s:.2f}",
-                        f"{PAPER_RUNS[name][0]:.2f}",
-                        f"{metrics.sideslip_abs_min_deg:.2f} deg",
-                        f"{PAPER_RUNS[name][1]:.2f}",
-                    )
-                    for name, metrics in self.runs.items()
-                ],
-            ),
+            table(*run_table(self.runs)),
             "",
             "The paper's maximum fits the steady value; the printed PI overshoots a reference that jumps. The paper's plant is",
             "a commercial multi-body car whose data are not published, so its sideslip cannot be compared.",
@@ -129,24 +99,12 @@ class Reproduction:
         ]
         return "\n".join(text).splitlines()
 
-    def _table_cells(self, row: TableRow) -> tuple[str, ...]:
-        passive = next(other for other in self.table if other.case == "fws" and other.speed_km_h == row.speed_km_h)
-        gain = 100.0 * (row.yaw_rate_deg_s / passive.yaw_rate_deg_s - 1.0)
-        return (
-            CASES[row.case],
-            f"{row.speed_km_h:g} km/h",
-            f"{row.yaw_rate_deg_s:.2f} deg/s",
-            f"{row.paper_yaw_rate_deg_s:.2f}",
-            f"{round(row.yaw_rate_difference_percent, 1) + 0.0:+.1f} %",
-            "" if row.case == "fws" else f"{gain:+.1f} %",
-            "" if row.case == "fws" else f"{PAPER_GAINS[row.case]:+.1f} %",
-            f"{row.sideslip_abs_deg:.3f} deg",
-            f"{row.paper_sideslip_abs_deg:g}",
-        )
 
-
-def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
+def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, int], None] | None = None) -> Reproduction:
     """Solve, build, run and draw everything under `folder`.
+
+    Args:
+        done: told, after each part, how many of how many are done.
 
     Raises:
         CodegenError: a folder that cannot be written, no compiler, a self-test that fails.
@@ -154,7 +112,11 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
     config = configuration.preset() if config is None else config
     find_compiler()  # before anything is written
     make_folder(folder)
-    maps = {case: solve_case(config, case) for case in CASES}
+    tell = _teller(done)
+    maps = {}
+    for case in CASES:
+        maps[case] = solve_case(config, case)
+        tell()
     outputs: dict[str, Path] = {}
     for case, reference_map in maps.items():
         outputs[f"map {CASES[case]}"] = folder / f"{case.replace('-', '')}.npz"
@@ -162,7 +124,9 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
     manoeuvre = find(DEFAULT)
     records = {}
     outputs["map 4WS-2, tracking"] = folder / "4ws2-tracking.npz"
-    npz.save(solve_case(tuned(recommended_config(config)), RUNS["C1"]), outputs["map 4WS-2, tracking"])
+    best = tuned(recommended_config(config))
+    npz.save(solve_case(best, RUNS["C1"]), outputs["map 4WS-2, tracking"])
+    tell()
     built = {name: outputs[f"map {CASES[case]}"] for name, case in RUNS.items()}
     for name, map_path in (*built.items(), (TRACKING, outputs["map 4WS-2, tracking"])):
         prepared = prepare(map_path, target=folder / "generated" / map_path.stem)
@@ -175,27 +139,30 @@ def reproduce(folder: Path, config: Config | None = None) -> Reproduction:
         outputs[f"C for {name}"] = prepared.target
         outputs[f"run {name}"] = folder / f"{name.lower().replace(' ', '-')}.csv"
         save_csv(records[name], outputs[f"run {name}"])
+        tell()
     records = {name: records[name] for name in (*RUNS, TRACKING, "passive car")}
     outputs.update(_draw(folder, config, maps, records))
+    tell()
+    outputs.update(_report(folder, config, best, maps, records))
+    tell()
     ratio = config.steering.ratio
     metrics = {name: step_metrics(record, manoeuvre.steer_time, ratio) for name, record in records.items()}
     passive = metrics.pop("passive car")
     tracking = metrics.pop(TRACKING)
     return Reproduction(
-        folder, tuple(_table(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs
+        folder, tuple(optimum_rows(config)), metrics, passive, tracking, evaluate(manoeuvre, config, records), outputs
     )
 
 
-def _table(config: Config) -> list[TableRow]:
-    front_angle = np.array([math.radians(TABLE_FRONT_ANGLE_DEG)])
-    rows = []
-    for speed in TABLE_SPEEDS_KM_H:
-        for case in CASES:
-            problem = SteadyTurnProblem.from_config(config, config.case(case))
-            solution = exact.solve(problem, np.array([speed * KM_H]), front_angle)
-            yaw_rate, sideslip = (math.degrees(float(values[0, 0])) for values in (solution.yaw_rate, solution.sideslip))
-            rows.append(TableRow(case, speed, yaw_rate, abs(sideslip), *PAPER_TABLE[case]))
-    return rows
+def _teller(done: Callable[[int, int], None] | None) -> Callable[[], None]:
+    """To be called after each part: maps, the tuned one, runs, the pictures, and the report."""
+    parts, count = 2 * (len(RUNS) + 1) + 3, itertools.count(1)
+
+    def tell() -> None:
+        if done is not None:
+            done(next(count), parts)
+
+    return tell
 
 
 def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]) -> dict[str, Path]:
@@ -211,3 +178,31 @@ def _draw(folder: Path, config: Config, maps: Mapping[str, ReferenceMap], record
         paths[f"plot {name}"] = folder / f"{name}.png"
         plots.save(figure, paths[f"plot {name}"])
     return paths
+
+
+def _report(
+    folder: Path, config: Config, best: Config, maps: Mapping[str, ReferenceMap], records: Mapping[str, Any]
+) -> dict[str, Path]:
+    """All of it in one page; none where Plotly, which an extra brings, is not installed."""
+    if importlib.util.find_spec("plotly") is None:
+        return {}
+    named = [NamedMap(CASES[case], reference_map) for case, reference_map in maps.items()]
+    named.sort(key=lambda one: one.map.case != RUNS["C1"])  # it is about that map
+    build = folder / "generated" / "4ws2"
+    software = load(build)
+    material = Material(
+        named[0],
+        named[1:],
+        config,
+        configured=True,
+        build=build,
+        runs=records,
+        scenario=find(DEFAULT),
+        loops={"C1, PI": config, TRACKING: best},
+        notes=tuple(RUN_NOTES),
+        of_paper=True,
+        faults=fault_data(run_all(config, lambda scenario: run_through_can(software, scenario))),
+    )
+    path = folder / "report.html"
+    write_atomically(path, render("The paper's maps, and its controller in C", list(sections(material))))
+    return {"report": path}

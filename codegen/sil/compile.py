@@ -74,19 +74,22 @@ class _Job:
     headers: tuple[str, ...]
     include_folders: tuple[str, ...]
     flags: tuple[str, ...]
+    unit_flags: Mapping[str, tuple[str, ...]]
     mode: str
     compiler: tuple[str, ...]
 
     @functools.cached_property
     def module_name(self) -> str:
         """Also the stem of the file names; it holds the key, so no two libraries are ever loaded under one name."""
-        native = tuple(flag for flag in self.flags if flag.endswith("=native"))
+        every_flag = (*self.flags, *(flag for flags in self.unit_flags.values() for flag in flags))
+        native = tuple(flag for flag in every_flag if flag.endswith("=native"))
         description = {
             "format": CACHE_FORMAT,
             "sources": {path: hashlib.sha256(content).hexdigest() for path, content in self.sources.items()},
             "headers": self.headers,
             "include_folders": self.include_folders,
             "flags": self.flags,
+            "unit_flags": self.unit_flags,
             "mode": self.mode,
             "compiler": [self.compiler, compiler_identity(self.compiler, native)],
             "python": sysconfig.get_config_var("EXT_SUFFIX"),
@@ -115,6 +118,7 @@ def compile_library(
     *,
     include_folders: Sequence[str] = ("include",),
     flags: Sequence[str] = DEFAULT_FLAGS,
+    unit_flags: Mapping[str, Sequence[str]] | None = None,
     mode: Mode = "auto",
 ) -> Library:
     """Compile C sources, or take them from the cache, and load them; the same input gives the same object in one process.
@@ -125,6 +129,7 @@ def compile_library(
         headers: which of them are public, in include order.
         include_folders: relative to the same root.
         flags: for the compiler; those on warnings and the standard hold for the sources only, not for cffi's glue.
+        unit_flags: path of a .c file -> flags for it alone, after the others; the linker does not get them.
         mode: "auto" takes "api" where Python's headers are installed, else "abi".
 
     Raises:
@@ -136,12 +141,16 @@ def compile_library(
         headers=tuple(headers),
         include_folders=tuple(include_folders),
         flags=tuple(flags),
+        unit_flags={path: tuple(own) for path, own in (unit_flags or {}).items()},
         mode=_resolved_mode(mode),
         compiler=compiler_command(),
     )
     for header in job.headers:
         if header not in job.sources:
             raise BuildError("the public header is not among the sources", where=header)
+    for unit in job.unit_flags:
+        if unit not in job.sources:
+            raise BuildError("flags for a file that is not among the sources", where=unit)
     with _loading:  # one build at a time in a process: threads that want the same library wait for it
         if job.module_name not in _loaded:
             _loaded[job.module_name] = _open(job, cache_folder())
@@ -210,7 +219,7 @@ def _build(job: _Job, cache: Path) -> _Entry:
         search = [f"-I{folder}" for folder in job.include_folders]
         # First the sources: what is wrong in a header is then told by the compiler, not by a parser.
         for number, unit in enumerate(units):
-            command = [*job.compiler, *job.flags, *search, "-c", unit, "-o", f"../{number}.o"]
+            command = [*job.compiler, *job.flags, *job.unit_flags.get(unit, ()), *search, "-c", unit, "-o", f"../{number}.o"]
             require_success(run(command, tree), unit)
         cdef = derive_cdef(
             [Path(header) for header in job.headers],

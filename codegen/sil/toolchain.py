@@ -56,8 +56,8 @@ def compiler_command() -> tuple[str, ...]:
 
 
 def run(command: Sequence[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run the compiler in `folder`, its messages in English."""
-    environment = {**os.environ, "LC_ALL": "C"}
+    """Run the compiler in `folder`, its messages in English. One that is killed leaves temporary files: they are put there."""
+    environment = {**os.environ, "LC_ALL": "C"} | ({} if folder is None else {"TMPDIR": str(folder.absolute())})
     try:
         return subprocess.run(
             command,

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from codegen.config import Config, Tyre
 from codegen.errors import ConfigError
+from codegen.vehicle.roots import bracketed_root
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -77,6 +78,22 @@ class MagicFormulaTyre:
         """C_alpha = B C D in N/rad: the slope at zero slip, at static load and nominal friction, without shifts."""
         return self.stiffness_factor * self.shape_factor * self.peak(self.static_load, self.nominal_friction)
 
+    @property
+    def peak_slip(self) -> float:
+        """Slip angle in rad, without shifts, at which the force is largest: where C atan(X - E (X - atan X)) = pi/2.
+
+        Load and friction do not move it. inf where the force rises all the way.
+        """
+        if self.shape_factor <= 1.0:
+            return math.inf
+        bent, e = math.tan(0.5 * math.pi / self.shape_factor), self.curvature_factor
+        if e == 1.0:
+            return math.tan(bent) / self.stiffness_factor if bent < 0.5 * math.pi else math.inf
+        # X - E (X - atan X) rises by at least the smaller of 1 and 1 - E, and by at most the larger one.
+        low, high = 0.0, bent / min(1.0, 1.0 - e)
+        x = bracketed_root(lambda x: x - e * (x - math.atan(x)) - bent, low, high)
+        return x / self.stiffness_factor
+
     def force(self, slip_angle: npt.ArrayLike, load: float | None = None, friction: float | None = None) -> FloatArray:
         """F in N for slip angles (rad, any shape) with the shifts; load and friction default to static and nominal."""
         load = self.static_load if load is None else load
@@ -108,8 +125,6 @@ class MagicFormulaTyre:
         Raises:
             ConfigError: the tyre stays within `departure` of its tangent up to 45 degrees.
         """
-        from scipy.optimize import brentq
-
         slips = np.linspace(0.0, SLIP_SEARCH_MAX, SLIP_SEARCH_POINTS + 1)[1:]
         beyond = np.flatnonzero(self.departure(slips) >= departure)
         if not beyond.size:
@@ -122,8 +137,7 @@ class MagicFormulaTyre:
         low = 0.5 * SLIP_SEARCH_MAX / SLIP_SEARCH_POINTS if beyond[0] == 0 else float(slips[beyond[0] - 1])
         while self.departure(low) >= departure:
             low *= 0.5
-        root = brentq(lambda slip: float(self.departure(slip)) - departure, low, high, xtol=1e-15, rtol=1e-14)
-        return float(root)
+        return bracketed_root(lambda slip: float(self.departure(slip)) - departure, low, high)
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import importlib
 import multiprocessing
+import os
+import signal
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from types import FrameType
 
 from codegen.errors import CodegenError, one_line
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
@@ -17,6 +22,8 @@ from codegen.verify.packages import MissingTool
 LEFT_OUT = "left out by --quick"
 AT_ONCE = 2
 """Checks that run beside each other."""
+PATIENCE = 2.0
+"""s, in which a process that was told to end may clean up."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +129,14 @@ def run(
         (check for check in checks if check.name not in outcomes),
         key=lambda check: SLOWEST_FIRST.index(check.name) if check.name in SLOWEST_FIRST else len(SLOWEST_FIRST),
     )
-    # Not forked: a check must not depend on what this process holds.
+    # Not forked: a check must not depend on what this process holds. What the checks leave when they are ended, goes with it.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(AT_ONCE, mp_context=context) as pool:
+    with (
+        tempfile.TemporaryDirectory(prefix="ars-verify-", ignore_cleanup_errors=True) as scratch,
+        ProcessPoolExecutor(AT_ONCE, mp_context=context, initializer=_begin, initargs=(scratch,)) as pool,
+    ):
         running: dict[Future[Outcome], Registered] = {
-            pool.submit(outcome_of, check, subject, effort): check for check in chosen
+            pool.submit(_outcome_in_worker, check, subject, effort): check for check in chosen
         }
         try:
             for count, future in enumerate(as_completed(running), start=1):
@@ -135,8 +145,7 @@ def run(
                     done(count, len(chosen))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()  # or the pool would wait for checks that nobody wants any more
+            _end(multiprocessing.active_children())  # or the pool would wait for checks that nobody wants any more
             raise
     return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
 
@@ -157,6 +166,34 @@ def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:
         finding = f"could not be completed: {type(error).__name__}: {one_line(error)}"
         return Outcome(check.shows, "could not be completed", Verdict.FAILED, (finding,))
     return outcome
+
+
+def _outcome_in_worker(check: Registered, subject: Subject, effort: Effort) -> Outcome:
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_IGN:  # told to end while this check was already waiting
+        raise SystemExit(128 + signal.SIGTERM)
+    return outcome_of(check, subject, effort)
+
+
+def _begin(scratch: str) -> None:
+    """In a process that runs checks: it ends when it is told to by the one that started it, and what it started with it."""
+    tempfile.tempdir = os.environ["TMPDIR"] = scratch  # for this process, and for compilers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a key pressed in the terminal reaches every process
+    signal.signal(signal.SIGTERM, _leave)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    del frame
+    signal.signal(number, signal.SIG_IGN)
+    sys.unraisablehook = lambda _: None  # objects of a solver that are half made
+    raise SystemExit(128 + number)
+
+
+def _end(workers: Sequence[BaseProcess]) -> None:
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        worker.join(PATIENCE)
+        worker.kill()  # inside of a solver, say
 
 
 def _left_out(check: Registered) -> Outcome:

@@ -40,7 +40,9 @@ def table(report: Report, columns: int | None = None) -> str:
         figure = "" if outcome.verdict is Verdict.NOT_RUN else outcome.figure
         drawn.add_row(TITLES.get(name, name), *shows, figure or "-", str(outcome.verdict))
     page = io.StringIO()
-    Console(file=page, width=width, no_color=True, highlight=False, markup=False, emoji=False).print(drawn)
+    Console(file=page, width=width, force_terminal=False, no_color=True, highlight=False, markup=False, emoji=False).print(
+        drawn
+    )
     return "\n".join(line.rstrip() for line in page.getvalue().rstrip("\n").split("\n"))
 
 

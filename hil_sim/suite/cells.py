@@ -10,8 +10,8 @@ import numpy as np
 
 from codegen.config import KM_H, Case, Config
 from codegen.errors import CodegenError
-from codegen.refmap import exact
-from codegen.refmap.problem import SteadyTurnProblem, breakpoints
+from codegen.refmap.problem import breakpoints
+from codegen.refmap.turns import turns_of
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario
@@ -75,7 +75,7 @@ def cells(config: Config, case: Case) -> tuple[Cell, ...]:
 
     Raises:
         CodegenError: the grid ends below the first of the speeds.
-        ConfigError: see `SteadyTurnProblem.from_config` and `breakpoints`.
+        ConfigError: see `turns_of` and `breakpoints`.
     """
     speed, front_angle = breakpoints(config)
     speeds = tuple(value for value in SPEEDS_KM_H if value * KM_H <= speed[-1] * (1.0 + 1e-9))
@@ -85,7 +85,7 @@ def cells(config: Config, case: Case) -> tuple[Cell, ...]:
             where="grid",
             remedy="solve a map that reaches higher speeds",
         )
-    edge = exact.edge(SteadyTurnProblem.from_config(config, case), np.array(speeds) * KM_H).front_angle
+    edge = turns_of(config, case).edge(np.array(speeds) * KM_H, float(front_angle[-1])).front_angle
     largest = np.rad2deg(np.minimum(edge, front_angle[-1]))
     return tuple(
         Cell(value, share * float(angle), share) for value, angle in zip(speeds, largest, strict=True) for share in SHARES

@@ -122,6 +122,26 @@ CRC_OF = """
         {{ call("crc_of", start="0xFFFFFFFFu", numbers="&x", count="1u") }}, crc);
 """
 
+BETWEEN_ALL = """
+    {%- for low, high in ranges %}
+    SAME("{{ low }} to {{ high }}", {{ call("are_between", numbers="&x", count="1u", low=low, high=high) }},
+        ((double)x >= (double){{ low }}) && ((double)x <= (double){{ high }}));
+    {%- endfor %}
+"""
+INCREASING = """
+    const float pair[] = { 0.0f, x };
+    const float start[] = { x, 1.0f };
+
+    SAME("above the one before", {{ call("are_increasing", breakpoints="pair", count="2u") }}, (double)x > 0.0);
+    SAME("from zero or below", {{ call("are_increasing", breakpoints="start", count="2u") }}, (double)x <= 0.0);
+"""
+EVEN = """
+    const float three[] = { 1.0f, x, 3.0f };
+
+    SAME("a hundredth of a step around the middle", {{ call("are_even", breakpoints="three", cells="2u") }},
+        fabs((double)x - 2.0) <= (double)0.01f);
+"""
+
 BETWEEN = """
     {%- for low, high in ranges %}
     EQUAL("{{ low }} to {{ high }}", {{ call("between", value="x", low=low, high=high) }}, held(bits, {{ low }}, {{ high }}));
@@ -205,6 +225,12 @@ def helpers(facts: Facts) -> Iterator[Helper]:
     yield Helper(
         "map", "road_of", claim, ROAD_OF, setup=ROAD_SETUP, start=start, edges=edges(friction), values={"friction": friction}
     )
+    ranges = [(number(low), number(high)) for low, high in ((0.0, 10.0), (-0.5, 0.5), (0.0, 150.0))]
+    at = edges(*(bound for pair in ranges for bound in pair))
+    claim = "a number from the one bound to the other, NaN not"
+    yield Helper("map", "are_between", claim, BETWEEN_ALL, edges=at, values={"ranges": ranges})
+    yield Helper("map", "are_increasing", "from zero, each above the one before", INCREASING, edges=edges("0.0f"))
+    yield Helper("map", "are_even", "a number in its even place", EVEN, edges=edges("1.99f", "2.01f"))
     yield Helper("map", "crc_of", "CRC-32 of one number", CRC_OF, setup=CRC_SETUP, start=CRC_START)
     if facts.has("reference_model"):
         yield from _reference_model(facts)

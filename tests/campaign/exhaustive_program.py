@@ -26,8 +26,8 @@ FLAGS = (
     # What depends on a number. Addresses are for the sanitizers of `codegen verify`, and would take most of the time here.
     "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds",
 )
-LINKED = ("controller",)
-"""Units whose helpers call other units."""
+LINKED = ("controller", "map")
+"""Units whose helpers call other units, or read the calibration."""
 PIECES = 4
 """In which the inputs of a helper are gone through, at the same time where there are processors for it."""
 

@@ -15,10 +15,11 @@ from codegen.errors import BuildError
 from codegen.sil.cdef import derive_cdef, parsed_ffi
 from codegen.sil.compile import Library
 from codegen.sil.software import bench_sources
+from tests.sil.calibrated import WRITABLE
 from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
-FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern")
-"""What is not set has no number that could be taken for a right one."""
+FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern", WRITABLE)
+"""What is not set has no number that could be taken for a right one; the calibration may be written."""
 SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
 
 

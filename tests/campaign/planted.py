@@ -109,14 +109,17 @@ FAULTS = (
     ),
 )
 
+QUICK_STRIDE = 5
+"""One fault takes every check some minutes."""
+
 
 def run(folders: Sequence[Path], effort: Effort) -> Outcome:
-    """Plant each fault in the first of the builds. `effort` changes nothing."""
-    del effort
+    """Plant each fault in the first of the builds; quick, some of them: each check has faults of its own in its tests."""
+    faults = FAULTS[::QUICK_STRIDE] if effort.quick else FAULTS
     subject = Subject.read(folders[0])
     findings: list[str] = []
     told: dict[str, list[str]] = {}
-    for fault in FAULTS:
+    for fault in faults:
         report = _checked(planted(subject, fault))
         told[fault.name] = sorted(report.failed)
         findings += [
@@ -126,7 +129,7 @@ def run(folders: Sequence[Path], effort: Effort) -> Outcome:
         ]
         if frozenset(report.failed) != fault.found_by:
             findings.append(f"{fault.name}: found by {_names(report.failed)} instead of {_names(fault.found_by)}")
-    figure = f"{len(FAULTS)} faults, each found by its checks and no other" if not findings else f"{len(findings)} findings"
+    figure = f"{len(faults)} faults, each found by its checks and no other" if not findings else f"{len(findings)} findings"
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     return Outcome(SHOWS, figure, verdict, tuple(findings), {"found_by": told})
 

@@ -19,6 +19,7 @@ from tests.campaign.tests_of import each_test
 from tests.sil import (
     answers,
     answers_frames,
+    checks_calibration,
     checks_control,
     checks_edges,
     checks_edges_law,
@@ -39,6 +40,7 @@ from tests.sil import (
     test_supervision,
     test_task,
 )
+from tests.sil.calibrated import Calibrated
 from tests.sil.test_controller import CHANGES
 
 
@@ -127,6 +129,8 @@ def _controller(case: Case) -> list[Judge]:
     judges = _drives(case)
     modules = (checks_edges, checks_parameters)
     edges = [Judge(name, _of_build(check)) for module in modules for name, check in checks_in(module)]
+    guard = checks_calibration.check_parameters_judge_the_map_too
+    edges.append(Judge(guard.__name__, _calibrated(guard)))
     if case.kind == "pi":
         own = [checks_supervision, checks_control]
         named = [Judge(name, _of_build(check)) for module in own for name, check in checks_in(module)]
@@ -193,10 +197,30 @@ def _map(case: Case) -> list[Judge]:
     but = ("check_same_bits", "check_checksum") if case.kind == "tracking" else ("check_same_bits",)
     judges += [Judge(name, _of_build(check)) for name, check in checks_in(checks_lookup, but)]
     judges += [Judge(name, _of_build(check)) for name, check in (("map_functions", check_map_functions),)]
+    judges += [Judge(check.__name__, _calibrated(check)) for check in checks_calibration.CHECKS]
     if case.kind == "tracking":
         checks = checks_in(checks_map_reference, ("check_same_bits_as_reference",))
         judges += [Judge(name, _of_units(check)) for name, check in checks]
     return judges
+
+
+def _calibration(case: Case) -> list[Judge]:
+    """The numbers themselves: parameters as configured, and the map as it was solved."""
+    checks = [("check_defaults", checks_parameters.check_defaults), ("map_functions", check_map_functions)]
+    return [Judge(name, _of_build(check)) for name, check in checks]
+
+
+def _calibrated(check: Callable[[Calibrated], None]) -> Callable[[Case], object]:
+    """A check that writes into the calibration, and leaves it as it was."""
+
+    def judge(case: Case) -> None:
+        calibrated = Calibrated.over(case.built.software.compiled, case.built.total)
+        try:
+            check(calibrated.restored())
+        finally:
+            calibrated.restored()
+
+    return judge
 
 
 def check_map_functions(built: Any) -> None:
@@ -247,6 +271,7 @@ def _loops(case: Case) -> list[Judge]:
 
 
 UNITS: dict[str, Callable[[Case], list[Judge]]] = {
+    "calibration": _calibration,
     "controller": _controller,
     "limiter": _limiter,
     "map": _map,

@@ -9,7 +9,7 @@ from codegen.sil.cdef import derive_cdef, parsed_ffi
 from codegen.sil.compile import Library
 from tests.campaign.case import Case
 from tests.campaign.library import Compiler
-from tests.sil.checks_selftest import CHECKS, HEADER, SOURCE, rows_of
+from tests.sil.checks_selftest import CHECKS, STUBS, Alone
 
 
 def check_selftest(case: Case) -> None:
@@ -20,12 +20,12 @@ def check_selftest(case: Case) -> None:
         case.kept["stand-ins"] = _stand_ins(root, compiler)
     with tempfile.TemporaryDirectory(dir=root) as scratch:
         path = Path(scratch) / "selftest.so"
-        compiler.link([case.object("src/ars_selftest.c"), root / "stub/stub.o"], path)
+        compiler.link([case.object("src/ars_selftest.c"), root / "stub/stub.o", root / "stub/expected.o"], path)
         ffi = case.kept["stand-ins"]
         library = Library(ffi, ffi.dlopen(str(path)), path, "abi")
         try:
             for check in CHECKS:
-                check(library, rows_of(case.built.folder))
+                check(Alone.of(library, case.built.folder))
         finally:
             ffi.dlclose(library.lib)  # where it counts what was run, that is written now
 
@@ -33,8 +33,9 @@ def check_selftest(case: Case) -> None:
 def _stand_ins(root: Path, compiler: Compiler) -> object:
     """Compile them; gives what knows their types."""
     (root / "stub").mkdir(exist_ok=True)
-    (root / "stub/stub.h").write_text(HEADER, encoding="ascii")
-    (root / "stub/stub.c").write_text(SOURCE, encoding="ascii")
-    compiler.compile(root, "stub/stub.c", root / "stub/stub.o", ("-Istub",))
+    for path, text in STUBS.items():
+        (root / path).write_text(text, encoding="ascii")
+    for name in ("stub", "expected"):
+        compiler.compile(root, f"stub/{name}.c", root / f"stub/{name}.o", ("-Istub",))
     headers = [Path("stub/stub.h")]
     return parsed_ffi(derive_cdef(headers, ("include", "stub"), for_dlopen=True, folder=root))

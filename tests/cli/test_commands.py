@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from codegen import __version__
 from codegen import config as configuration
 from codegen.cli import cli
 from codegen.sil.software import RECORD_COLUMNS
@@ -111,7 +112,7 @@ def test_a_bare_map_builds_with_the_papers_car_and_says_so(run: Run, tmp_path: P
     assert answer.code == 0
     assert "the paper's PI" in answer.err
     # The default controller: with its rate limit of 25 deg/s, which the paper's has not.
-    assert ".rear_rate_max = 0.43633232f" in Path("generated/mine/src/ars_controller.c").read_text()
+    assert ".rear_rate_max = 0.43633232f" in Path("generated/mine/src/ars_calibration.c").read_text()
     assert "those of the paper's car" in Path("generated/mine/README.md").read_text()
     assert run("sil", "--build", "generated/mine").code == 0
     assert json.loads(run("build", "--map", "mine.npz", "--json").out)["notes"]
@@ -125,14 +126,14 @@ def test_a_map_is_enough_and_brings_its_own_configuration(run: Run, tmp_path: Pa
     path.unlink()
     notes = run("build", "--map", "own.npz").err.splitlines()
     assert [note.partition(" of kind")[0] for note in notes] == ["note: the feedback"]  # its margins, and nothing borrowed
-    assert ".integral_gain = 0.75f" in Path("generated/own/src/ars_controller.c").read_text()
+    assert ".integral_gain = 0.75f" in Path("generated/own/src/ars_calibration.c").read_text()
 
 
 def test_a_configuration_given_beside_the_map_wins(run: Run, solved: Path) -> None:
     path = Path("ars.toml")
     path.write_text(path.read_text().replace("integral_gain = 1.0", "integral_gain = 0.5"))
     run("build", "--map", solved, "--config", path)
-    assert ".integral_gain = 0.5f" in Path("generated/4ws2/src/ars_controller.c").read_text()
+    assert ".integral_gain = 0.5f" in Path("generated/4ws2/src/ars_calibration.c").read_text()
 
 
 def test_a_configuration_of_another_car_is_noted(run: Run, solved: Path) -> None:
@@ -173,7 +174,7 @@ def test_a_run_of_edited_c_says_so(run: Run, solved: Path) -> None:
 
 def test_a_failing_self_test_is_a_failed_check(run: Run, solved: Path) -> None:
     run("build", "--map", solved)
-    source = Path("generated/4ws2/src/ars_map.c")
+    source = Path("generated/4ws2/src/ars_calibration.c")
     text, count = re.subn(r"expected_checksum = 0x[0-9A-F]{8}u", "expected_checksum = 0x12345678u", source.read_text())
     assert count == 1
     source.write_text(text)
@@ -225,9 +226,10 @@ def codegen(*arguments: str, **environment: str) -> subprocess.CompletedProcess[
     )
 
 
-def test_help_imports_neither_casadi_nor_a_plotting_library() -> None:
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_imports_neither_casadi_nor_a_plotting_library(option: str) -> None:
     script = (
-        "import sys; from codegen import cli; sys.argv = ['codegen', '--help']\n"
+        f"import sys; from codegen import cli; sys.argv = ['codegen', '{option}']\n"
         "try: cli.main()\n"
         "except SystemExit: pass\n"
         "heavy = {'casadi', 'matplotlib', 'scipy', 'numpy', 'pydantic', 'jinja2', 'cffi', 'can', 'rich'} & set(sys.modules)\n"
@@ -241,7 +243,16 @@ def test_help_imports_neither_casadi_nor_a_plotting_library() -> None:
 def test_version() -> None:
     result = codegen("--version")
     assert result.returncode == 0
-    assert result.stdout.startswith("codegen, version ")
+    lines = result.stdout.splitlines()
+    assert lines[0] == f"codegen, version {__version__}"
+    assert [line.split()[0] for line in lines[1:]] == ["Python", "casadi", "numpy", "cffi", "python-can", "C", "platform:"]
+    assert lines[3] == f"numpy {np.__version__}"
+
+
+def test_version_without_a_compiler_says_so() -> None:
+    result = codegen("--version", CC="no-such-compiler")
+    assert result.returncode == 0
+    assert "no-such-compiler" in result.stdout
 
 
 def test_a_reader_that_stops_reading_is_no_error(tmp_path: Path) -> None:

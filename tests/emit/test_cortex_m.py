@@ -37,7 +37,7 @@ WARNINGS = (
 )
 HEADED = ("map", "limiter", "controller", "dynamics", "e2e", "can", "task", "reference_model")
 """Sources with a header of their name; the last is one of the kind "tracking" alone."""
-PARTS = (*HEADED, "selftest")
+PARTS = (*HEADED, "calibration", "selftest")
 
 EVEN = {"speed_points": 21, "front_angle_points": 20}
 UNEVEN = {

@@ -51,7 +51,7 @@ def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[s
 
 
 @pytest.mark.parametrize("level", ["-O0", "-O2", "-Os"])
-@pytest.mark.parametrize("name", ["src/ars_map.c", "src/ars_controller.c", "src/ars_dynamics.c"])
+@pytest.mark.parametrize("name", ["src/ars_calibration.c", "src/ars_map.c", "src/ars_controller.c", "src/ars_dynamics.c"])
 def test_every_function_and_object_can_be_placed(sources: Path, tmp_path: Path, name: str, level: str) -> None:
     found = placed(sources / name, sources, level, tmp_path / "object.o")
     assert set(found) <= set(KINDS.values()), found
@@ -63,9 +63,12 @@ def test_each_kind_holds_what_it_is_named_for(sources: Path, tmp_path: Path) -> 
 
     table = placed(sources / "src/ars_map.c", sources, "-O0", tmp_path / "map.o")
     assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
-    assert {"yaw_rate_table", "speed_breakpoints"} <= table[KINDS["CALIBRATION"]]
-    assert {"lateral_acceleration_cap", "ars_map_expected_checksum", "table"} <= without_number(table[KINDS["CONST"]])
-    controller = placed(sources / "src/ars_controller.c", sources, "-O0", tmp_path / "controller.o")
-    assert "ars_parameters_default" in controller[KINDS["CALIBRATION"]]
+    assert {"lateral_acceleration_cap", "table"} <= without_number(table[KINDS["CONST"]])
+    assert KINDS["CALIBRATION"] not in table
+    calibration = placed(sources / "src/ars_calibration.c", sources, "-O0", tmp_path / "calibration.o")
+    quantities = ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "expected_checksum")
+    assert calibration == {
+        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", *(f"ars_map_{each}" for each in quantities)}
+    }
     example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")
     assert example[KINDS["STATE"]] == {"controller"}

@@ -97,6 +97,28 @@ def check_state_after_init(built: Built) -> None:
         assert limiter.rear_angle == held, start
 
 
+def check_yaw_rate_error(built: Built) -> None:
+    """For measuring: the reference less the measured yaw rate while control is on, held with the command, zero where it is
+    off."""
+    real = built.software.real
+    controller = built.software.controller(0.0)
+    assert controller.state.yaw_rate_error == 0.0
+    for measured in (0.05, -0.03):
+        command = controller.step(Measurement(15.0, 0.07, measured))
+        assert controller.state.yaw_rate_error == float(real(command.yaw_rate_reference) - real(measured)) != 0.0
+    kept = controller.state.yaw_rate_error
+    assert controller.step(LOST).status is Status.DEGRADED
+    assert controller.state.yaw_rate_error == kept
+    while controller.step(LOST).status is not Status.FAIL_SAFE:
+        pass
+    assert controller.state.yaw_rate_error == 0.0
+    slow = built.software.controller(0.0)
+    slow.step(Measurement(15.0, 0.07, 0.05))
+    assert slow.state.yaw_rate_error != 0.0
+    assert slow.step(Measurement(0.0, 0.07, 0.0)).status is Status.STANDBY
+    assert slow.state.yaw_rate_error == 0.0
+
+
 def statuses_of(built: Built, parameters: Any, measurements: list[tuple[Measurement, int]], start: float = 0.0) -> Any:
     """Status after each sample (n,) of runs of one measurement each."""
     software, ffi = built.software, built.software.ffi

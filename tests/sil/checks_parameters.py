@@ -168,9 +168,10 @@ def _check_increasing(built: Built, name: str, good: list[float]) -> None:
 
 def _check_what_fits_together(built: Built) -> None:
     software = built.software
-    angle = float(software.parameters().rear_angle_input_max)
-    assert is_valid(built, rear_angle_max=angle)
-    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0))
+    angle = float(software.parameters().rear_angle_max)
+    assert is_valid(built, rear_angle_input_max=angle)
+    assert not is_valid(built, rear_angle_input_max=built.next(angle, 0.0))
+    assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
     assert is_valid(built, enable_speed=5.0, disable_speed=built.next(5.0, 0.0))
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
     lowest = float(built.real(0.01))

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,6 +41,7 @@ typedef struct {
 
 extern stub_t stub;
 void stub_clear(void);
+void stub_expect(uint32_t checksum);
 """
 SOURCE = """
 #include "stub.h"
@@ -48,7 +50,6 @@ SOURCE = """
 #include <string.h>
 
 stub_t stub;
-const uint32_t ars_map_expected_checksum = 0x12345678u;
 const ars_parameters_t ars_parameters_default = { 0 };
 
 void stub_clear(void)
@@ -96,6 +97,27 @@ float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction)
     return NAN;
 }
 """
+EXPECTED = """
+#include <stdint.h>
+
+/* Calibration: to the code a constant, and here another one for each question. */
+uint32_t ars_map_expected_checksum = 0u;
+void stub_expect(uint32_t checksum);
+
+void stub_expect(uint32_t checksum)
+{
+    ars_map_expected_checksum = checksum;
+}
+"""
+STUBS = {"stub/stub.h": HEADER, "stub/stub.c": SOURCE, "stub/expected.c": EXPECTED}
+FROZEN = 0x12345678
+"""The checksum of another map than the build's own."""
+
+
+def checksum_of(folder: Folder) -> int:
+    """Of the map that the build was made with."""
+    (found,) = re.findall(r"expected_checksum [=!]= 0x([0-9A-F]{8})u", folder.files[PATH].decode("ascii"))
+    return int(found, 16)
 
 
 def rows_of(folder: Folder) -> list[tuple[float, ...]]:
@@ -104,50 +126,80 @@ def rows_of(folder: Folder) -> list[tuple[float, ...]]:
     return [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
 
 
-def answer(library: Library, rows: list[tuple[float, ...]], **wrong: Any) -> bool:
+@dataclass(frozen=True)
+class Alone:
+    """The self-test with its stand-ins, the places that it asks for, and the checksum of the build's own map."""
+
+    library: Library
+    rows: list[tuple[float, ...]]
+    checksum: int
+
+    @classmethod
+    def of(cls, library: Library, folder: Folder) -> Self:
+        """Of the build in a folder."""
+        return cls(library, rows_of(folder), checksum_of(folder))
+
+
+def answer(alone: Alone, rows: list[tuple[float, ...]], expected: int | None = None, **wrong: Any) -> bool:
     """What the self-test says where all is right but for what is given."""
-    library.lib.stub_clear()
-    stub = library.lib.stub
-    stub.checksum, stub.valid, stub.rows = 0x12345678, True, len(rows)
+    expected, stub = alone.checksum if expected is None else expected, alone.library.lib.stub
+    alone.library.lib.stub_clear()
+    alone.library.lib.stub_expect(expected)
+    stub.checksum, stub.valid, stub.rows = expected, True, len(rows)
     for k, row in enumerate(rows):
         stub.known[k] = row
     for name, value in wrong.items():
         setattr(stub, name, value)
-    return bool(library.lib.ars_selftest())
+    return bool(alone.library.lib.ars_selftest())
 
 
-def check_selftest_passes(library: Library, rows: list[tuple[float, ...]]) -> None:
+def check_selftest_passes(alone: Alone) -> None:
     """Where all is right it says so, and it asks for every place."""
-    assert len(rows) >= 10
-    assert answer(library, rows)
-    assert library.lib.stub.asked == len(rows)
+    assert len(alone.rows) >= 10
+    assert answer(alone, alone.rows)
+    assert alone.library.lib.stub.asked == len(alone.rows)
 
 
-def check_selftest_sees_each_fault(library: Library, rows: list[tuple[float, ...]]) -> None:
+def check_selftest_sees_each_fault(alone: Alone) -> None:
     """Each thing alone makes it fail."""
-    for checksum in (0x12345679, 0x92345678, 0, 0xFFFFFFFF):
-        assert not answer(library, rows, checksum=checksum)
-    assert not answer(library, rows, valid=False)
+    for checksum in (alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF):
+        assert not answer(alone, alone.rows, checksum=checksum)
+    assert not answer(alone, alone.rows, valid=False)
     for bit in range(8):
-        assert not answer(library, rows, crc_error=[1 << bit, 0])
-        assert not answer(library, rows, crc_error=[0, 1 << bit])
-        assert not answer(library, rows, crc_error=[1 << bit, 1 << bit])
+        assert not answer(alone, alone.rows, crc_error=[1 << bit, 0])
+        assert not answer(alone, alone.rows, crc_error=[0, 1 << bit])
+        assert not answer(alone, alone.rows, crc_error=[1 << bit, 1 << bit])
     for byte in (1, 2, 127, 128, 254, 255):
-        assert not answer(library, rows, crc_error_of=byte), "one entry of the table"
+        assert not answer(alone, alone.rows, crc_error_of=byte), "one entry of the table"
 
 
-def check_selftest_sees_each_place(library: Library, rows: list[tuple[float, ...]]) -> None:
+def check_selftest_sees_each_place(alone: Alone) -> None:
     """Each place is judged, to both sides of the tolerance; where the answer is zero, to the last bit of it."""
     tolerance = float(np.float32(TOLERANCE))
-    for k, (*place, yaw_rate) in enumerate(rows):
+    for k, (*place, yaw_rate) in enumerate(alone.rows):
         exact = yaw_rate == 0.0
         inside, beyond = (0.98 * tolerance, 1.02 * tolerance) if not exact else (
             tolerance, float(np.nextafter(np.float32(tolerance), np.float32(1.0)))
         )  # fmt: skip
         for side in (1.0, -1.0):
             for off, passes in ((inside, True), (beyond, False), (math.nan, False), (math.inf, False)):
-                changed = [*rows[:k], (*place, float(np.float32(yaw_rate + side * off))), *rows[k + 1 :]]
-                assert answer(library, changed) == passes, (k, side * off)
+                changed = [*alone.rows[:k], (*place, float(np.float32(yaw_rate + side * off))), *alone.rows[k + 1 :]]
+                assert answer(alone, changed) == passes, (k, side * off)
 
 
-CHECKS = (check_selftest_passes, check_selftest_sees_each_fault, check_selftest_sees_each_place)
+def check_selftest_of_another_calibration(alone: Alone) -> None:
+    """A map that was calibrated, with its checksum frozen, is not asked for the values of the build's own; all else is."""
+    nothing = [(*place, math.nan) for *place, _ in alone.rows]
+    assert answer(alone, nothing, FROZEN)
+    assert alone.library.lib.stub.asked == 0
+    assert not answer(alone, nothing, FROZEN, checksum=FROZEN + 1)
+    assert not answer(alone, nothing, FROZEN, valid=False)
+    assert not answer(alone, nothing, FROZEN, crc_error=[1, 0])
+
+
+CHECKS = (
+    check_selftest_passes,
+    check_selftest_sees_each_fault,
+    check_selftest_sees_each_place,
+    check_selftest_of_another_calibration,
+)

@@ -63,18 +63,23 @@ IN_THE_LOOKUP = (
     Fault(
         "axis constant one unit in the last place off",
         checks_lookup.check_same_bits,
-        "(speed - speed_core_first)",
-        "(speed - (speed_core_first + 5.0e-7f))",
+        "((speed - at[1])",
+        "((speed - (at[1] + 5.0e-7f))",
     ),
     Fault(
         "axis constant a thousandth off",
         checks_lookup.check_error_bound,
-        "magnitude * front_angle_inverse_step",
-        "magnitude * (1.001f * front_angle_inverse_step)",
+        "(magnitude / at[100]) * 100.0f",
+        "(magnitude / at[100]) * 100.1f",
     ),
     Fault("no clamp at the last speed", checks_lookup.check_edges, "fraction = 1.0f;", "fraction = steps - 99.0f;"),
     Fault("NaN let in", checks_lookup.check_finite, "} else if (speed > 0.0f) {", "} else if (!(speed <= 0.0f)) {"),
-    Fault("checksum of fewer rows", checks_lookup.check_checksum, "row < (uint32_t)ARS_MAP_SPEED_POINTS", "row < 50u"),
+    Fault(
+        "checksum of fewer rows",
+        checks_lookup.check_checksum,
+        "row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {\n        crc",
+        "row < 50u; row++) {\n        crc",
+    ),
     Fault("estimate of friction ignored", checks_lookup.check_cap, "if (friction < map_friction)", "if (friction < -1.0f)"),
 )
 

@@ -262,13 +262,13 @@ IN_THE_MAP_REFERENCE = (
         "rear angle of the next cell",
         checks_map_reference.check_reference_rule,
         "reference.rear_angle = rear_angle_of_table(&place);",
-        "reference.rear_angle = rear_angle_table[place.row.lower][place.column.lower];",
+        "reference.rear_angle = ars_map_rear_angle_table[place.row.lower][place.column.lower];",
     ),
     Fault(
         "yaw rate in place of the rear angle",
         checks_map_reference.check_reference_finite,
-        "return interpolate(rear_angle_table, place);",
-        "return interpolate(yaw_rate_table, place);",
+        "return interpolate(ars_map_rear_angle_table, place);",
+        "return interpolate(ars_map_yaw_rate_table, place);",
     ),
     Fault(
         "no steering where the cap acts",
@@ -303,7 +303,7 @@ IN_THE_MAP_REFERENCE = (
     Fault(
         "steering by a speed beyond the map",
         checks_map_reference.check_reference_rule,
-        "(speed > speed_top) ? speed_top : speed;\n    const float bound",
+        "(speed > top) ? top : speed;\n    const float bound",
         "speed;\n    const float bound",
     ),
     Fault(
@@ -324,14 +324,14 @@ IN_THE_STACK = (
     Fault(
         "the layer above is the layer itself",
         checks_map_reference.check_reference_rule,
-        "interpolate(rear_angle_table[road->layer.lower + 1u], place)",
-        "interpolate(rear_angle_table[road->layer.lower], place)",
+        "interpolate(ars_map_rear_angle_table[road->layer.lower + 1u], place)",
+        "interpolate(ars_map_rear_angle_table[road->layer.lower], place)",
     ),
     Fault(
         "layers exchanged",
         checks_map_reference.check_reference_rule,
-        "interpolate(yaw_rate_table[road->layer.lower], place)",
-        "interpolate(yaw_rate_table[2u - road->layer.lower], place)",
+        "interpolate(ars_map_yaw_rate_table[road->layer.lower], place)",
+        "interpolate(ars_map_yaw_rate_table[2u - road->layer.lower], place)",
     ),
     Fault(
         "the middle layers never found",

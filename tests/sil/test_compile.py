@@ -12,7 +12,7 @@ import sysconfig
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cffi
 import pytest
@@ -399,6 +399,25 @@ class TestBadC:
     def test_header_that_is_not_there(self) -> None:
         with pytest.raises(BuildError, match=r"^include/other\.h: the public header is not among the sources"):
             compile_library("tiny", tiny(1), ["include/other.h"])
+
+
+class TestUnitFlags:
+    SOURCES: ClassVar[dict[str, str]] = {
+        "include/two.h": "int one(void);\nint two(void);\n",
+        "one.c": '#include "two.h"\nint one(void)\n{\n    return NUMBER;\n}\n',
+        "two.c": '#include "two.h"\n#ifdef NUMBER\n#error "not for this one"\n#endif\nint two(void)\n{\n    return 2;\n}\n',
+    }
+
+    def test_they_are_for_one_source_and_not_for_the_linker(self) -> None:
+        """The linker would refuse its option; here the compiler takes no notice of it."""
+        for number in (1, 7):  # another flag, another library
+            own = {"one.c": [f"-DNUMBER={number}", "-Wl,--no-such-option"]}
+            library = compile_library("two", self.SOURCES, ["include/two.h"], unit_flags=own)
+            assert (library.lib.one(), library.lib.two()) == (number, 2)
+
+    def test_for_a_file_that_is_not_there(self) -> None:
+        with pytest.raises(BuildError, match=r"^three\.c: flags for a file that is not among the sources"):
+            compile_library("two", self.SOURCES, ["include/two.h"], unit_flags={"three.c": ["-O1"]})
 
 
 class TestModes:

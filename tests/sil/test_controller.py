@@ -82,7 +82,7 @@ def test_the_command_never_moves_faster_than_its_rate_limit(either: Built) -> No
 
 def test_the_default_rate_limit_is_25_deg_s_and_the_paper_has_none() -> None:
     def rates(config: Config) -> list[str]:
-        text = builds.render(builds.paper_map(), config).files["src/ars_controller.c"].decode("ascii")
+        text = builds.render(builds.paper_map(), config).files["src/ars_calibration.c"].decode("ascii")
         return re.findall(r"\.rear_rate_max = ([^,]*),", text)
 
     assert rates(Config(controller=Controller(kind="pi"))) == [literal(math.radians(rate), "single") for rate in (25.0, 30.0)]

@@ -19,8 +19,11 @@ CHECKS: tuple[Callable[[Built], None], ...] = (
     checks_edges.check_counts_stay_at_their_end,
     checks_parameters.check_defaults,
     checks_parameters.check_ranges,
+    checks_edges.check_yaw_rate_error,
 )
-CONTROLLER_C, TASK_C, CAN_C, E2E_C = (f"src/ars_{name}.c" for name in ("controller", "task", "can", "e2e"))
+CONTROLLER_C, CALIBRATION_C, TASK_C, CAN_C, E2E_C = (
+    f"src/ars_{name}.c" for name in ("controller", "calibration", "task", "can", "e2e")
+)
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -35,10 +38,11 @@ def test_an_edge(kind: Kind, precision: Precision, check: Callable[[Built], None
     [
         (CHECKS[0], TASK_C, "    self->cycles = 0u;\n", ""),
         (CHECKS[1], CONTROLLER_C, "    self->speed = speed_unknown;\n", "    self->speed = 0.0f;\n"),
-        (CHECKS[5], CONTROLLER_C, ".enable_speed = 4.16", ".enable_speed = 4.17"),
+        (CHECKS[5], CALIBRATION_C, ".enable_speed = 4.16", ".enable_speed = 4.17"),
         (CHECKS[6], CONTROLLER_C, "parameters->yaw_rate_max, 0.01f, 20.0f", "parameters->yaw_rate_max, 0.01f, 20.5f"),
         (CHECKS[2], CONTROLLER_C, "self->bad_samples < UINT16_MAX", "self->bad_samples < 200u"),
         (CHECKS[4], CONTROLLER_C, "if (self->bad_samples < UINT16_MAX) {", "if (true) {"),
+        (CHECKS[7], CONTROLLER_C, "self->yaw_rate_reference - measurement->yaw_rate;", "measurement->yaw_rate;"),
         (CHECKS[3], CONTROLLER_C, "    self->good_samples = 0u;\n    if ((self", "    if ((self"),
     ],
 )

@@ -14,7 +14,7 @@ from codegen.sil.software import compile_build
 from tests.sil import builds, checks_lookup
 from tests.sil.builds import Built
 
-MAP_C, CONTROLLER_C = "src/ars_map.c", "src/ars_controller.c"
+MAP_C, CALIBRATION_C = "src/ars_map.c", "src/ars_calibration.c"
 SELFTEST_C, E2E_C = "src/ars_selftest.c", "src/ars_e2e.c"
 
 
@@ -96,18 +96,14 @@ class TestSelftest:
         return not builds.altered(path, old, new).software.selftest()
 
     def test_one_number_of_the_table_is_one_unit_in_the_last_place_off(self, paper: Built) -> None:
-        numbers = re.findall(r" (\d\.\d+f),", source(paper, MAP_C).partition("yaw_rate_table[ARS_MAP")[2])
+        numbers = re.findall(r" (\d\.\d+f),", source(paper, CALIBRATION_C).partition("yaw_rate_table[ARS_MAP")[2])
         old = next(number for number in numbers if numbers.count(number) == 1)
         new = literal(paper.next(float(old.rstrip("f")), 10.0), "single")
-        assert self.sees(MAP_C, f" {old},", f" {new},")
+        assert self.sees(CALIBRATION_C, f" {old},", f" {new},")
 
     @pytest.mark.parametrize(
         "constant",
-        [
-            *("speed_core_first", "speed_inverse_step", "speed_inverse_first_cell"),
-            *("front_angle_core_last", "front_angle_inverse_step", "front_angle_inverse_last_cell"),
-            *("lateral_acceleration_cap", "lateral_acceleration_cap_per_friction"),
-        ],
+        ["lateral_acceleration_cap", "lateral_acceleration_cap_per_friction"],
     )
     def test_a_constant_of_the_lookup_is_a_thousandth_off(self, paper: Built, constant: str) -> None:
         old, value = re.findall(rf"(static const float {constant} = ([^;]+)f;)", source(paper, MAP_C))[0]
@@ -119,15 +115,16 @@ class TestSelftest:
         old = f"static const float map_friction = {value}f;"
         assert self.sees(MAP_C, old, old.replace(f"{value}", f"{factor * value:.6g}"))
 
-    def test_an_uneven_breakpoint_is_one_unit_in_the_last_place_off(self) -> None:
-        built = builds.of_map("uneven", "single")
+    @pytest.mark.parametrize("name", ["paper", "uneven"])
+    def test_a_breakpoint_is_one_unit_in_the_last_place_off(self, name: str) -> None:
+        built = builds.of_map(name, "single")
         for axis in ("speed", "front_angle"):
-            listed = source(built, MAP_C).partition(f"{axis}_breakpoints[")[2].partition("{")[2].partition("}")[0]
+            listed = source(built, CALIBRATION_C).partition(f"{axis}_breakpoints[")[2].partition("{")[2].partition("}")[0]
             number = listed.split(",")[2].strip()
             wrong = literal(built.next(float(number.rstrip("f")), 1000.0), "single")
-            text = source(built, MAP_C).replace(listed, listed.replace(f" {number},", f" {wrong},", 1), 1)
-            files = {**built.folder.files, MAP_C: text.encode("ascii")}
-            assert files[MAP_C] != built.folder.files[MAP_C]
+            text = source(built, CALIBRATION_C).replace(listed, listed.replace(f" {number},", f" {wrong},", 1), 1)
+            files = {**built.folder.files, CALIBRATION_C: text.encode("ascii")}
+            assert files[CALIBRATION_C] != built.folder.files[CALIBRATION_C]
             assert not compile_build(files, built.folder.manifest).selftest()
 
     def test_a_known_corner_is_wrong(self, paper: Built) -> None:
@@ -139,10 +136,10 @@ class TestSelftest:
 
     def test_the_expected_checksum_is_wrong(self, paper: Built) -> None:
         right = f"0x{paper.software.function('map_expected_checksum'):08X}u"
-        assert self.sees(MAP_C, right, "0x00000000u")
+        assert self.sees(CALIBRATION_C, right, "0x00000000u")
 
     def test_a_default_parameter_is_out_of_range(self) -> None:
-        assert self.sees(CONTROLLER_C, ".friction_min = 0.1f", ".friction_min = 0.0f")
+        assert self.sees(CALIBRATION_C, ".friction_min = 0.1f", ".friction_min = 0.0f")
 
     def test_the_crc_has_another_polynomial(self) -> None:
         assert self.sees(E2E_C, "0x00u, 0x1Du, 0x3Au", "0x00u, 0x2Fu, 0x3Au")

@@ -14,7 +14,7 @@ from codegen.sil.software import compile_build
 from tests.sil import builds, checks_map_reference, units
 from tests.sil.units import Units
 
-MAP_C = "src/ars_map.c"
+MAP_C, CALIBRATION_C = "src/ars_map.c", "src/ars_calibration.c"
 
 
 @pytest.fixture(scope="module", params=[(name, precision) for name in units.MAPS for precision in builds.PRECISIONS], ids=str)
@@ -78,8 +78,8 @@ class TestSelftest:
     @pytest.mark.parametrize("name", ["yaw_rate_table", "rear_angle_table"])
     @pytest.mark.parametrize("layer", [0, 3])
     def test_one_number_of_a_layer_is_off(self, stacked: builds.Built, name: str, layer: int) -> None:
-        text = stacked.folder.files[MAP_C].decode("ascii")
-        head, table = re.split(rf"(?<=static const float {name})", text, maxsplit=1)
+        text = stacked.folder.files[CALIBRATION_C].decode("ascii")
+        head, table = re.split(rf"(?<=const float ars_map_{name})", text, maxsplit=1)
         start = (
             table.index("/* friction", table.index("{"))
             if layer == 0
@@ -89,7 +89,7 @@ class TestSelftest:
         wrong = literal(stacked.next(float(number[0].rstrip("f")), 10.0), "single")
         changed = head + table[:start] + table[start:].replace(number[0], wrong, 1)
         assert changed != text
-        files = {**stacked.folder.files, MAP_C: changed.encode("ascii")}
+        files = {**stacked.folder.files, CALIBRATION_C: changed.encode("ascii")}
         assert not compile_build(files, stacked.folder.manifest).selftest()
 
     def test_a_friction_of_the_stack_is_off(self, stacked: builds.Built) -> None:

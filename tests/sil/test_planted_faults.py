@@ -36,7 +36,7 @@ BANNER = {
     CONTROLLER_C: "Order of a step: judge the inputs",
     "src/ars_limiter.c": "Order of a step: take the inputs",
     "src/ars_reference_model.c": "The straight-line functions are",
-    "src/ars_map.c": "Rows are speeds, columns are front angles",
+    "src/ars_map.c": "Nothing here takes one of them for a constant",
 }
 
 

@@ -161,9 +161,10 @@ class TestParameters:
                 assert not self.valid(either, **{name: nonsense}, **others), name
 
     def test_what_must_fit_together_does(self, either: Built) -> None:
-        angle = float(either.software.parameters().rear_angle_input_max)
-        assert self.valid(either, rear_angle_max=angle)
-        assert not self.valid(either, rear_angle_max=either.next(angle, 1.0))
+        angle = float(either.software.parameters().rear_angle_max)
+        assert self.valid(either, rear_angle_input_max=angle)
+        assert not self.valid(either, rear_angle_input_max=either.next(angle, 0.0))
+        assert not self.valid(either, rear_angle_max=either.next(angle, 1.0)), "more than the actuator can"
         assert self.valid(either, enable_speed=5.0, disable_speed=either.next(5.0, 0.0))
         assert not self.valid(either, enable_speed=5.0, disable_speed=5.0)
         assert self.valid(either, implausible_samples_max=2**16 - 2)

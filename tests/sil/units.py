@@ -69,7 +69,9 @@ class Units:
     def library(self) -> Library:
         """The compiled units with the loops of this module."""
         public = [f"include/ars_{unit}.h" for unit in self.only]
-        names = ["include/ars_sections.h", *public, *(f"src/ars_{unit}.c" for unit in self.only)]
+        numbers = ("calibration",) if "map" in self.only else ()  # those of the map; they stand with the parameters'
+        headers = [path for path in self.folder.files if path.startswith("include/")]
+        names = [*headers, *(f"src/ars_{unit}.c" for unit in (*self.only, *numbers))]
         sources = {name: self.folder.files[name] for name in names}
         includes = "".join(f'#include "ars_{unit}.h"\n' for unit in self.only)
         real = c_type(self.precision)

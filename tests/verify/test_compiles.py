@@ -118,12 +118,12 @@ def test_functions_that_a_target_may_lack_are_found() -> None:
 def test_a_header_that_needs_another_is_found() -> None:
     folder = builds.made("pi")
     files = builds.with_text(
-        folder, "include/ars_map.h", "\n#endif /* ARS_MAP_H */", "bool ars_map_ready(void);\n#endif /* ARS_MAP_H */"
+        folder, "include/ars_map.h", "\n#endif /* ARS_MAP_H */", "size_t ars_map_ready(void);\n#endif /* ARS_MAP_H */"
     )
     outcome = compiles.check(subject_of(folder, files), QUICK)
     assert outcome.verdict is Verdict.FAILED
     assert found(outcome, "include/ars_map.h:")
-    assert all("bool" in finding for finding in found(outcome, "include/ars_map.h:"))
+    assert all("size_t" in finding for finding in found(outcome, "include/ars_map.h:"))
 
 
 def test_a_header_that_is_no_cxx_is_found() -> None:

@@ -88,7 +88,7 @@ def test_instructions_more_in_one_state_are_counted_in_its_steps_alone() -> None
     """Six samples are lost: as many are held as the configuration says, the others are in the fail-safe."""
     good, lost = [15.0, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0], [np.nan, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0]
     rows = np.array([[*good[:6], 1.0], good, good, *[lost] * 6], dtype=np.float32)
-    place = "    self->yaw_rate_reference = 0.0f;\n}\n\n/* The estimate"
+    place = "    self->yaw_rate_error = 0.0f;\n}\n\n/* The estimate"
     folder = builds.made("pi")
     planted = counter_of(folder, builds.with_text(folder, "src/ars_controller.c", place, nops(NOPS) + place))
     more = steps(planted, rows).instructions - steps(counter(), rows).instructions

@@ -11,7 +11,7 @@ import pytest
 
 from codegen.verify.proof import boxes, solver
 from codegen.verify.proof.boxes import Real
-from codegen.verify.proof.check import YAW_RATE
+from codegen.verify.proof.check import MAP
 from codegen.verify.proof.concrete import computed
 from codegen.verify.proof.executor import Executor
 from codegen.verify.proof.facts import Bounded, Fact, Facts
@@ -314,7 +314,7 @@ def of_units(names: Sequence[str], *planted: tuple[str, str, str]) -> Told:
         text = files[path].decode("ascii")
         assert text.count(old) == 1, old
         files[path] = text.replace(old, new).encode("ascii")
-    machine = Executor(Program.read(files), {"yaw_rate_table": YAW_RATE})
+    machine = Executor(Program.read(files), {f"ars_map_{name}": range_ for name, range_ in MAP.items()})
     return told_by(Session(machine, "ars", folder.manifest["configuration"]["controller"]["sampling_time_s"]).run())
 
 
@@ -327,7 +327,7 @@ def test_a_fault_of_the_limiter_breaks_its_claim(faults: dict[tuple[str, str], s
     assert "cannot be judged" not in told.text
 
 
-CONTROLLER_UNITS = ("src/ars_controller.c", LIMITER_UNIT, "src/ars_map.c")
+CONTROLLER_UNITS = ("src/ars_controller.c", LIMITER_UNIT, "src/ars_map.c", "src/ars_calibration.c")
 CONTROLLER = "src/ars_controller.c"
 
 

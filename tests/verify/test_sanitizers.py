@@ -218,9 +218,9 @@ def test_c_that_does_not_compile_is_a_finding() -> None:
 
 @pytest.mark.usefixtures("no_faults", "no_trap_build")
 def test_c_without_a_table_is_a_finding() -> None:
-    text = planted.source(TRACKING, "ars_map").replace("0.0f, 0.0f, 0.0f, 0.0f,", "0.0f, 0.0f, 0.0f,", 1)
-    (finding,) = checked(planted.subject_of(TRACKING, ars_map=text)).findings
-    assert finding == "src/ars_map.c: 1 tables of 1 x 102 x 102 numbers, where 2 are expected"
+    text = planted.source(TRACKING, "ars_calibration").replace("0.0f, 0.0f, 0.0f, 0.0f,", "0.0f, 0.0f, 0.0f,", 1)
+    (finding,) = checked(planted.subject_of(TRACKING, ars_calibration=text)).findings
+    assert finding == "src/ars_calibration.c: ars_map_yaw_rate_table has 10403 numbers, where 1 x 102 x 102 are expected"
 
 
 @pytest.mark.usefixtures("no_faults")

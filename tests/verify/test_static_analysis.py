@@ -72,8 +72,6 @@ def c_function(signature: str, *body: str) -> str:
     [
         ("tracking", "uneven", True, "single"),
         ("tracking", "even", False, "double"),
-        ("pi", "even", True, "single"),
-        ("feedforward", "uneven", False, "double"),
         ("proportional", "even", False, "single"),
     ],
 )
@@ -221,8 +219,8 @@ def test_names_that_are_alike_for_a_linker_are_told(prefix: str, told: bool) -> 
 def test_zeros_for_tables_change_no_finding() -> None:
     files = builds.made("tracking", "uneven", layers=True).files
     sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-    thinned = without_tables(sources, "zeros")
-    assert len(thinned["src/ars_map.c"]) < 0.6 * len(sources["src/ars_map.c"])
+    thinned = without_tables(sources)
+    assert len(thinned["src/ars_calibration.c"]) < 0.6 * len(sources["src/ars_calibration.c"])
     found = []
     for content in (sources, thinned):
         with source_tree(content) as tree:
@@ -230,14 +228,14 @@ def test_zeros_for_tables_change_no_finding() -> None:
     assert found[0] == found[1]
 
 
-HEAD = "ARS_SECTION_CALIBRATION\nstatic const float table[ARS_MAP_SPEED_POINTS][20] = {\n"
+HEAD = "ARS_SECTION_CALIBRATION\nconst float table[ARS_MAP_SPEED_POINTS][20] = {\n"
 NUMBERS = ", ".join(["0.5f", "-1.0e-05f", "3.4028235e+38f", "0.0f"] * 5)
 ROWS = ",\n".join(f"    /* {k} */\n    {{\n        {NUMBERS}\n    }}" for k in range(20))
 SIZES = {"include/ars_map.h": b"enum { ARS_MAP_SPEED_POINTS = 20 };\n"}
 
 
 def emptied(text: str) -> bool:
-    result = without_tables({**SIZES, "src/ars_map.c": text.encode()}, "zeros")["src/ars_map.c"].decode()
+    result = without_tables({**SIZES, "src/ars_map.c": text.encode()})["src/ars_map.c"].decode()
     assert result.count("\n") == text.count("\n")
     assert result.endswith("\n};\nint after;\n" if result == text else "};\nint after;\n")
     return result != text
@@ -245,15 +243,6 @@ def emptied(text: str) -> bool:
 
 def test_a_plain_table_is_left_out() -> None:
     assert emptied(f"{HEAD}{ROWS}\n}};\nint after;\n")
-
-
-def test_a_table_of_another_unit_stands_for_it() -> None:
-    text = f"int before;\n{HEAD}{ROWS}\n}};\nint after;\n"
-    result = without_tables({**SIZES, "src/ars_map.c": text.encode()}, "elsewhere")["src/ars_map.c"].decode()
-    assert " ".join(result.split()) == (
-        "int before; ARS_SECTION_CALIBRATION extern const float table[ARS_MAP_SPEED_POINTS][20] ; int after;"
-    )
-    assert result.count("\n") == text.count("\n")
 
 
 @pytest.mark.parametrize(

@@ -55,17 +55,16 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     del effort  # it is quick as it is
     rows = _rows(subject)
     files = subject.sources("include", "src", *PROGRAMS)
-    with source_tree(without_tables(files, "zeros")) as tree:
+    with source_tree(without_tables(files)) as tree:
         programs = [folder for folder in PROGRAMS if subject.sources(folder)]
         found = [*misra.judged_by_misra(tree), *misra.judged_as_programs(tree, programs)]
-    try:
-        with source_tree(without_tables(files, "elsewhere")) as tree:
+        try:
             analysis = gcc_analyzer.analyse(_gcc(), _units(subject), tree)
-        not_run = ""
-    except MissingTool as error:
-        analysis, not_run = gcc_analyzer.Analysis((), ()), str(error)
-    except BuildError as error:
-        analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
+            not_run = ""
+        except MissingTool as error:
+            analysis, not_run = gcc_analyzer.Analysis((), ()), str(error)
+        except BuildError as error:
+            analysis, not_run = gcc_analyzer.Analysis((_not_compiled(error),), ()), ""
     found = sorted(once([*found, *analysis.findings]))
     faults = (*_row_faults(rows), *_differences(subject, rows, found, with_gcc=not not_run))
     limits = (*LIMITS, *_more_limits(subject, analysis.left))

@@ -1,8 +1,8 @@
 """Tables of numbers, left out of what an analyser reads.
 
 A map has tens of thousands of numbers, and an analyser takes minutes for them. Only their form can be wrong: that each is a
-plain literal, and that none is missing, is seen here. Where it is so, the analyser gets something short in their place, and
-every other line stays where it was; where it is not, it gets the table as it stands.
+plain literal, and that none is missing, is seen here. Where it is so, the analyser gets zeros in their place, which break no
+rule, and every other line stays where it was; where it is not, it gets the table as it stands.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Literal
 
 NUMBERS_MAX = 300
 """Of a table that is left in: so many cost nothing."""
 
 _TABLE = re.compile(
-    r"^((?:\w+_SECTION_\w+ )?static const (float|double) \w+((?:\[[\w +-]+\])+)) = \{([^;={]*(?:\{[^;=]*)?)\};", re.MULTILINE
+    r"^((?:\w+_SECTION_\w+\s)?(?:static )?const (float|double) \w+((?:\[[\w +-]+\])+)) = \{([^;={]*(?:\{[^;=]*)?)\};",
+    re.MULTILINE,
 )
 _SIZE = re.compile(r"\[(\w+)(?: ([+-]) (\d+))?\]")
 _ENUMERATOR = re.compile(r"\b([A-Z]\w*_(?:POINTS|CELLS)) = (\d+)\b")
@@ -24,14 +24,8 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _LITERAL = {"float": r"-?\d+\.\d+(?:e[+-]?\d+)?f", "double": r"-?\d+\.\d+(?:e[+-]?\d+)?"}
 
 
-def without_tables(files: Mapping[str, bytes], instead: Literal["zeros", "elsewhere"]) -> dict[str, bytes]:
-    """The files of a build, with something else for the numbers of each large table.
-
-    Args:
-        files: content by path.
-        instead: "zeros", which break no rule; or "elsewhere", the table as one of another unit, whose numbers are not known: of
-            zeros that it knows, a compiler leaves out what is done with them.
-    """
+def without_tables(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The files of a build, content by path, with zeros for the numbers of each large table."""
     texts = {path: content.decode("ascii", "replace") for path, content in files.items()}
     sizes = {name: int(value) for text in texts.values() for name, value in _ENUMERATOR.findall(text)}
 
@@ -41,9 +35,7 @@ def without_tables(files: Mapping[str, bytes], instead: Literal["zeros", "elsewh
         if math.prod(shape) <= NUMBERS_MAX or not _is_plain(body, shape, kind):
             return match[0]
         lines = "\n" * body.count("\n")
-        if instead == "zeros":
-            return f"{head} = {{ 0{lines}}};"
-        return head.replace("static ", "extern ", 1) + f"{lines};"
+        return f"{head} = {{ 0{lines}}};"
 
     return {path: _TABLE.sub(short, text).encode("ascii", "replace") for path, text in texts.items()}
 

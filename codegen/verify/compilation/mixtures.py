@@ -16,6 +16,7 @@ REFUSES = "different builds"
 
 FAST_FLAGS = ("-ffast-math", "-ffinite-math-only")
 REFUSES_FAST = "fast-math"
+FUNCTION = re.compile(r"\)\s*\{")
 
 WITHOUT_IDENTITY = "sections"
 """The header whose macros are empty, and the same in every build."""
@@ -56,10 +57,10 @@ def _headers_of(subject: Subject, path: str) -> set[str]:
     waiting = [path]
     while waiting:
         for name in _INCLUDE.findall(text_of(subject, waiting.pop())):
-            header = f"include/{name}"
-            if header in subject.files and header not in seen:
-                seen.add(header)
-                waiting.append(header)
+            for header in (f"include/{name}", f"linux/{name}"):
+                if header in subject.files and header not in seen:
+                    seen.add(header)
+                    waiting.append(header)
     return seen
 
 
@@ -91,10 +92,10 @@ def takes_fast_math(subject: Subject) -> Iterator[str]:
 
 
 def units_with_reals(subject: Subject) -> tuple[str, ...]:
-    """Sources for an ECU that compute with reals."""
+    """Sources for an ECU that compute with reals; one without a function only holds them."""
     real = re.compile(rf"\b{'float' if subject.is_single else 'double'}\b")
-    sources = (path for path in subject.sources("src") if path.endswith(".c"))
-    return tuple(sorted(path for path in sources if real.search(_COMMENT.sub(" ", text_of(subject, path)))))
+    texts = {path: _COMMENT.sub(" ", text_of(subject, path)) for path in subject.sources("src") if path.endswith(".c")}
+    return tuple(sorted(path for path, text in texts.items() if real.search(text) and FUNCTION.search(text)))
 
 
 def _refuses(source: str, flags: tuple[str, ...], phrase: str, tree: Path) -> bool:

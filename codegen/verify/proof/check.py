@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 from codegen.emit.laws import LAWS
+from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.errors import BuildError
+from codegen.refmap.storage import RAW_MAX
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool, module
 from codegen.verify.proof.obligations import Widened
@@ -15,8 +17,17 @@ SHOWS = (
     "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "
     "invariant stays, commands are finite and within their limit, indices, conversions and divisions are defined"
 )
-YAW_RATE, REAR_ANGLE = Widened(0.0, 10.0), Widened(-0.5, 0.5)
-"""What the numbers of the tables may be calibrated to: rad/s and rad."""
+MAP = {
+    "yaw_rate_table": Widened(*TABLE_RANGES["yaw_rate"]),
+    "rear_angle_table": Widened(*TABLE_RANGES["rear_angle"]),
+    "speed_breakpoints": Widened(0.0, SPEED_TOP, is_increasing=True),
+    "front_angle_breakpoints": Widened(0.0, FRONT_ANGLE_TOP, is_increasing=True),
+}
+"""What the map may be calibrated to: rad/s, rad, m/s and rad. The same numbers stand in the C's `..._map_valid`."""
+
+RAW = {"yaw_rate_table": Widened(0, RAW_MAX), "rear_angle_table": Widened(0, 2**16 - 1)}
+"""The same of tables of raw numbers, whose values are within that range then: 16 bits, read without a sign. The C's
+`..._map_valid` lets no negative yaw rate through."""
 
 LIMITS = (
     "it is of the C as the standard has it, rounding to nearest, each float literal once; what a compiler makes of it is for "
@@ -24,11 +35,12 @@ LIMITS = (
     "it is of include/ and src/ as the preprocessor sees them for a Cortex-M4F, with the sizes of types there; example/ and "
     "linux/ are outside",
     "pointers are valid, and what is handed to a public function does not overlap; of calls between them that is checked; "
-    "a state is used by one call at a time, and `inhibit` is true or false",
+    "a state is used by one call at a time, `inhibit` is true or false, and calibration does not change during a call",
     "that a call ends: loops are judged turn by turn or by their count, and others are refused",
     "that a double beyond the range of single precision is not converted to it (the dynamics)",
-    f"the numbers of the map are from {YAW_RATE.low:g} to {YAW_RATE.high:g} rad/s, those of a table of rear angles from "
-    f"{REAR_ANGLE.low:g} to {REAR_ANGLE.high:g} rad",
+    "the map is any that `..._map_valid` lets through: breakpoints that increase, and numbers from "
+    + ", ".join(f"{range_.low:g} to {range_.high:g} ({name})" for name, range_ in MAP.items())
+    + "; that it lets nothing else through is for tests, cell by cell",
     "products and quotients are known by their bounds alone; it says nothing of the quality of control",
 )
 
@@ -60,7 +72,8 @@ def check(subject: Subject, effort: Effort) -> Outcome:
             if program.public(f"{subject.prefix}_{name}") is None
         ]
         sampling_time = float(subject.manifest["configuration"]["controller"]["sampling_time_s"])
-        machine = Executor(program, {"yaw_rate_table": YAW_RATE, "rear_angle_table": REAR_ANGLE})
+        ranges = MAP | (RAW if "storage" in subject.manifest["map"] else {})
+        machine = Executor(program, {f"{subject.prefix}_map_{name}": range_ for name, range_ in ranges.items()})
         report = Session(machine, subject.prefix, sampling_time).run()
     except MissingTool:
         raise
@@ -97,11 +110,11 @@ def check(subject: Subject, effort: Effort) -> Outcome:
 def _outside(subject: Subject) -> list[str]:
     """Numbers of the shipped tables that are not in the range that the proof is for."""
     lookup = lookup_of(subject)
-    tables = [("yaw_rate_table", lookup.tables, YAW_RATE)]
+    tables = {"yaw_rate_table": lookup.tables}
     if LAWS[subject.kind].uses_rear_angle:
-        tables.append(("rear_angle_table", lookup.rear_tables, REAR_ANGLE))
+        tables["rear_angle_table"] = lookup.rear_tables
     return [
-        f"{name}: numbers from {table.min():g} to {table.max():g}, the proof is for {allowed.low:g} to {allowed.high:g}"
-        for name, table, allowed in tables
-        if not (table.min() >= allowed.low and table.max() <= allowed.high)
+        f"{name}: numbers from {table.min():g} to {table.max():g}, the proof is for {MAP[name].low:g} to {MAP[name].high:g}"
+        for name, table in tables.items()
+        if not (table.min() >= MAP[name].low and table.max() <= MAP[name].high)
     ]

@@ -149,8 +149,9 @@ def quotient_below_one(term: Term) -> Iterator[Fact]:
 
 
 def share_parts(term: Term) -> Iterator[tuple[Term, Term]]:
-    """Where a quotient is `(x - a) / (y - a)`: x and y."""
+    """Where a quotient is `(x - a) / (y - a)`: x and y; of `x / y` too, where a is zero."""
     above, below = term.args
+    yield above, below
     if above.op == below.op == "fadd":
         for x, less in (above.args, above.args[::-1]):
             for y, other in (below.args, below.args[::-1]):

@@ -61,6 +61,8 @@ class Machine:
         self.obligations: dict[Obligation, None] = {}
         self.asked: list[Term] = []  # goals in the order of the run, again where they come again
         self._free_tables = free_tables
+        self._read_entries: dict[Table, dict[Term, None]] = {}
+        self.axioms: dict[Term, None] = {}  # what is taken of tables
         self._roots: dict[str, CType] = {}
         self._lengths: dict[str, Term] = {}
         self._tables: dict[str, Table] = {}
@@ -131,9 +133,10 @@ class Machine:
         while isinstance(inner, Array):
             lengths.append(inner.length or 0)
             inner = inner.element
-        widened = self._free_tables.get(root.rpartition(":")[2]) if len(lengths) > 1 else None
-        low, high = (min(flat), max(flat)) if widened is None else (widened.low, widened.high)
-        return Table(root, tuple(lengths), tuple(flat), low, high, widened is not None)
+        widened = self._free_tables.get(root.rpartition(":")[2])
+        if widened is None:
+            return Table(root, tuple(lengths), tuple(flat), min(flat), max(flat))
+        return Table(root, tuple(lengths), tuple(flat), widened.low, widened.high, True, widened.is_increasing)
 
     @property
     def constant_roots(self) -> Collection[str]:
@@ -264,6 +267,7 @@ class Machine:
             steps = tuple(step for step in reference.path if isinstance(step, Term))
             term = self.pool.entry(self._tables[reference.root], steps, sort_of(ctype))
             state.scope.box(term)
+            self._order(state, term)
             return Typed(ctype, term)
         if isinstance(ctype, Struct) and not ctype.is_union:
             return Typed(ctype, self._read_struct(state, reference, node))
@@ -275,6 +279,22 @@ class Machine:
         if reference.in_union and isinstance(payload, Term) and isinstance(ctype, Scalar) and ctype.family == Family.FLOAT:
             payload = self.float_of_bits(payload)
         return Typed(ctype, payload)
+
+    def _order(self, state: State, entry: Term) -> None:
+        """Take an entry of an increasing table to be above those before it that were read, and below those behind it; and above
+        the least number that one may hold, if it is not the first."""
+        if entry.op != "entry" or not entry.data.is_increasing:
+            return
+        others = self._read_entries.setdefault(entry.data, {})
+        pairs = [(other, entry) for other in others if self.pool.is_above(entry.args[0], other.args[0])]
+        pairs += [(entry, other) for other in others if self.pool.is_above(other.args[0], entry.args[0])]
+        if self.pool.is_above(entry.args[0], self.pool.whole(0, INDEX_WIDTH)):
+            pairs.append((self.pool.real(entry.data.low, -entry.sort), entry))
+        for low, high in pairs:
+            order = self.pool.apply("flt", TRUTH, low, high)
+            self.axioms[order] = None
+            state.scope.assume(order)
+        others[entry] = None
 
     def _read_leaf(self, state: State, reference: Reference, stored: CType, node: Any) -> Payload:
         found = list(self._found(state, reference))

@@ -41,7 +41,8 @@ class Obligation:
 
 @dataclass(frozen=True)
 class Widened:
-    """What the entries of a table may be recalibrated to."""
+    """What the entries of a table may be calibrated to; whether each is above the one before."""
 
     low: float
     high: float
+    is_increasing: bool = False

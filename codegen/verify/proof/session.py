@@ -111,7 +111,7 @@ class Session:
             if isinstance(contract, Contract):
                 contract.taken = self._taken
         entry = self._caller.call(function)
-        entry.assumptions += self._taken
+        entry.assumptions += [*self._taken, *self.machine.axioms]
         entry.obligations = list(self.machine.obligations)
         return entry
 

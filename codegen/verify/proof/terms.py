@@ -35,6 +35,7 @@ class Table:
         values: row by row.
         low, high: of any entry. For a free table, of what it may be recalibrated to; else of what it holds.
         is_free: whether the entries count as any numbers between the two.
+        is_increasing: whether each of a free table is taken to be above the one before.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Table:
     low: float
     high: float
     is_free: bool = False
+    is_increasing: bool = False
 
     def at(self, indices: Iterable[int]) -> Value | None:
         """An entry, None where there is none."""
@@ -93,6 +95,7 @@ class Pool:
     def __init__(self) -> None:
         self._kept: dict[tuple[Any, ...], Term] = {}
         self._fresh = 0
+        self._above: dict[tuple[int, int], bool] = {}
         self.true, self.false = self.boolean(True), self.boolean(False)
 
     def __len__(self) -> int:
@@ -124,6 +127,19 @@ class Pool:
         if all(each.is_const for each in indices) and not table.is_free:
             return self._entry_at(table, tuple(each.data for each in indices), sort)
         return self._keep("entry", indices, sort, table)
+
+    def is_above(self, index: Term, other: Term) -> bool:
+        """Whether an index is above another one wherever it leads, by how the two were chosen."""
+        if index.is_const and other.is_const:
+            return bool(index.data > other.data)
+        same = index.op == other.op == "ite" and index.args[0] is other.args[0]
+        if not same and not (index.op == "ite" and other.is_const):
+            return False
+        key = (index.number, other.number)
+        if key not in self._above:
+            others = other.args[1:] if same else (other, other)
+            self._above[key] = all(self.is_above(*pair) for pair in zip(index.args[1:], others, strict=True))
+        return self._above[key]
 
     def _entry_at(self, table: Table, indices: tuple[int, ...], sort: int) -> Term:
         value = table.at(indices)

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xA7652821u
+#define ARS_CAN_BUILD 0x7DF6281Au
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

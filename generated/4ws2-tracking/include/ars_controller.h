@@ -20,10 +20,10 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
-#if ARS_LIMITER_BUILD != 0xA7652821u
+#if ARS_LIMITER_BUILD != 0x7DF6281Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xA7652821u
+#if ARS_REFERENCE_MODEL_BUILD != 0x7DF6281Au
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -31,7 +31,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xA7652821u
+#define ARS_CONTROLLER_BUILD 0x7DF6281Au
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -61,7 +61,7 @@ typedef struct {
 
 enum { ARS_SCHEDULE_POINTS = 14 };
 
-/* Everything that calibration may change. Ask ars_parameters_valid() after each change. */
+/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
 typedef struct {
     float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
@@ -78,7 +78,7 @@ typedef struct {
     float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
     float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
     float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
-    float rear_angle_max;               /* rad, bound on the command */
+    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
     float rear_rate_max;                /* rad/s, bound on the command's rate */
     float friction_min;                 /* a lower estimate counts as this */
     float enable_speed;                 /* m/s, control starts from here */
@@ -112,6 +112,7 @@ typedef struct {
     float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
+    float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
     float speed;                        /* m/s, last one in range */
     uint16_t bad_samples;               /* in a row */
     uint16_t good_samples;              /* in a row, counted in fail-safe */
@@ -124,8 +125,12 @@ typedef struct {
 /* The parameters that this build was made with. */
 extern const ars_parameters_t ars_parameters_default;
 
+/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
+extern const char ars_epk[9];
+
 /*
- * Whether every parameter is finite, in range and consistent with the others. ars_controller_step() relies on it.
+ * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
+ * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
  */
 bool ars_parameters_valid(const ars_parameters_t *parameters);
 
@@ -147,8 +152,9 @@ ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Whether the map in memory has its checksum, the lookup gives the values that it had at build, the default parameters are
- * valid, and the CRC of the CAN frames has its known values. For power-up; takes about 166464 table look-ups of four bits.
+ * Whether the map in memory has its checksum and, unless it was calibrated, the lookup gives the values that it had at build;
+ * the map and the default parameters are valid, and the CRC of the CAN frames has its known values. For power-up; takes about
+ * 168096 table look-ups of four bits.
  */
 bool ars_selftest(void);
 

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xA7652821u
+#define ARS_DYNAMICS_BUILD 0x7DF6281Au
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xA7652821u
+#define ARS_LIMITER_BUILD 0x7DF6281Au
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xA7652821u
+#define ARS_REFERENCE_MODEL_BUILD 0x7DF6281Au
 
 /* Where the model is. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {

@@ -5,6 +5,9 @@
  * counted; periods that went by meanwhile are left out, never made up for. In lock-step there is no timer: each complete set of
  * the car's frames is answered once.
  *
+ * With --xcp a master can measure and calibrate over XCP on CAN (ars_xcp.h), between two runs of the task; without it
+ * nothing of that runs, and the calibration stays read-only.
+ *
  * Prints "ready" once it can receive. While the interface is down or removed the task goes on, and so does the bus when it is
  * back. SIGTERM and SIGINT end it with a line of counters on standard error.
  *
@@ -44,22 +47,31 @@
 
 #include "ars_can.h"
 #include "ars_controller.h"
+#include "ars_map.h"
 #include "ars_task.h"
+#include "ars_xcp.h"
 
-#if ARS_CAN_BUILD != 0xA7652821u
+#if ARS_CAN_BUILD != 0x7DF6281Au
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xA7652821u
+#if ARS_CONTROLLER_BUILD != 0x7DF6281Au
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xA7652821u
+#if ARS_MAP_BUILD != 0x7DF6281Au
+#error "ars_map.h and this source come from different builds"
+#endif
+#if ARS_TASK_BUILD != 0x7DF6281Au
 #error "ars_task.h and this source come from different builds"
+#endif
+#if ARS_XCP_BUILD != 0x7DF6281Au
+#error "ars_xcp.h and this source come from different builds"
 #endif
 
 enum {
     EXIT_BAD_INPUT = 2,
     SILENCE_PERIODS = 4,        /* without a frame of the car: the timer takes its phase anew */
     FRAMES_AT_ONCE_MAX = 256,   /* read before the timer is looked at again, whatever floods the bus */
+    COMMANDS_AT_ONCE_MAX = 4,   /* the same of a master's, which take longer */
     SLIP_WEIGHT = 10,           /* of a run with two sets or none, against one run that is well in phase */
     SLIPPING_MAX = 25,          /* beyond: the timer takes its phase anew */
     RECEIVE_BUFFER = 1 << 20    /* bytes; the kernel may give less */
@@ -72,6 +84,7 @@ static const int64_t watch_period = INT64_C(100000000);     /* looks for a lost 
 typedef struct {
     const char *interface;
     bool lock_step;
+    bool xcp;                   /* for a master that measures and calibrates */
     int priority;               /* of SCHED_FIFO; 0: scheduled as any other process */
     pid_t parent;               /* the program ends where this is no longer its parent; 0: it does not look */
 } options_t;
@@ -79,7 +92,9 @@ typedef struct {
 typedef struct {
     options_t options;
     ars_task_t task;
+    ars_xcp_t xcp;
     int bus;                    /* file descriptors; -1 where the interface is gone */
+    int master;                 /* the bus again, for XCP; -1 without it, too */
     int timer;                  /* of the task; never started in lock-step */
     int watch;
     int signals;
@@ -96,9 +111,26 @@ typedef struct {
     uint32_t discarded;         /* frames that waited for too long */
     uint32_t sent;
     uint32_t send_errors;
+    uint32_t lost_packets;      /* of XCP */
 } ecu_t;
 
 static ecu_t ecu;
+
+/* The section ars_calibration, where ARS_SECTION_CALIBRATION names it: the linker (GNU ld, lld) defines both ends. */
+extern uint8_t __start_ars_calibration[] __attribute__((weak));
+extern uint8_t __stop_ars_calibration[] __attribute__((weak));
+
+/* Room for the calibration, and for what the linker leaves between its objects. */
+enum {
+    CALIBRATION_MAX = 1024 + sizeof ars_parameters_default + sizeof ars_map_expected_checksum
+        + sizeof ars_map_speed_breakpoints
+        + sizeof ars_map_front_angle_breakpoints
+        + sizeof ars_map_yaw_rate_table
+        + sizeof ars_map_rear_angle_table
+};
+
+static uint8_t working_page[CALIBRATION_MAX];
+static uint8_t reference_page[CALIBRATION_MAX];
 
 /* One line on standard error; returns the exit code. */
 static int refuse(const char *where, const char *what, const char *remedy)
@@ -152,15 +184,12 @@ static void start_task_timer(ecu_t *self, int64_t first)
 
 /* --- the bus ------------------------------------------------------------------------------------------------------ */
 
-/* A socket that hears the car's two messages and nothing else: no remote, error or 29-bit frames, nothing of its own. It may be
+/* A socket that hears two messages and nothing else: no remote, error or 29-bit frames, nothing of its own. It may be
  * opened while the interface is down. Returns -1 with errno; ENODEV: there is no such interface, or it is not one of CAN. */
-static int open_bus(const char *interface)
+static int open_socket(const char *interface, uint32_t one, uint32_t other)
 {
     const canid_t exact = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
-    const struct can_filter filters[2] = {
-        { (canid_t)ARS_CAN_ID_VEHICLE_MOTION, exact },
-        { (canid_t)ARS_CAN_ID_VEHICLE_CONDITIONS, exact }
-    };
+    const struct can_filter filters[2] = { { (canid_t)one, exact }, { (canid_t)other, exact } };
     const int size = RECEIVE_BUFFER;
     const unsigned int index = if_nametoindex(interface);
     struct sockaddr_can address;
@@ -186,6 +215,18 @@ static int open_bus(const char *interface)
     return bus;
 }
 
+/* For the car's messages. */
+static int open_bus(const char *interface)
+{
+    return open_socket(interface, (uint32_t)ARS_CAN_ID_VEHICLE_MOTION, (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS);
+}
+
+/* For a master's commands: a queue of its own, so that the car's frames never wait behind them. */
+static int open_master(const char *interface)
+{
+    return open_socket(interface, (uint32_t)ARS_XCP_ID_RECEIVE, (uint32_t)ARS_XCP_ID_RECEIVE);
+}
+
 /* Says why the bus could not be opened. */
 static int refuse_bus(const char *interface, int error)
 {
@@ -206,7 +247,7 @@ static int refuse_bus(const char *interface, int error)
 }
 
 /* After a call on the socket failed. While the interface is down, or its queue is full, the socket stays good. */
-static void note_bus_error(ecu_t *self, int error)
+static void note_bus_error(int *bus, int error)
 {
     switch (error) {
     case EAGAIN:
@@ -215,11 +256,105 @@ static void note_bus_error(ecu_t *self, int error)
     case ENOBUFS:
         break;
     default: /* ENODEV, ENXIO: the interface was removed */
-        (void)close(self->bus);
-        self->bus = -1;
+        (void)close(*bus);
+        *bus = -1;
         break;
     }
 }
+
+/* --- XCP ---------------------------------------------------------------------------------------------------------- */
+
+static void send_packet(ecu_t *self, const ars_xcp_packet_t *packet)
+{
+    struct can_frame frame;
+
+    (void)memset(&frame, 0, sizeof frame);
+    frame.can_id = (canid_t)ARS_XCP_ID_TRANSMIT;
+    frame.can_dlc = packet->length;
+    (void)memcpy(frame.data, packet->data, packet->length);
+    if (self->master < 0) {
+        self->lost_packets++;
+    } else if (write(self->master, &frame, sizeof frame) != (ssize_t)sizeof frame) {
+        self->lost_packets++;
+        note_bus_error(&self->master, errno);
+    } else {
+        /* sent */
+    }
+}
+
+/* After a run of the task: what a master wants to see of it. */
+static void measure(ecu_t *self)
+{
+    static ars_xcp_packet_t packets[ARS_XCP_ODT_MAX];
+
+    if (self->options.xcp) {
+        const uint8_t count = ars_xcp_event(&self->xcp, packets);
+        uint8_t k;
+
+        for (k = 0u; k < count; k++) {
+            send_packet(self, &packets[k]);
+        }
+    }
+}
+
+/* Answers what waits of a master's commands. */
+static void obey(ecu_t *self)
+{
+    ars_xcp_packet_t answer;
+    struct can_frame frame;
+    int commands;
+
+    for (commands = 0; (self->master >= 0) && (commands < COMMANDS_AT_ONCE_MAX); commands++) {
+        const ssize_t size = read(self->master, &frame, sizeof frame);
+
+        if (size < 0) {
+            note_bus_error(&self->master, errno);
+            break;
+        }
+        if ((size == (ssize_t)sizeof frame) && ars_xcp_command(&self->xcp, frame.data, frame.can_dlc, &answer)) {
+            send_packet(self, &answer);
+        }
+    }
+}
+
+static bool is_calibration_valid(void)
+{
+    return ars_parameters_valid(&ars_parameters_default);
+}
+
+/* Lets the calibration be written, and no other page of memory. Returns an exit code where that cannot be, else -1. */
+static int start_xcp(ecu_t *self)
+{
+    const uintptr_t start = (uintptr_t)__start_ars_calibration;
+    const uintptr_t stop = (uintptr_t)__stop_ars_calibration;
+    const uintptr_t task = (uintptr_t)&self->task;
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    const uintptr_t first = start - (start % page);
+    ars_xcp_setup_t setup;
+
+    if ((stop <= start) || ((stop - start) > (uintptr_t)CALIBRATION_MAX)) {
+        return refuse("--xcp", "the calibration has no section of its own", "compile as the head of ars_xcp.h says");
+    }
+    if (((uint64_t)stop > UINT32_MAX) || (((uint64_t)task + sizeof self->task) > UINT32_MAX)) {
+        return refuse("--xcp", "the addresses do not fit the 32 bits of XCP", "link with -no-pie");
+    }
+    if (mprotect(&__start_ars_calibration[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
+        return refuse("--xcp", strerror(errno), "the calibration cannot be made writable");
+    }
+    setup.calibration = __start_ars_calibration;
+    setup.working = working_page;
+    setup.reference = reference_page;
+    setup.measurements = (const uint8_t *)&self->task;
+    setup.calibration_address = (uint32_t)start;
+    setup.calibration_size = (uint32_t)(stop - start);
+    setup.measurements_address = (uint32_t)task;
+    setup.measurements_size = (uint32_t)sizeof self->task;
+    setup.is_valid = is_calibration_valid;
+    ars_xcp_init(&self->xcp, &setup);
+    return -1;
+}
+
+/* --- the task ----------------------------------------------------------------------------------------------------- */
 
 /* One run of the task. Its frame is sent or lost, but never waited for: the next one is newer. */
 static void answer(ecu_t *self)
@@ -235,8 +370,9 @@ static void answer(ecu_t *self)
         self->sent++;
     } else {
         self->send_errors++;
-        note_bus_error(self, errno);
+        note_bus_error(&self->bus, errno);
     }
+    measure(self);
 }
 
 /* A frame of the car. A complete set of them is answered in lock-step; by the clock, the first one sets the timer's phase. */
@@ -267,7 +403,7 @@ static void receive(ecu_t *self)
         const ssize_t size = read(self->bus, &frame, sizeof frame);
 
         if (size < 0) {
-            note_bus_error(self, errno);
+            note_bus_error(&self->bus, errno);
             break;
         }
         if (size == (ssize_t)sizeof frame) {
@@ -341,6 +477,9 @@ static bool on_watch(ecu_t *self)
     if (self->bus < 0) {
         self->bus = open_bus(self->options.interface);
     }
+    if (self->options.xcp && (self->master < 0)) {
+        self->master = open_master(self->options.interface);
+    }
     return (self->options.parent == 0) || (getppid() == self->options.parent);
 }
 
@@ -351,7 +490,7 @@ static void wake(ecu_t *self, uint64_t expirations)
 {
     const bool was_in_phase = self->in_phase;
 
-    if (expirations > ((uint64_t)ars_parameters_default.degraded_samples_max + 1u)) {
+    if (expirations > ((uint64_t)self->task.parameters->degraded_samples_max + 1u)) {
         discard(self);
     } else {
         receive(self);
@@ -364,21 +503,24 @@ static void wake(ecu_t *self, uint64_t expirations)
 /* Until a signal comes. */
 static void serve(ecu_t *self)
 {
-    enum { SIGNALS, TIMER, WATCH, BUS, WAITING };
+    enum { SIGNALS, TIMER, WATCH, BUS, MASTER, WAITING };
     struct pollfd waiting[WAITING] = {
         [SIGNALS] = { .fd = self->signals, .events = POLLIN },
         [TIMER] = { .fd = self->timer, .events = POLLIN },
         [WATCH] = { .fd = self->watch, .events = POLLIN },
-        [BUS] = { .fd = self->bus, .events = POLLIN }
+        [BUS] = { .fd = self->bus, .events = POLLIN },
+        [MASTER] = { .fd = self->master, .events = POLLIN }
     };
     bool running = true;
 
     while (running) {
         waiting[BUS].fd = self->bus; /* poll() skips -1 */
+        waiting[MASTER].fd = self->master;
         if (poll(waiting, (nfds_t)WAITING, -1) < 0) {
             continue; /* stopped and continued */
         }
         wake(self, (waiting[TIMER].revents != 0) ? read_timer(self->timer) : 0u);
+        obey(self);
         running = (waiting[WATCH].revents == 0) || on_watch(self);
         running = running && (waiting[SIGNALS].revents == 0);
     }
@@ -423,13 +565,20 @@ static void print_counters(const ecu_t *self)
     (void)fprintf(stderr,
         "cycles=%" PRIu32 " late=%" PRIu32 " late_samples=%" PRIu32 " early_samples=%" PRIu32 " lost_samples=%" PRIu32
         " discarded=%" PRIu32 " sent=%" PRIu32 " send_errors=%" PRIu32
-        " lateness_mean_us=%" PRId64 " lateness_max_us=%" PRId64 "\n",
+        " lateness_mean_us=%" PRId64 " lateness_max_us=%" PRId64,
         task->cycles, self->late, task->late_cycles, task->early_cycles, task->lost_samples,
         self->discarded, self->sent, self->send_errors, mean / 1000, self->lateness_max / 1000);
+    if (self->options.xcp) {
+        (void)fprintf(stderr, " lost_packets=%" PRIu32, self->lost_packets);
+    }
+    (void)fprintf(stderr, "\n");
 }
 
 static int run(ecu_t *self)
 {
+    int code = -1;
+
+    self->master = -1;
     if (!ars_selftest()) {
         (void)fprintf(stderr, "error: the self-test failed; build and compile again\n");
         return EXIT_FAILURE;
@@ -440,8 +589,17 @@ static int run(ecu_t *self)
     if (!set_priority(self->options.priority)) {
         return refuse("--priority", strerror(errno), "run it as root, or with the capabilities cap_sys_nice and cap_ipc_lock");
     }
+    if (self->options.xcp) {
+        code = start_xcp(self);
+    }
+    if (code >= 0) {
+        return code;
+    }
     self->bus = open_bus(self->options.interface);
-    if (self->bus < 0) {
+    if (self->options.xcp && (self->bus >= 0)) {
+        self->master = open_master(self->options.interface);
+    }
+    if ((self->bus < 0) || (self->options.xcp && (self->master < 0))) {
         return refuse_bus(self->options.interface, errno);
     }
     ars_task_init(&self->task, &ars_parameters_default);
@@ -459,9 +617,10 @@ static int run(ecu_t *self)
 static void print_help(void)
 {
     (void)printf(
-        "usage: ars_ecu [--lock-step] [--priority N] [--parent PID] INTERFACE\n\n"
+        "usage: ars_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
         "The rear-steering ECU of this build on a CAN interface, say vcan0, every 10 ms.\n\n"
         "  --lock-step    no timer: answer each complete set of the car's frames once\n"
+        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers 0x6A0 and 0x6A1\n"
         "  --priority N   real-time priority (SCHED_FIFO) 1 to 99, all memory locked\n"
         "  --parent PID   end where process PID is no longer the parent\n"
         "  -h, --help     this text\n\n"
@@ -503,6 +662,8 @@ static int read_options(options_t *options, int count, char *const words[])
             return EXIT_SUCCESS;
         } else if (strcmp(word, "--lock-step") == 0) {
             options->lock_step = true;
+        } else if (strcmp(word, "--xcp") == 0) {
+            options->xcp = true;
         } else if (strcmp(word, "--priority") == 0) {
             options->priority = number_of(value, 99);
             at++;

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xA7652821u
+#if ARS_CAN_BUILD != 0x7DF6281Au
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xA7652821u
+#if ARS_CONTROLLER_BUILD != 0x7DF6281Au
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA7652821u
+#if ARS_MAP_BUILD != 0x7DF6281Au
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -28,61 +28,6 @@ ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad *
 
 /* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
 ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
-
-ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
-    .schedule_speed = {
-        4.1666665f, 5.5555553f, 8.333333f, 11.805555f, 16.666666f, 22.222221f, 27.777779f, 33.333332f,
-        40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f
-    },
-    .proportional_gain = {
-        0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1437f,
-        0.1417f, 0.1357f, 0.1228f, 0.1124f, 0.0979f, 0.08963f
-    },
-    .integral_gain = {
-        1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f,
-        0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
-    },
-    .lead_time = 0.032f,
-    .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.02617994f,
-    .yaw_increasing_max = 0.008726646f,
-    .trim_share = 0.01f,
-    .trim_rate = 1.0f,
-    .grip_shortfall = 0.5f,
-    .grip_loss_rate = 10.0f,
-    .grip_forgetting = 1.0f,
-    .grip_recovery = 0.5f,
-    .grip_recovery_idle = 4.0f,
-    .rear_angle_error_max = 0.034906585f,
-    .rear_angle_max = 0.061086524f,
-    .rear_rate_max = 0.43633232f,
-    .friction_min = 0.1f,
-    .enable_speed = 4.1666665f,
-    .disable_speed = 3.3333333f,
-    .standby_rate = 0.08726646f,
-    .speed_max = 111.111115f,
-    .front_angle_max = 0.7853982f,
-    .yaw_rate_max = 2.6179938f,
-    .rear_angle_input_max = 0.2617994f,
-    .friction_max = 1.5f,
-    .wheelbase = 3.14f,
-    .yaw_rate_tolerance = 0.5235988f,
-    .hold_speed = 16.666666f,
-    .ramp_rate_standstill = 0.08726646f,
-    .ramp_rate_hold_speed = 0.008726646f,
-    .implausible_samples_max = 30u,
-    .degraded_samples_max = 3u,
-    .recovery_samples = 10u,
-    .limiter = {
-        .rear_angle_max = 0.061086524f,
-        .rear_rate_max = 0.5235988f,
-        .opposite_phase_speed = { 13.888889f, 17.222221f, 22.222221f, 30.555555f, 44.444443f, 111.111115f },
-        .opposite_phase_max = { 0.061086524f, 0.04229375f, 0.02538186f, 0.013400553f, 0.0063063586f, 0.0009652188f },
-        .in_phase_from_front_angle = 0.017453292f,
-        .speed_max = 111.111115f,
-        .front_angle_max = 0.7853982f
-    }
-};
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
@@ -235,6 +180,7 @@ ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_paramet
         self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);
     }
     self->yaw_rate_reference = 0.0f;
+    self->yaw_rate_error = 0.0f;
 }
 
 /* The estimate, not below the smallest that is believed; NaN stays NaN: the map takes its own friction. */
@@ -485,6 +431,7 @@ ARS_SECTION_CODE static void control(
     const bool starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);
 
     self->status = law_step(self, parameters, measurement, starts) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+    self->yaw_rate_error = self->yaw_rate_reference - measurement->yaw_rate;
 }
 
 /* The last word on the command. */
@@ -528,7 +475,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->grip_recovery, 0.01f, 100.0f)
         && is_between(parameters->grip_recovery_idle, 0.01f, 100.0f)
         && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
-        && is_between(parameters->rear_angle_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_angle_max, 1.0e-04f, 0.061086524f)
         && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
         && is_between(parameters->friction_min, 0.01f, 1.0f)
         && is_between(parameters->enable_speed, 0.01f, 100.0f)
@@ -552,7 +499,8 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->recovery_samples < UINT16_MAX)
         && are_valid_arrays(parameters)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
-        && ars_limiter_parameters_valid(&parameters->limiter);
+        && ars_limiter_parameters_valid(&parameters->limiter)
+        && ars_map_valid();
 }
 
 ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
@@ -564,6 +512,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     }
     self->rear_angle = start;
     self->yaw_rate_reference = 0.0f;
+    self->yaw_rate_error = 0.0f;
     self->speed = speed_unknown;
     self->bad_samples = 0u;
     self->good_samples = 0u;
@@ -589,6 +538,7 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     if (self->status == ARS_STATUS_STANDBY) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
         self->yaw_rate_reference = 0.0f;
+        self->yaw_rate_error = 0.0f;
     }
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xA7652821u
+#if ARS_LIMITER_BUILD != 0x7DF6281Au
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xA7652821u
+#if ARS_REFERENCE_MODEL_BUILD != 0x7DF6281Au
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 

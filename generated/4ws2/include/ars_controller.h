@@ -19,7 +19,7 @@
 
 #include "ars_limiter.h"
 
-#if ARS_LIMITER_BUILD != 0x78B6AAA8u
+#if ARS_LIMITER_BUILD != 0x7F68E9A8u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x78B6AAA8u
+#define ARS_CONTROLLER_BUILD 0x7F68E9A8u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -55,12 +55,12 @@ typedef struct {
     ars_status_t status;        /* what the step did */
 } ars_command_t;
 
-/* Everything that calibration may change. Ask ars_parameters_valid() after each change. */
+/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
 typedef struct {
     float proportional_gain;            /* s: rad of rear angle for each rad/s of error */
     float integral_gain;                /* rad of rear angle for each rad of integrated error */
     float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
-    float rear_angle_max;               /* rad, bound on the command */
+    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
     float rear_rate_max;                /* rad/s, bound on the command's rate (off) */
     float friction_min;                 /* a lower estimate counts as this */
     float enable_speed;                 /* m/s, control starts from here */
@@ -87,6 +87,7 @@ typedef struct {
     float integral;                     /* rad, of rear angle */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
+    float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
     float speed;                        /* m/s, last one in range */
     uint16_t bad_samples;               /* in a row */
     uint16_t good_samples;              /* in a row, counted in fail-safe */
@@ -99,8 +100,12 @@ typedef struct {
 /* The parameters that this build was made with. */
 extern const ars_parameters_t ars_parameters_default;
 
+/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
+extern const char ars_epk[9];
+
 /*
- * Whether every parameter is finite, in range and consistent with the others. ars_controller_step() relies on it.
+ * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
+ * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
  */
 bool ars_parameters_valid(const ars_parameters_t *parameters);
 
@@ -122,8 +127,9 @@ ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Whether the map in memory has its checksum, the lookup gives the values that it had at build, the default parameters are
- * valid, and the CRC of the CAN frames has its known values. For power-up; takes about 83232 table look-ups of four bits.
+ * Whether the map in memory has its checksum and, unless it was calibrated, the lookup gives the values that it had at build;
+ * the map and the default parameters are valid, and the CRC of the CAN frames has its known values. For power-up; takes about
+ * 84864 table look-ups of four bits.
  */
 bool ars_selftest(void);
 

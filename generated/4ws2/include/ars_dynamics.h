@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x78B6AAA8u
+#define ARS_DYNAMICS_BUILD 0x7F68E9A8u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

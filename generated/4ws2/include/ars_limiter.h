@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x78B6AAA8u
+#define ARS_LIMITER_BUILD 0x7F68E9A8u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -13,13 +13,14 @@
 #ifndef ARS_MAP_H
 #define ARS_MAP_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x78B6AAA8u
+#define ARS_MAP_BUILD 0x7F68E9A8u
 
 /* Breakpoints of the table. */
 enum {
@@ -43,10 +44,27 @@ float ars_map_yaw_rate(float speed, float front_angle);
  */
 float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction);
 
-/* CRC-32 (IEEE 802.3) over the numbers of the table, row by row; least significant byte first. */
+/*
+ * Whether every number of the map in memory may be used: no NaN, breakpoints that increase, those of an even axis in their even
+ * places, ars_map_yaw_rate_table from 0.0f to 10.0f rad/s.
+ * Part of what ars_parameters_valid() asks.
+ */
+bool ars_map_valid(void);
+
+/*
+ * CRC-32 (IEEE 802.3) over the map in memory: the table row by row, the speeds, the front angles;
+ * least significant byte first.
+ */
 uint32_t ars_map_checksum(void);
 
-/* The checksum that this build must have. */
+/*
+ * The map itself, in ars_calibration.c. Read-only for the code; calibration may change it, and then asks
+ * ars_parameters_valid(). The checksum is the one that the self-test expects: who freezes a calibration gives it what
+ * ars_map_checksum() returns.
+ */
+extern const float ars_map_speed_breakpoints[ARS_MAP_SPEED_POINTS]; /* m/s, even */
+extern const float ars_map_front_angle_breakpoints[ARS_MAP_FRONT_ANGLE_POINTS]; /* rad, even */
+extern const float ars_map_yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POINTS]; /* rad/s */
 extern const uint32_t ars_map_expected_checksum;
 
 #ifdef __cplusplus

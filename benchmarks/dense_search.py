@@ -1,0 +1,221 @@
+"""The optimum of the nonlinear steady turn by brute force: nothing is shared with the solver but the plant's equations.
+
+For each of many yaw rates (a car that does not steer its rear wheels has one rear angle instead) the two slip angles at the
+middle of the axles are laid out on a dense grid, which fixes lateral speed and rear angle. Where both residuals of
+`vehicle.dynamics.two_track` change sign between the corners of a square of that grid there may be a steady turn; Newton's
+method with the plant's own Jacobian finds it. All turns found are judged by all bounds, and the yaw rates are laid out again,
+ever closer, around the best turn (or, where none is feasible, around the one that misses the bounds by least).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Case, Config
+from codegen.refmap.ipopt_turns import without_shifts
+from codegen.refmap.problem import PEAK_SHARE, STABILITY_MARGIN
+from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+
+FloatArray = npt.NDArray[np.float64]
+
+BEYOND = 1.25
+"""Slip angles are laid out up to this share of their bound, so that turns just beyond it are seen too."""
+ZOOMS = 6
+CLOSER = 1.5
+"""Steps of the grid that the next one reaches to either side."""
+NEWTON_STEPS = 10
+RESIDUAL_MAX = 1e-9
+"""m/s^2 and rad/s^2."""
+JUST = 1e-9
+"""A bound counts as kept up to this share above it."""
+
+LATERAL_SPEED, YAW_RATE, REAR_ANGLE = 0, 1, 3
+"""States of the plant."""
+_R, _REAR, _OBJECTIVE, _VIOLATION = range(4)
+"""Columns of turns."""
+
+
+@dataclass(frozen=True)
+class Best:
+    """What the search found at one operating point.
+
+    Attributes:
+        yaw_rate: rad/s, of the best feasible turn; NaN where there is none. rear_angle: rad.
+        objective: of that turn.
+        violation: by which share of its bound the most violated one is exceeded, where that is least; zero or below where
+            feasible; inf where no steady turn was seen.
+    """
+
+    yaw_rate: float
+    rear_angle: float
+    objective: float
+    violation: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether a feasible turn was found."""
+        return self.violation <= JUST
+
+
+@dataclass(frozen=True)
+class DenseSearch:
+    """The search for one car and case; SI units. `slip_max`: front and rear, rad."""
+
+    model: Model
+    config: Config
+    case: Case
+    slip_max: tuple[float, float]
+    yaw_rates: int
+    slips: int
+
+    @classmethod
+    def of(cls, config: Config, case: Case, yaw_rates: int = 41, slips: int = 25) -> Self:
+        """Of a case, whatever its tyre model says, with so many yaw rates at a time and slip angles of each axle."""
+        plain = without_shifts(config)
+        tyres, bounds = AxleTyres.from_config(plain), AxleTyres.from_config(config)
+        front = min(bounds.front_slip_bound, PEAK_SHARE * _peak(tyres.front))
+        rear = min(bounds.rear_slip_bound, PEAK_SHARE * _peak(tyres.rear))
+        return cls(two_track(plain), plain, case, (front, rear), yaw_rates, slips)
+
+    def best(self, speed: float, front_angle: float) -> Best:
+        """The best turn at one operating point: m/s, rad."""
+        if not self.case.rear_steering:
+            turns = self._turns(speed, front_angle, np.zeros(1), REAR_ANGLE)
+            return _told(_choose(turns))
+        limit = self._lateral_acceleration_max / speed
+        step = 2.0 * limit / (self.yaw_rates - 1)
+        found = self._turns(speed, front_angle, np.linspace(-limit, limit, self.yaw_rates), YAW_RATE)
+        # Turns to the left and to the right may be all but equally good: each side has its own best.
+        sides = (found[found[:, _R] > 0.0], found[found[:, _R] <= 0.0])
+        return _told(_choose(np.array([self._closer(speed, front_angle, _choose(side), step) for side in sides])))
+
+    @property
+    def _lateral_acceleration_max(self) -> float:
+        return float(self.config.limits.lateral_acceleration_max_g * self.config.road.gravity_m_s2)
+
+    def _closer(self, speed: float, front_angle: float, best: FloatArray, step: float) -> FloatArray:
+        """The best turn near another one, of yaw rates laid out ever closer; `step` in rad/s apart so far."""
+        limit = self._lateral_acceleration_max / speed
+        for _ in range(ZOOMS if np.isfinite(best[_R]) else 0):
+            around = np.linspace(best[_R] - CLOSER * step, best[_R] + CLOSER * step, self.yaw_rates)
+            found = self._turns(speed, front_angle, np.unique(np.clip(around, -limit, limit)), YAW_RATE)
+            best = _choose(np.vstack([found, best]))
+            step *= 2.0 * CLOSER / (self.yaw_rates - 1)
+        return best
+
+    def _turns(self, speed: float, front_angle: float, fixed: FloatArray, which: int) -> FloatArray:
+        """Steady turns (k, 4) at yaw rates, or rear angles: yaw rate, rear angle, objective, violation."""
+        shares = np.linspace(-BEYOND, BEYOND, self.slips)
+        grid = np.meshgrid(shares * self.slip_max[0], shares * self.slip_max[1], fixed, indexing="ij")
+        a, b, c = (values.ravel() for values in grid)
+        state = self._state(speed, front_angle, a, b, c, which)
+        force, moment = (part.reshape(grid[0].shape) for part in self._rates(speed, front_angle, state))
+        i, j, k = np.nonzero(_changes(force) & _changes(moment))
+        if not k.size:
+            return np.empty((0, 4))
+        front, rear = (0.5 * (shares[at] + shares[at + 1]) * bound for at, bound in zip((i, j), self.slip_max, strict=True))
+        state = self._state(speed, front_angle, front, rear, fixed[k], which)
+        free = [LATERAL_SPEED, REAR_ANGLE if which == YAW_RATE else YAW_RATE]
+        for _ in range(NEWTON_STEPS):
+            rates, jacobian = self._rates(speed, front_angle, state), self._jacobian(speed, front_angle, state)
+            (a, b), (c, d) = jacobian[:, free]
+            with np.errstate(all="ignore"):
+                moves = np.array([b * rates[1] - d * rates[0], c * rates[0] - a * rates[1]]) / (a * d - b * c)
+            # One that runs away is none.
+            state[free] = np.clip(np.where(np.isfinite(moves), state[free] + moves, 0.0), -100.0, 100.0)
+        return self._judged(speed, front_angle, state)
+
+    def _judged(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
+        rates, jacobian = self._rates(speed, front_angle, state), self._jacobian(speed, front_angle, state)
+        output = np.array(self._call(self.model.output, speed, front_angle, state))
+        beta, yaw_rate, rear = output[0], state[YAW_RATE], state[REAR_ANGLE]
+        # dr/d delta_r of the steady turn is -effect / determinant, and -L/vx the other way round for a neutral car.
+        determinant = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
+        effect = jacobian[0, 0] * jacobian[1, 3] - jacobian[1, 0] * jacobian[0, 3]
+        neutral = self.config.vehicle.wheelbase / max(speed, WHEEL_SPEED_MIN)
+        limits = self.config.limits
+        slips = [np.abs(output[3]) / self.slip_max[0] - 1.0, np.abs(output[4]) / self.slip_max[1] - 1.0]
+        violation = np.max(
+            [
+                *slips,
+                np.abs(beta) / limits.sideslip_max - 1.0,
+                np.abs(speed * yaw_rate) / self._lateral_acceleration_max - 1.0,
+                np.abs(rear) / limits.rear_angle_max - 1.0,
+                STABILITY_MARGIN - determinant / (neutral * effect),
+            ],
+            axis=0,
+        )
+        objective = -(yaw_rate**2) + self.case.sideslip_weight_per_s2 * beta**2
+        solved = (np.abs(rates).max(axis=0) < RESIDUAL_MAX) & (np.max(slips, axis=0) < BEYOND - 1.0)
+        turns: FloatArray = np.array([yaw_rate, rear, objective, violation]).T[solved]
+        return turns
+
+    def _state(
+        self, speed: float, front_angle: float, slip_front: FloatArray, slip_rear: FloatArray, fixed: FloatArray, which: int
+    ) -> FloatArray:
+        """(7, k) states of the plant with those slip angles and those yaw rates or rear angles."""
+        vehicle, rolling = self.config.vehicle, max(speed, WHEEL_SPEED_MIN)
+        ahead = rolling * np.tan(slip_front + front_angle)
+        if which == YAW_RATE:
+            yaw_rate, rear = fixed, np.arctan((ahead - vehicle.wheelbase * fixed) / rolling) - slip_rear
+        else:
+            yaw_rate, rear = (ahead - rolling * np.tan(slip_rear + fixed)) / vehicle.wheelbase, fixed
+        state = np.zeros((7, slip_front.size))
+        state[LATERAL_SPEED], state[YAW_RATE] = ahead - vehicle.cg_to_front_axle_m * yaw_rate, yaw_rate
+        state[2], state[REAR_ANGLE] = front_angle * self.config.steering.ratio, rear
+        return state
+
+    def _call(self, function: Any, speed: float, front_angle: float, state: FloatArray) -> Any:
+        inputs = np.zeros((5, state.shape[1]))
+        inputs[0], inputs[1], inputs[2] = speed, front_angle * self.config.steering.ratio, state[REAR_ANGLE]
+        inputs[3] = self.config.road.friction
+        return function.map(state.shape[1])(state, inputs)
+
+    def _rates(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
+        """(2, k): of lateral speed and yaw rate."""
+        rates: FloatArray = np.array(self._call(self.model.derivative, speed, front_angle, state))[:2]
+        return rates
+
+    def _jacobian(self, speed: float, front_angle: float, state: FloatArray) -> FloatArray:
+        """(2, 7, k) of those over the states."""
+        both = np.array(self._call(self.model.jacobian, speed, front_angle, state)[0])
+        jacobian: FloatArray = both.reshape(7, -1, 7).transpose(0, 2, 1)[:2]
+        return jacobian
+
+
+def _peak(tyre: MagicFormulaTyre) -> float:
+    """Slip angle in rad at which the force is largest, up to 60 degrees; inf where that is the last of them."""
+    slips = np.linspace(0.0, math.radians(60.0), 600_001)
+    largest = int(np.argmax(tyre.force(slips)))
+    return float(slips[largest]) if largest < slips.size - 1 else math.inf
+
+
+def _changes(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """(n - 1, n - 1, k): where the sign is not the same at all four corners of a square."""
+    corners = np.stack([values[:-1, :-1], values[1:, :-1], values[:-1, 1:], values[1:, 1:]])
+    result: npt.NDArray[np.bool_] = (corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)
+    return result
+
+
+def _choose(found: FloatArray) -> FloatArray:
+    """The best feasible turn, else the one that violates its bounds by least; NaN and inf where there is none."""
+    kept = found[found[:, _VIOLATION] <= JUST]
+    if kept.size:
+        # Of equal ones the left turn.
+        best: FloatArray = kept[np.lexsort((-kept[:, _R], kept[:, _OBJECTIVE]))[0]]
+        return best
+    if not found.size:
+        return np.array([np.nan, np.nan, np.nan, np.inf])
+    least: FloatArray = found[np.argmin(found[:, _VIOLATION])]
+    return least
+
+
+def _told(best: FloatArray) -> Best:
+    yaw_rate, rear_angle, objective, violation = (float(value) for value in best)
+    return Best(yaw_rate if violation <= JUST else math.nan, rear_angle, objective, violation)

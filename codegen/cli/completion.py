@@ -1,0 +1,129 @@
+"""What a shell is offered for a half-typed word: click's completion, with values that fit the option.
+
+A shell asks by starting the command with `_CODEGEN_COMPLETE` set. Nothing heavy is imported then, and nothing is printed but
+the answer. What values are offered for says `codegen.cli.values`.
+"""
+
+from __future__ import annotations
+
+import os
+
+import click
+from click.shell_completion import (
+    BashComplete,
+    CompletionItem,
+    FishComplete,
+    ShellComplete,
+    ZshComplete,
+    add_completion_class,
+    shell_complete,
+    split_arg_string,
+)
+
+from codegen.cli.values import PATH
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+def complete(group: click.Command, program: str, variable: str, instruction: str) -> int:
+    """Answer a shell; returns the exit code.
+
+    Args:
+        program: name of the command.
+        variable: by which the shell asked.
+        instruction: its value, such as "bash_complete" or "bash_source".
+    """
+    try:
+        return shell_complete(group, {}, program, variable, instruction)
+    except (KeyError, ValueError):  # not asked by a completion script, which sets COMP_WORDS and COMP_CWORD
+        return 1
+
+
+_BASH = """\
+%(complete_func)s() {
+    local IFS=$'\\n' type value response
+    # The line and not COMP_WORDS, which bash parts at ':' and '=' too.
+    response=$(env COMP_WORDS="${COMP_LINE:0:COMP_POINT}" COMP_CWORD=$COMP_CWORD COMP_WORD="${COMP_WORDS[COMP_CWORD]}" \\
+        %(complete_var)s=bash_complete "$1" 2>/dev/null)
+    COMPREPLY=()
+    while IFS=',' read -r type value; do
+        case $type in
+            path) compopt -o filenames; COMPREPLY+=("$value") ;;
+            plain) COMPREPLY+=("$value") ;;
+        esac
+    done <<< "$response"
+    if [[ ${#COMPREPLY[@]} -eq 1 && ${COMPREPLY[0]} == */ ]]; then
+        compopt -o nospace
+    fi
+}
+
+complete -o nosort -F %(complete_func)s %(prog_name)s
+"""
+
+
+class PathsInBash(BashComplete):
+    """As click's, but file names with any character are quoted, a folder gets no space, and values may hold ':' and '='."""
+
+    source_template = _BASH
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        """The whole words before the one that is typed, and that one."""
+        line = os.environ["COMP_WORDS"]
+        words = split_arg_string(line)[1:]
+        if line[-1:].isspace() and not line.endswith("\\ "):
+            words.append("")
+        return words[:-1], words[-1] if words else ""
+
+    def complete(self) -> str:
+        """As click's; of each value the part that bash itself takes for the word."""
+        arguments, incomplete = self.get_completion_args()
+        items = self.get_completions(arguments, incomplete)
+        if incomplete.startswith("-"):
+            incomplete = incomplete.partition("=")[2]
+        typed = os.environ.get("COMP_WORD", incomplete).lstrip(":=")
+        start = incomplete.rfind(":") + 1 if ":" not in typed else 0
+        for item in items:
+            item.value = item.value[start:]
+        return "\n".join(map(self.format_completion, items))
+
+
+class _WholeWord(ShellComplete):
+    """For shells to which `--option=value` is one word: what is offered takes its place as a whole."""
+
+    def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
+        """As click's, with the option before each value."""
+        items = super().get_completions(args, incomplete)
+        option, equals, _ = incomplete.partition("=")
+        if option.startswith("-") and equals:
+            for item in items:
+                item.value = f"{option}={item.value}"
+        return items
+
+
+class PathsInZsh(_WholeWord, ZshComplete):
+    """As click's, but a folder gets no space."""
+
+    source_template = ZshComplete.source_template.replace(
+        '        elif [[ "$type" == "dir" ]]; then',
+        '        elif [[ "$type" == "path" ]]; then\n'
+        '            if [[ "$key" == */ ]]; then\n'
+        '                compadd -U -f -S "" -- "$key"\n'
+        "            else\n"
+        '                compadd -U -f -- "$key"\n'
+        "            fi\n"
+        '        elif [[ "$type" == "dir" ]]; then',
+    )
+
+
+class PathsInFish(_WholeWord, FishComplete):
+    """As click's; fish itself quotes, and goes on after a folder. A value may hold a comma."""
+
+    source_template = FishComplete.source_template.replace('string split ","', 'string split -m 1 ","')
+
+    def format_completion(self, item: CompletionItem[str]) -> str:
+        """A path is a value like others."""
+        return super().format_completion(CompletionItem(item.value, "plain" if item.type == PATH else item.type, item.help))
+
+
+for shell in (PathsInBash, PathsInZsh, PathsInFish):
+    add_completion_class(shell)

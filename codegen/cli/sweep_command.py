@@ -1,0 +1,179 @@
+"""The command that drives a campaign."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from codegen import console
+from codegen.cli.base import example, json_option
+from codegen.cli.values import configuration_file, folder_to_write, picture_to_write, run_to_write
+from codegen.errors import CodegenError
+
+if TYPE_CHECKING:
+    from codegen.sweep.chunk import Replayed
+    from codegen.sweep.plan import Plan
+    from codegen.sweep.summary import Summary
+
+EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec sweep.toml --replay 4711 --plot run.png"
+
+
+@click.command(short_help="Drive thousands of cars, roads and manoeuvres.", epilog=example(EXAMPLE))
+@click.option("--spec", "spec_path", required=True, type=configuration_file, metavar="TOML", help="What varies; see the guide.")
+@click.option(
+    "-o",
+    "--output",
+    type=folder_to_write,
+    metavar="DIR",
+    help="The folder of the campaign; it goes on where one ended. With --replay: is it still that campaign?",
+)
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786; by default threads of this machine."
+)
+@click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Threads; by default one for each core.")
+@click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Drive one run of the campaign again, by its number.")
+@click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
+@click.option("--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet or .csv.")
+@json_option
+def sweep(
+    spec_path: Path,
+    output: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    replay: int | None,
+    plot: Path | None,
+    run_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Drive a Monte Carlo or factorial campaign in C, and tell how overshoot, sideslip and FMVSS 126 come out.
+
+    Every sample is driven by every controller in every scenario. DIR gets runs.parquet, a row for each run, a summary and
+    pictures. After Ctrl-C or a kill the same command goes on; same spec and seed, same bytes, by whatever engine.
+    """
+    from codegen.sweep import plan as planning
+
+    if replay is not None:
+        _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
+        plan = planning.read(spec_path)
+        if output is not None:
+            from codegen.sweep.store import check_same
+
+            check_same(output, plan)
+        _replay(plan, replay, plot, run_path, spec_path, as_json)
+        return
+    _refuse("a campaign", {"--plot": plot, "--run": run_path})
+    if output is None:
+        raise CodegenError("no folder is named", where="-o", remedy="name one for the campaign, or give --replay RUN")
+    if scheduler is not None and workers is not None:
+        raise CodegenError("the cluster has its own workers", where="--workers", remedy="leave it out")
+    _campaign(planning.read(spec_path), output, scheduler, workers, spec_path, as_json)
+
+
+def _refuse(what: str, given: dict[str, Any]) -> None:
+    for option, value in given.items():
+        if value is not None:
+            raise CodegenError(f"it does not go with {what}", where=option, remedy="leave it out")
+
+
+def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | None, spec: Path, as_json: bool) -> None:
+    from codegen.sweep.campaign import run_campaign
+    from codegen.sweep.summary import summarise
+
+    for controller in plan.controllers:
+        for edited in controller.edited if controller.controlled else ():
+            console.note(f"{controller.folder}/{edited} was changed after the build; it is driven as it is")
+    engine = _engine(scheduler, workers)
+    with engine if scheduler is not None else nullcontext(engine) as chosen, console.progress("runs") as progress:
+        path = run_campaign(plan, folder, chosen, progress)
+    with console.status("counting"):
+        summary = summarise(path, plan)
+    replay = f"codegen sweep --spec {shlex.quote(str(spec))} -o {shlex.quote(str(folder))} --replay"
+    written = _write(folder, summary, f"codegen sweep --spec {shlex.quote(spec.name)} --replay")
+    if as_json:
+        facts = {"spec": str(spec), "runs_file": str(path), "replay": replay}
+        console.print_json({**facts, **summary.to_dict(), "pictures": [str(one) for one in written]})
+        return
+    from codegen.report.sweep_text import sections
+
+    console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
+    for heading, text in sections(summary, replay):
+        console.say(f"\n{heading}\n\n{text}")
+    console.say("")
+    for one in written:
+        console.say(f"picture: {one}")
+
+
+def _engine(scheduler: str | None, workers: int | None) -> Any:
+    from codegen.sweep.engine import Dask, Threads
+
+    return Threads(workers) if scheduler is None else closing(Dask(scheduler))
+
+
+def _write(folder: Path, summary: Summary, replay: str) -> list[Path]:
+    """summary.json, summary.md and the pictures; no path or clock in them, but the name of the spec."""
+    from codegen.files import write_atomically
+    from codegen.report.style import save
+    from codegen.report.sweep_plots import pictures
+    from codegen.report.sweep_text import markdown
+
+    write_atomically(folder / "summary.json", (json.dumps(summary.to_dict(), indent=1, allow_nan=False) + "\n").encode())
+    write_atomically(folder / "summary.md", markdown(summary, replay).encode())
+    written = []
+    for name, picture in pictures(summary):
+        save(picture, folder / f"{name}.png")
+        written.append(folder / f"{name}.png")
+    return written
+
+
+def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec: Path, as_json: bool) -> None:
+    from codegen.emit.outputs import check_output
+    from codegen.export import runs as exported
+    from codegen.report import plots
+    from codegen.sweep.chunk import replay
+
+    check_output(plot, ".png", (spec,))
+    if run_path is not None:
+        exported.check_formats((run_path,))
+        check_output(run_path, run_path.suffix.lower(), (spec,))
+    with console.status(f"run {run}"):
+        found = replay(plan, run)
+    if run_path is not None:
+        exported.save(found.records[found.controller], run_path)
+    if plot is not None:
+        plots.save(_figure(plan, found, run), plot)
+    if as_json:
+        console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **found.row})
+        return
+    from codegen.report.summary import table
+
+    rows = [(name, f"{value:.6g}") for name, value in found.row.items() if name != "run"]
+    console.say(f"run {run}: {found.profile.name}, {found.controller}")
+    console.say(table(("", "value"), rows))
+    for name, path in (("plot", plot), ("recording", run_path)):
+        if path is not None:
+            console.say(f"{name}: {path}")
+
+
+def _figure(plan: Plan, found: Replayed, run: int) -> Any:
+    from dataclasses import replace
+
+    from codegen.report import plots
+
+    scenario = found.profile.scenario
+    settings = replace(
+        scenario.settings,
+        speed_km_h=round(found.row["speed_km_h"], 2),
+        steering_wheel_angle_deg=round(found.row["steering_wheel_angle_deg"], 2),
+        friction=round(found.row["friction"], 3),
+        friction_estimate=round(found.row["friction_estimate"], 3) if "friction_estimate" in found.row else None,
+    )
+    shown = replace(scenario, settings=settings, steer_time=found.profile.steer_time)
+    return plots.scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}")
+
+
+COMMANDS = (sweep,)

@@ -1,0 +1,208 @@
+"""Types of values on the command line, for which a shell is offered what fits: see `codegen.cli.completion`.
+
+Nothing heavy is imported, and what cannot be read is not offered.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+    Items = list[CompletionItem[str]]
+
+PATH = "path"
+"""Type of an item that is a file or a folder: the shell quotes it, and goes on after a folder without a space."""
+
+MANIFEST = "manifest.json"
+OF_EVERY_CASE = ("fws", "4ws-1", "4ws-2")
+"""Of the presets; here, as the scenarios are, because to read them where they are takes longer than one waits for a key."""
+SCENARIOS = (
+    "step-steer",
+    "ramp-steer",
+    "sine-with-dwell",
+    "sine-sweep",
+    "speed-ramp",
+    "low-friction",
+    "low-friction-estimated",
+    "split-friction",
+    "ecu-loss",
+)
+INTERFACES = ("socketcan:vcan0", "udp_multicast:239.74.163.2", "virtual:bench")
+SCENARIO_ENDINGS = (".csv", ".toml")
+RESULT_ENDINGS = (".csv", ".parquet", ".mf4", ".blf", ".asc", ".log", ".json")
+
+
+class FileType(click.Path):
+    """A path as `click.Path`, for which files with certain endings are offered, and folders on the way to them.
+
+    Args:
+        endings: of the files, such as (".npz",); none for folders alone, None for any file.
+        to_write: whether the file may be one that is not there yet: then the endings are offered too.
+        builds: whether folders that `codegen build` made are meant.
+    """
+
+    def __init__(self, endings: tuple[str, ...] | None = None, *, to_write: bool = False, builds: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self.endings, self.to_write, self.builds = endings, to_write, builds
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:
+        """Files and folders that begin as `incomplete` does."""
+        del ctx, param
+        found = list(self._found(incomplete))
+        if self.to_write and self.endings:
+            found += [name for name in _with_endings(incomplete, self.endings) if name not in found]
+        return [_item(name, PATH) for name in found]
+
+    def _found(self, incomplete: str) -> Iterable[str]:
+        folder, start = os.path.split(incomplete)
+        for entry in _entries(folder):
+            if not entry.name.startswith(start) or (entry.name.startswith(".") and not start.startswith(".")):
+                continue
+            name = os.path.join(folder, entry.name)  # noqa: PTH118 - as the user typed it: "./x" stays "./x"
+            if _is_folder(entry):
+                is_build = self.builds and Path(entry, MANIFEST).is_file()
+                yield name if is_build else f"{name}/"
+            elif not self.builds and (self.endings is None or entry.name.lower().endswith(self.endings or "/")):
+                yield name
+
+
+def scenario_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+    """Built-in scenarios, and files that hold one."""
+    named = [_item(name) for name in SCENARIOS if name.startswith(incomplete)]
+    return named + FileType(SCENARIO_ENDINGS).shell_complete(context, parameter, incomplete)
+
+
+def case_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+    """Cases of the ars.toml that is named on the line; those of the presets where there is none."""
+    del parameter
+    return [_item(name) for name in _cases(context.params.get("config_path")) if name.startswith(incomplete)]
+
+
+def bus_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+    """Buses as they are mostly called, and the CAN interfaces of this machine."""
+    del context, parameter
+    here = [f"socketcan:{name}" for name in can_interfaces()]
+    names = dict.fromkeys((*here, *INTERFACES))
+    return [_item(name) for name in names if name.startswith(incomplete)]
+
+
+def can_interfaces() -> list[str]:
+    """Names of the CAN interfaces that this machine has; ARPHRD_CAN of linux/if_arp.h is 280."""
+    found = []
+    for entry in _entries("/sys/class/net"):
+        try:
+            is_can = Path(entry, "type").read_text(encoding="ascii").strip() == "280"
+        except (OSError, ValueError):
+            continue
+        if is_can:
+            found.append(entry.name)
+    return found
+
+
+def result_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+    """Files that `codegen report --run` takes, with a name and an equals sign in front or without."""
+    name, sign, path = incomplete.rpartition("=")
+    found = FileType(RESULT_ENDINGS).shell_complete(context, parameter, path)
+    return [_item(f"{name}{sign}{item.value}", item.type) for item in found]
+
+
+def _item(value: str, kind: str = "plain") -> CompletionItem[str]:
+    from click.shell_completion import CompletionItem
+
+    return CompletionItem(value, kind)
+
+
+def _cases(config_path: Any) -> tuple[str, ...]:
+    if config_path is None:
+        return OF_EVERY_CASE
+    import tomllib
+
+    try:
+        cases = tomllib.loads(Path(config_path).read_text(encoding="utf-8")).get("cases", {})
+    except (OSError, ValueError):
+        return OF_EVERY_CASE
+    return tuple(cases) if isinstance(cases, dict) and cases else OF_EVERY_CASE
+
+
+def _entries(folder: str) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(os.path.expanduser(folder) or ".") as listing:  # noqa: PTH111
+            return sorted(listing, key=lambda entry: entry.name)
+    except (OSError, ValueError):
+        return []
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def _with_endings(incomplete: str, endings: Iterable[str]) -> list[str]:
+    """`run` as run.blf, run.asc, ...; `run.b` as run.blf."""
+    stem, ending = os.path.splitext(incomplete)  # noqa: PTH122
+    if not os.path.basename(stem):  # noqa: PTH119
+        return []
+    return [stem + each for each in endings if each.startswith(ending)]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number in SI (bytes for memory), and how the user wrote it."""
+
+    value: float
+    words: str
+
+
+class QuantityType(click.ParamType[Quantity]):
+    """A positive number with its unit, such as 0.05deg/s: the value in SI, and the words.
+
+    Args:
+        name: of the quantity, for messages.
+        units: how a unit is written -> its size in SI.
+        shown: an example.
+    """
+
+    def __init__(self, name: str, units: Mapping[str, float], shown: str) -> None:
+        self.name, self.units, self.shown = name, units, shown
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Quantity:
+        """Raises click.BadParameter: no number, no or another unit, or nothing that can be."""
+        if isinstance(value, Quantity):
+            return value
+        found = _QUANTITY.fullmatch(str(value).strip())
+        unit = found["unit"] if found else ""
+        if found is None or unit not in self.units:
+            what = "has no number" if found is None else f"is in {unit!r}" if unit else "has no unit"
+            self.fail(f"{value!r} {what}; give a number and {' or '.join(self.units)}, such as {self.shown}", param, ctx)
+        size = float(found["number"]) * self.units[unit]
+        if not 0.0 < size < math.inf:
+            self.fail(f"{value!r} must be above zero; such as {self.shown}", param, ctx)
+        return Quantity(size, found["number"] + unit)
+
+
+_QUANTITY = re.compile(r"(?P<number>[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]{1,3})?|\.[0-9]+)\s*(?P<unit>[A-Za-z/]*)", re.ASCII)
+
+yaw_rate_error = QuantityType("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
+memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MiB": 1048576.0}, "4KiB")
+any_file = FileType()
+map_file, map_to_write = FileType((".npz",)), FileType((".npz",), to_write=True)
+configuration_file = FileType((".toml",))
+build_folder = FileType((), builds=True)
+folder_to_write = FileType(())
+picture_to_write = FileType((".png",), to_write=True)
+csv_to_write = FileType((".csv",), to_write=True)
+run_to_write = FileType((".mf4", ".parquet", ".csv"), to_write=True)
+report_to_write = FileType((".html",), to_write=True)
+log_to_write = FileType((".blf", ".asc", ".log", ".mf4"), to_write=True)

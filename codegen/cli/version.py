@@ -1,0 +1,36 @@
+"""What `codegen --version` prints. Read from the packages' metadata: none of them is imported."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+
+from codegen import __version__
+
+PACKAGES = ("casadi", "numpy", "cffi", "python-can")
+"""Those whose version can change a result."""
+
+
+def lines() -> Iterator[str]:
+    """The version of codegen first, then of what it works with."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    yield f"codegen, version {__version__}"
+    yield f"Python {platform.python_version()}"
+    for name in PACKAGES:
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            yield f"{name}: not installed"
+    yield f"C compiler: {_compiler()}"
+    yield f"platform: {platform.system()} {platform.machine()}"
+
+
+def _compiler() -> str:
+    from codegen.errors import BuildError
+    from codegen.sil.toolchain import compiler_command, compiler_identity
+
+    try:
+        return compiler_identity(compiler_command(), ())[0]
+    except BuildError as error:
+        return str(error)

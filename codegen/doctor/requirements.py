@@ -1,0 +1,87 @@
+"""The packages that the project asks for, by its metadata: those of the installation, or of the checkout it is run from."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, requires
+from pathlib import Path
+
+DISTRIBUTION = "ars-codegen"
+EVERYTHING = "all"
+PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+_REQUIREMENT = re.compile(
+    r"\s*(?P<name>[A-Za-z0-9][\w.-]*)\s*(?:\[(?P<extras>[^]]*)\])?\s*\(?(?P<bounds>[^;)]*)\)?\s*(?:;(?P<marker>.*))?"
+)
+_EXTRA = re.compile(r"""extra\s*==\s*['"](?P<extra>[^'"]+)['"]""")
+_BOUND = re.compile(r"\s*(?P<operator>>=|<|==|<=|>|!=|~=)\s*(?P<version>[\w.]+)\s*")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package and the versions that fit.
+
+    Attributes:
+        bounds: as written, such as ">=2.4,<3".
+        extra: that asks for it, "" where it is always needed.
+    """
+
+    name: str
+    bounds: str
+    extra: str = ""
+
+    def allows(self, version: str) -> bool:
+        """Whether a version fits. Compared are the numbers alone, which is enough for the bounds that the project sets:
+        at least this, and below that."""
+        for bound in filter(None, self.bounds.split(",")):
+            match = _BOUND.fullmatch(bound)
+            if match is None:
+                continue
+            here, there = _numbers(version), _numbers(match["version"])
+            if match["operator"] == ">=" and here < there:
+                return False
+            if match["operator"] == "<" and here >= there:
+                return False
+        return True
+
+
+def requirements() -> tuple[tuple[Requirement, ...], str]:
+    """All requirements, those of the extra `all`, which only names the others, left out; and where they were read."""
+    if PYPROJECT.is_file():  # a checkout, installed or not: what stands there is what its code needs
+        project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+        listed = {"": project["dependencies"], **project.get("optional-dependencies", {})}
+        read = (parse(line, extra) for extra, lines in listed.items() if extra != EVERYTHING for line in lines)
+        return tuple(read), "pyproject.toml"
+    try:
+        lines = requires(DISTRIBUTION) or []
+    except PackageNotFoundError:
+        return (), "nothing: neither installed nor a checkout"
+    return tuple(
+        each for each in map(parse, lines) if each.extra != EVERYTHING and each.name != DISTRIBUTION
+    ), "the installed package"
+
+
+def parse(line: str, extra: str = "") -> Requirement:
+    """A requirement as PEP 508 writes it, `casadi<4,>=3.8; extra == "x"`; of markers only the extra is read."""
+    match = _REQUIREMENT.match(line)
+    if match is None:
+        raise ValueError(f"not a requirement: {line!r}")
+    marked = _EXTRA.search(match["marker"] or "")
+    bounds = ",".join(sorted(map(str.strip, match["bounds"].split(",")), reverse=True))
+    return Requirement(match["name"], bounds, extra or (marked["extra"] if marked else ""))
+
+
+def extras_of(asked: Iterable[Requirement]) -> list[str]:
+    """Names of the extras, in the order they come."""
+    return [extra for extra in dict.fromkeys(each.extra for each in asked) if extra]
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The release segment of PEP 440, without zeros at its end: 1.0 is 1."""
+    numbers = [int(number) for number in re.match(r"\d*(?:\.\d+)*", version)[0].split(".") if number]  # type: ignore[index]
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)

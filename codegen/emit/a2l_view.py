@@ -1,0 +1,300 @@
+"""View model of the A2L (ASAM MCD-2 MC, ASAP2 1.7): what a calibration tool may change and see.
+
+Addresses are for `codegen a2l`, which reads them from an ELF; until then the symbol links say what each object is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from codegen.emit.can_view import STATUSES, CanView
+from codegen.emit.controller_view import ControllerView
+from codegen.emit.limiter_view import LimiterView
+from codegen.emit.map_view import MapView, TableView
+from codegen.emit.parameters import ParameterView
+from codegen.emit.text import Precision
+from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
+from codegen.refmap.storage import RAW_MAX
+
+COUNT_MAX = 65534
+"""Of samples: one less than the counters can hold, as the C demands."""
+COUNT_LOW = {"recovery_samples": "1"}
+REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
+REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}
+"""Limits of what is measured, by unit; of others 1e6."""
+COUNTERS = (
+    ("cycles", "calls of the task; wraps around"),
+    ("late_cycles", "calls that found a message more than once"),
+    ("early_cycles", "calls that found no message"),
+    ("lost_samples", "calls without a good sample"),
+)
+OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
+"""Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""
+INSTANCE = "task"
+"""With the prefix: the name of the task's object that the links of the measurements begin with."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A MEASUREMENT: a number that the code writes. Its type is that of the C on most targets."""
+
+    name: str
+    text: str
+    type: str
+    conversion: str
+    low: str
+    high: str
+    link: str
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An AXIS_PTS: breakpoints in memory. quantity: the measurement that is looked up there."""
+
+    name: str
+    text: str
+    conversion: str
+    points: int
+    low: str
+    high: str
+    quantity: str
+    link: str
+
+
+@dataclass(frozen=True)
+class Adjustable:
+    """A CHARACTERISTIC: VALUE, CURVE or MAP; of a map, the first axis is the one whose neighbours lie side by side."""
+
+    name: str
+    text: str
+    type: str
+    record: str
+    conversion: str
+    low: str
+    high: str
+    link: str
+    axes: tuple[Axis, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A COMPU_METHOD of raw numbers; `unit` is that of the same quantity as it is."""
+
+    name: str
+    factor: str
+    format: str
+    symbol: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """A GROUP: names of characteristics and axes, or of measurements."""
+
+    name: str
+    text: str
+    adjustables: tuple[str, ...] = ()
+    measured: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class A2lView:
+    """All that the template prints."""
+
+    units: tuple[tuple[str, str, str], ...]
+    conversions: tuple[tuple[str, str, str], ...]
+    scales: tuple[Scale, ...]
+    statuses: tuple[tuple[int, str], ...]
+    real: str
+    measured: tuple[Measured, ...]
+    axes: tuple[Axis, ...]
+    adjustables: tuple[Adjustable, ...]
+    groups: tuple[Group, ...]
+
+
+def a2l_view(
+    prefix: str, precision: Precision, controller: ControllerView, limiter: LimiterView, map_view: MapView, can: CanView
+) -> A2lView:
+    """The view of a build; every parameter, axis and table of its calibration, and what the task keeps."""
+    real = "FLOAT32_IEEE" if precision == "single" else "FLOAT64_IEEE"
+    lists = _Lists(prefix, real)
+    default, points = f"{prefix}_parameters_default", ((f"{prefix.upper()}_LIMITER_POINTS", limiter.points),)
+    parameters = lists.parameters(controller.parameters, f"{prefix}.parameters", default, controller.points)
+    highest = next(view.high for view in controller.parameters if view.name == "rear_angle_max")
+    bounded = [replace(view, high=highest) if view.name in OF_THE_ANGLE else view for view in limiter.parameters]
+    limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter", points)
+    numbers = lists.map(map_view)
+    measured = (*lists.state(controller), *lists.received(can), *lists.counters())
+    groups = (
+        Group(f"{prefix}.parameters", "parameters of the controller", tuple(each.name for each in parameters)),
+        Group(f"{prefix}.limiter", "parameters of the safety limiter", tuple(each.name for each in limits)),
+        Group(f"{prefix}.map", "reference map and its axes", tuple(each.name for each in numbers)),
+        Group(f"{prefix}.measurements", "of the task and its controller", (), tuple(each.name for each in measured)),
+    )
+    objects: list[Axis | Adjustable] = [*parameters, *limits, *numbers]
+    axes = tuple(each for each in objects if isinstance(each, Axis))
+    adjustables = tuple(each for each in objects if isinstance(each, Adjustable))
+    scales = tuple(lists.scales(map_view))
+    used = {each.conversion for each in measured} | {each.conversion for each in objects} | {each.unit for each in scales}
+    units = [(lists.conversion(unit), unit) for unit in UNITS if unit is not NONE and lists.conversion(unit) in used]
+    return A2lView(
+        units=tuple((name, unit.symbol, " ".join(str(power) for power in unit.exponents)) for name, unit in units),
+        conversions=(
+            *((name, unit.symbol, REAL_FORMAT) for name, unit in units),
+            (lists.conversion(NONE), "", REAL_FORMAT),
+            (lists.count, "", COUNT_FORMAT),
+        ),
+        scales=scales,
+        statuses=tuple(enumerate(STATUSES)),
+        real=real,
+        measured=measured,
+        axes=axes,
+        adjustables=adjustables,
+        groups=groups,
+    )
+
+
+@dataclass(frozen=True)
+class _Lists:
+    """Makes the objects of one section of the calibration."""
+
+    prefix: str
+    real: str
+
+    def conversion(self, unit: Unit) -> str:
+        """Name of the COMPU_METHOD of a unit."""
+        return f"{self.prefix}.in_{unit.conversion}"
+
+    def raw(self, table: TableView) -> str:
+        """Name of the COMPU_METHOD of a table of raw numbers."""
+        return f"{self.prefix}.raw_{table.scale_name.removesuffix('_scale')}"
+
+    def scales(self, view: MapView) -> Iterator[Scale]:
+        """Of the tables of raw numbers."""
+        for table in view.tables:
+            if table.scale:
+                unit = unit_of_comment(table.unit)
+                yield Scale(self.raw(table), _plain(table.scale), REAL_FORMAT, unit.symbol, self.conversion(unit))
+
+    @property
+    def count(self) -> str:
+        """Name of the one of whole numbers."""
+        return f"{self.prefix}.count"
+
+    def parameters(
+        self, views: Iterable[ParameterView], group: str, link: str, points: Iterable[tuple[str, int]]
+    ) -> list[Axis | Adjustable]:
+        """Of a struct: its increasing arrays are axes, and the others of the same number of points are curves over them."""
+        sizes, made, axis_of = dict(points), list[Axis | Adjustable](), dict[str, Axis]()
+        for view in views:
+            unit = self.conversion(unit_of_comment(view.comment))
+            name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
+            low, high = (_plain(view.low), _plain(view.high)) if view.low else (COUNT_LOW.get(view.name, "0"), str(COUNT_MAX))
+            if view.increasing:
+                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.speed", where)
+                axis_of[view.points] = axis
+                made.append(axis)
+            elif view.points:
+                axes = (axis_of[view.points],)
+                made.append(Adjustable(name, text, "CURVE", f"{self.prefix}_FUNCTION", unit, low, high, where, axes))
+            else:
+                record = f"{self.prefix}_REAL" if view.low else f"{self.prefix}_COUNT"
+                made.append(Adjustable(name, text, "VALUE", record, unit if view.low else self.count, low, high, where))
+        return made
+
+    def map(self, view: MapView) -> list[Axis | Adjustable]:
+        """Axes, a MAP for each table and friction, and the checksum that the self-test expects."""
+        prefix, frictions = self.prefix, view.frictions_text.split(", ")
+        tops = (_plain(top) for top in view.axis_tops)
+        quantities = (f"{prefix}.speed", f"{prefix}.received.front_angle")
+        axes = [
+            Axis(
+                name=f"{prefix}.map.{axis.name}",
+                text=axis.text,
+                conversion=self.conversion(unit_of_comment(axis.unit)),
+                points=axis.size,
+                low="0.0",
+                high=top,
+                quantity=quantity,
+                link=axis.breakpoints,
+            )
+            for axis, top, quantity in zip((view.speed, view.front_angle), tops, quantities, strict=True)
+        ]
+        speed, front_angle = axes
+        maps = [
+            Adjustable(
+                name=f"{prefix}.map.{table.name.removeprefix(f'{prefix}_map_').removesuffix('_table')}"
+                + (f".friction_{frictions[k]}" if view.stacked else ""),
+                text=f"{table.unit}, at a road friction of {frictions[k]}",
+                type="MAP",
+                record=f"{self.prefix}_RAW_FUNCTION" if table.scale else f"{self.prefix}_FUNCTION",
+                conversion=self.raw(table) if table.scale else self.conversion(unit_of_comment(table.unit)),
+                low=_limit(table, table.low),
+                high=_limit(table, table.high),
+                link=table.name + (f"[{k}]" if view.stacked else ""),
+                axes=(front_angle, speed),
+            )
+            for table in view.tables
+            for k in range(len(table.layers))
+        ]
+        checksum = Adjustable(
+            f"{prefix}.map.expected_checksum",
+            "CRC-32 of the map, which the self-test expects",
+            "VALUE",
+            f"{self.prefix}_CHECKSUM",
+            self.count,
+            "0",
+            str(2**32 - 1),
+            f"{prefix}_map_expected_checksum",
+        )
+        return [*axes, *maps, checksum]
+
+    def state(self, controller: ControllerView) -> Iterator[Measured]:
+        """Of a controller."""
+        prefix, real = self.prefix, self.real
+        types = {"float": real, "double": real, "uint16_t": "UWORD", "bool": "UBYTE"}
+        for field in controller.state:
+            link = f"{prefix}_{INSTANCE}.controller.{field.name}"
+            if field.name == "status":
+                top = str(len(STATUSES) - 1)
+                yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
+            elif field.type in types:
+                yield self._measured(field.name, field.comment, types[field.type], link)
+
+    def received(self, can: CanView) -> Iterator[Measured]:
+        """The car's signals, as the task keeps the last good ones."""
+        for message in can.messages:
+            for signal in message.signals if message.sender == "Car" else ():
+                if signal.real or signal.field_type:
+                    link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{signal.role}"
+                    text = f"{signal.unit}, {signal.comment}" if signal.unit else signal.comment
+                    yield self._measured(f"received.{signal.role}", text, self.real if signal.real else "UBYTE", link)
+
+    def counters(self) -> Iterator[Measured]:
+        """Of the task."""
+        for name, text in COUNTERS:
+            yield self._measured(name, text, "ULONG", f"{self.prefix}_{INSTANCE}.{name}")
+
+    def _measured(self, name: str, text: str, kind: str, link: str) -> Measured:
+        name, unit = f"{self.prefix}.{name}", unit_of_comment(text)
+        if kind.startswith("FLOAT"):
+            reach = REACH.get(unit.symbol, 1e6)
+            return Measured(name, text, kind, self.conversion(unit), f"{-reach:.9g}", f"{reach:.9g}", link)
+        top = {"UBYTE": 1, "UWORD": 2**16 - 1, "ULONG": 2**32 - 1}[kind]
+        conversion = f"{self.prefix}.is_true" if kind == "UBYTE" else self.count
+        return Measured(name, text, kind, conversion, "0", str(top), link)
+
+
+def _limit(table: TableView, bound: str) -> str:
+    """What the table may hold up to a bound: no more than raw numbers reach."""
+    if not table.scale:
+        return _plain(bound)
+    reach = RAW_MAX * float(_plain(table.scale))
+    return f"{max(min(float(_plain(bound)), reach), -reach):.9g}"
+
+
+def _plain(literal: str) -> str:
+    """A C literal as A2L has numbers."""
+    return literal.rstrip("f")

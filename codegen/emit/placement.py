@@ -1,0 +1,83 @@
+"""What a build tells of breakpoints that were chosen: in its manifest and its README."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from codegen.refmap.place import Placed, Request
+
+AGAINST = {
+    "optimum": "the optimum, solved anew at every point",
+    "table": "the bilinear interpolation of the map's own table: no optimum behind it is known",
+}
+"""What an error is measured against."""
+
+
+def request_facts(request: Request) -> dict[str, Any]:
+    """For the manifest's options."""
+    return {"max_error_rad_s": request.max_error, "max_flash_bytes": request.max_flash, "storage": request.storage}
+
+
+def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
+    """For the manifest's map: errors are largest ones, after the cap, in the stored numbers."""
+    error, scales = placed.error, placed.total.scales
+    facts: dict[str, Any] = {
+        "axes": placed.spacing,
+        "error_against": AGAINST[placed.origin],
+        "error_rad_s": _rounded(error.yaw_rate),
+        "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),
+    }
+    if with_rear_angle:
+        facts["rear_angle_error_rad"] = _rounded(error.rear_angle)
+        facts["rear_angle_error_whole_domain_rad"] = _rounded(error.rear_angle_whole)
+    found: dict[str, Any] = {"placement": facts}
+    if scales is not None:
+        storage: dict[str, Any] = {
+            "type": "int16",
+            "yaw_rate": {"scale_rad_s": scales.yaw_rate, "largest_rounding_rad_s": placed.rounding[0]},
+        }
+        if with_rear_angle:
+            storage["rear_angle"] = {"scale_rad": scales.rear_angle, "largest_rounding_rad": placed.rounding[1]}
+        found["storage"] = storage
+    return found
+
+
+def _rounded(error: float) -> float:
+    """Up, to four digits: what a search on a lattice found is no more exact, and no machine's last bits show."""
+    if error <= 0.0:
+        return 0.0
+    step = 10.0 ** (math.floor(math.log10(error)) - 3)
+    return float(f"{math.ceil(error / step - 1e-9) * step:.4g}")
+
+
+def placement_text(placed: Placed) -> str:
+    """For the README."""
+    own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
+    stored = "" if placed.total.scales is None else ", stored as int16"
+    return (
+        f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
+        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be"
+    )
+
+
+def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """What came of a request, for JSON."""
+    table = manifest["map"]
+    shape = [len(table["speed_m_s"]), len(table["front_angle_rad"])]
+    storage = {"storage": table["storage"]} if "storage" in table else {}
+    return {**table["placement"], "breakpoints": shape, "flash_bytes": table["flash_bytes"], **storage}
+
+
+def placement_line(manifest: Mapping[str, Any]) -> str:
+    """The same in words."""
+    facts = placement_summary(manifest)
+    error, whole = (math.degrees(facts[key]) for key in ("error_rad_s", "error_whole_domain_rad_s"))
+    rows, columns = facts["breakpoints"]
+    rear = facts.get("rear_angle_error_whole_domain_rad")
+    rear_text = "" if rear is None else f"; the rear angle at most {math.degrees(rear):.2g} deg"
+    return (
+        f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
+        f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be{rear_text}"
+    )

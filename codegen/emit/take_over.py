@@ -1,0 +1,49 @@
+"""The files by which a C project takes a build over: CMake, GNU make, Zephyr."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from codegen.emit.render import render
+
+
+@dataclass(frozen=True)
+class TakeOver:
+    """What their templates know beside the build.
+
+    Attributes:
+        sources: what the controller and its task need, relative to the build.
+        dynamics_source: the one that needs the mathematical library, and that no other needs.
+        zephyr_name: of the Zephyr module and its library.
+        ZEPHYR_NAME: the same as a symbol of Kconfig; long enough not to meet one of Zephyr's own, whatever the prefix.
+    """
+
+    sources: tuple[str, ...]
+    dynamics_source: str
+    zephyr_name: str
+    ZEPHYR_NAME: str
+
+    @classmethod
+    def of(cls, prefix: str, sources: Iterable[str]) -> Self:
+        """Of all sources of a build with this prefix."""
+        dynamics, name = f"src/{prefix}_dynamics.c", f"{prefix}_rear_steering"
+        return cls(tuple(source for source in sources if source != dynamics), dynamics, name, name.upper())
+
+
+def take_over_files(context: Mapping[str, Any]) -> dict[str, bytes]:
+    """Content by path.
+
+    Args:
+        context: of the templates of a build; of it "build" and "dynamics" are used.
+    """
+    build = context["build"]
+    known = {**context, "take_over": TakeOver.of(build.prefix, build.sources)}
+    return {
+        "CMakeLists.txt": render("CMakeLists.txt.j2", known),
+        f"{build.prefix}.mk": render("makefile.mk.j2", known),
+        "zephyr/CMakeLists.txt": render("zephyr/CMakeLists.txt.j2", known),
+        "zephyr/Kconfig": render("zephyr/Kconfig.j2", known),
+        "zephyr/module.yml": render("zephyr/module.yml.j2", known),
+    }

@@ -1,0 +1,272 @@
+"""The page's server: on the loopback address alone, for one user.
+
+Who asks must name the address that it listens on (a name that was made to point here is refused), must carry the key that the
+command printed, and gets nothing but the page's own parts: no path of a request is ever taken for a file.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import secrets
+import socketserver
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, cast
+from urllib.parse import SplitResult, parse_qs, urlsplit
+
+from codegen.errors import CodegenError
+from codegen.explore import page
+from codegen.explore.controls import ExploreError
+from codegen.explore.explorer import Explorer
+from codegen.explore.toml_file import Existing, Target
+
+HOST = "127.0.0.1"
+BODY_MAX = 64 * 1024
+"""Bytes of a request: settings need less than 2000."""
+IDLE_S = 60.0
+LENGTH_DIGITS_MAX = 7
+PAGES_MAX = 64
+
+
+@dataclass
+class Newest:
+    """The number of the newest request of each page: of older ones nobody waits for the answer."""
+
+    numbers: dict[int, int] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def came(self, page_number: int, number: int) -> None:
+        """A request has come."""
+        with self.lock:
+            self.numbers[page_number] = max(number, self.numbers.pop(page_number, number))
+            while len(self.numbers) > PAGES_MAX:
+                del self.numbers[next(iter(self.numbers))]
+
+    def is_stale(self, page_number: int, number: int) -> bool:
+        """Whether a newer one has come since."""
+        return number < self.numbers.get(page_number, number)
+
+
+class ExploreServer(ThreadingHTTPServer):
+    """Serves one exploration.
+
+    Args:
+        port: 0 for any that is free.
+
+    Raises:
+        ExploreError: the port is taken, or may not be listened on.
+        CodegenError: Plotly is not installed.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, explorer: Explorer, target: Target, port: int = 0) -> None:
+        self.explorer, self.target = explorer, target
+        self.key = secrets.token_urlsafe(24)
+        self.assets = page.assets()
+        self.newest = Newest()
+        self.pages = 0
+        self.turn = threading.Lock()
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            taken = error.errno == errno.EADDRINUSE
+            what = f"port {port} is in use" if taken else f"port {port} cannot be listened on ({error.strerror})"
+            raise ExploreError(what, where="--port", remedy="name another one, or 0 for any that is free") from None
+
+    def server_bind(self) -> None:
+        """Without the look-up of the host's name that HTTPServer does, which may ask a name server."""
+        socketserver.TCPServer.server_bind(self)
+        self.server_name, self.server_port = HOST, self.server_address[1]
+
+    @property
+    def address(self) -> str:
+        """Of the page, with its key."""
+        return f"http://{HOST}:{self.server_port}/?key={self.key}"
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """What a request may call this server."""
+        names = {f"{name}:{self.server_port}" for name in (HOST, "localhost")}
+        return frozenset(names | ({HOST, "localhost"} if self.server_port == 80 else set()))
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes away in the middle of an answer is no error."""
+
+
+class _Refusal(Exception):
+    """An answer other than 200."""
+
+    def __init__(self, status: HTTPStatus, data: dict[str, Any]) -> None:
+        super().__init__(status, data)
+        self.status, self.data = status, data
+
+
+def _refusal(status: HTTPStatus, text: str) -> _Refusal:
+    return _Refusal(status, {"error": text})
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    server_version, sys_version = "codegen-explore", ""
+    timeout = IDLE_S
+
+    @property
+    def explore(self) -> ExploreServer:
+        return cast(ExploreServer, self.server)
+
+    def do_GET(self) -> None:
+        """The page and its parts."""
+        try:
+            self._check_host()
+            where = self._where()
+            if where.path == "/":
+                self._check_key(parse_qs(where.query).get("key", [""])[0])
+                server = self.explore
+                with server.turn:
+                    server.pages += 1
+                    number = server.pages
+                asset = page.page(server.explorer, server.key, number)
+            else:
+                found = self.explore.assets.get(where.path)
+                if found is None:
+                    raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+                asset = found
+        except _Refusal as refusal:
+            self._answer(refusal.status, (refusal.data["error"] + "\n").encode(), "text/plain; charset=utf-8")
+            return
+        self._answer(HTTPStatus.OK, asset.content, asset.kind)
+
+    def do_POST(self) -> None:
+        """What the page asks for."""
+        try:
+            self._check_host()
+            data = self._question()
+            answering = {"/api/picture": self._picture, "/api/family": self._family, "/api/write": self._write}.get(self.path)
+            if answering is None:
+                raise _refusal(HTTPStatus.NOT_FOUND, "there is no such page")
+            answer = answering(data)
+        except _Refusal as refusal:
+            self._json(refusal.status, refusal.data)
+            return
+        except Existing as existing:
+            told = {"error": str(existing), "sha256": existing.sha256, "text": existing.text, "changes": list(existing.changes)}
+            self._json(HTTPStatus.CONFLICT, told)
+            return
+        except CodegenError as error:
+            self._json(HTTPStatus.UNPROCESSABLE_ENTITY, {"error": str(error)})
+            return
+        except Exception as error:
+            self._json(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": f"internal error: {type(error).__name__}; please report it"})
+            raise
+        self._json(HTTPStatus.OK, answer)
+
+    def _picture(self, data: dict[str, Any]) -> dict[str, Any]:
+        is_stale = self._came(data)
+        with self.explore.turn:
+            return {"stale": True} if is_stale() else self.explore.explorer.picture(data.get("values"))
+
+    def _family(self, data: dict[str, Any]) -> dict[str, Any]:
+        # Without the turn: a picture that is asked for meanwhile goes first.
+        return self.explore.explorer.family(data.get("values"), self._came(data)) or {"stale": True}
+
+    def _came(self, data: dict[str, Any]) -> Callable[[], bool]:
+        """Note a request; returns whether there has been a newer one of the same page."""
+        number, of_page = data.get("number", 0), data.get("page", 0)
+        if type(number) is not int or type(of_page) is not int:
+            raise _refusal(HTTPStatus.BAD_REQUEST, "page and number are whole numbers")
+        newest = self.explore.newest
+        newest.came(of_page, number)
+        return lambda: newest.is_stale(of_page, number)
+
+    def _write(self, data: dict[str, Any]) -> dict[str, Any]:
+        replaces = data.get("replaces")
+        if replaces is not None and not isinstance(replaces, str):
+            raise _refusal(HTTPStatus.BAD_REQUEST, "replaces is a SHA-256, or null")
+        explorer, target = self.explore.explorer, self.explore.target
+        config = explorer.configured(data.get("values"))
+        explorer.solvable(config)  # what could not be solved is not written either
+        with self.explore.turn:
+            target.write(config, replaces)
+        case = explorer.case
+        return {
+            "file": str(target.path),
+            "next": f"codegen solve --config {target.path.name} --case {case} -o {explorer.name}.npz",
+        }
+
+    # --- what every request must be ----------------------------------------------------------------------------------
+
+    def _check_host(self) -> None:
+        hosts = self.explore.hosts
+        if self.headers.get("Host") not in hosts:
+            self.close_connection = True
+            raise _refusal(HTTPStatus.MISDIRECTED_REQUEST, "this address is not served here")
+        origin = self.headers.get("Origin")
+        if origin is not None and origin not in {f"http://{host}" for host in hosts}:
+            self.close_connection = True
+            raise _refusal(HTTPStatus.FORBIDDEN, "another site may not ask")
+
+    def _check_key(self, given: str) -> None:
+        if not secrets.compare_digest(given.encode(), self.explore.key.encode()):
+            self.close_connection = True
+            raise _refusal(HTTPStatus.FORBIDDEN, "open the whole address that `codegen explore` printed: its key is missing")
+
+    def _where(self) -> SplitResult:
+        try:
+            return urlsplit(self.path)
+        except ValueError:
+            raise _refusal(HTTPStatus.BAD_REQUEST, "this is no address") from None
+
+    def _question(self) -> dict[str, Any]:
+        """The JSON of a request. Its body is left alone until the key is seen."""
+        self._check_key(self.headers.get("X-Explore-Key", ""))
+        length = self.headers.get("Content-Length", "")
+        whole = length.isascii() and length.isdigit() and len(length) <= LENGTH_DIGITS_MAX
+        if not whole or int(length) > BODY_MAX:
+            self.close_connection = True
+            raise _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of at most {BODY_MAX} bytes is needed")
+        body = self.rfile.read(int(length))
+        if self.headers.get_content_type() != "application/json":
+            raise _refusal(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is needed")
+        try:
+            data = json.loads(body)
+        except (ValueError, RecursionError):
+            raise _refusal(HTTPStatus.BAD_REQUEST, "not JSON") from None
+        if not isinstance(data, dict):
+            raise _refusal(HTTPStatus.BAD_REQUEST, "a JSON object is needed")
+        return data
+
+    # --- answers -------------------------------------------------------------------------------------------------------
+
+    def _json(self, status: HTTPStatus, data: dict[str, Any]) -> None:
+        content = json.dumps(data, allow_nan=False, separators=(",", ":")).encode()
+        self._answer(status, content, "application/json")
+
+    def _answer(self, status: HTTPStatus, content: bytes, kind: str) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", page.SECURITY_POLICY)
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """What the library itself refuses, as another method than GET and POST: with the headers of every answer."""
+        del message, explain  # they repeat what was asked
+        self.close_connection = True
+        status = HTTPStatus(code)
+        self._answer(status, f"{status.phrase}\n".encode("ascii"), "text/plain; charset=utf-8")
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Silent: the terminal shows what the user started, not what the browser fetches."""

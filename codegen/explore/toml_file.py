@@ -1,0 +1,218 @@
+"""The configuration that was found, as `ars.toml`: an existing text with other numbers where there is one that fits, so that
+comments stay; else the whole configuration, key by key."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen.config import Config, parse, preset_text
+from codegen.emit.outputs import check_output
+from codegen.errors import CodegenError, ConfigError
+from codegen.explore.controls import ExploreError
+from codegen.files import write_atomically
+from codegen.importing.toml_edit import replace_values
+
+REMARK = "codegen explore wrote into this table."
+MOVABLE = ("cases.", "limits.", "road.", "tyre.", "controller.")
+"""Tables that a text may differ in and still be the same car's: its comments then stay true."""
+BYTES_MAX = 2**20
+
+Leaves = dict[str, Any]
+
+
+class Existing(ExploreError):
+    """The file is there already; nothing is written without the user's word.
+
+    Attributes:
+        sha256: of its bytes, which the user's word is for.
+        text: what would become of it, for people; `changes` line by line.
+    """
+
+    def __init__(self, sha256: str, text: str, changes: tuple[str, ...]) -> None:
+        super().__init__("there is such a file already")
+        self.sha256, self.text, self.changes = sha256, text, changes
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where it goes: one file name in one folder.
+
+    Attributes:
+        bases: texts that may be taken over, the first that fits; that of the file itself comes before them.
+    """
+
+    path: Path
+    bases: tuple[str, ...] = ()
+
+    def write(self, config: Config, replaces: str | None) -> None:
+        """Write the configuration, whole or not at all.
+
+        Args:
+            replaces: SHA-256 of the file that the user agreed to replace; None where there should be none.
+
+        Raises:
+            Existing: there is a file, and it is not the one that the user agreed to replace.
+            CodegenError: it cannot be written, or the place is a link, a folder or part of a build.
+        """
+        if self.path.is_symlink():
+            raise ExploreError(
+                "a link, which may lead elsewhere", where=self.path, remedy="remove it, or name another --folder"
+            )
+        check_output(self.path, ".toml")
+        before = self._content()
+        text, kept = self._text(config, before)
+        if before is not None:
+            found = hashlib.sha256(before).hexdigest()
+            if found != replaces:
+                raise Existing(found, *self._told(before, config, kept))
+        elif replaces is not None:
+            raise ExploreError("the file that was to be replaced is gone", where=self.path, remedy="write again")
+        write_atomically(self.path, text.encode("utf-8"))
+
+    def _content(self) -> bytes | None:
+        if not self.path.exists():
+            return None
+        try:
+            if self.path.stat().st_size > BYTES_MAX:
+                raise ExploreError("over 1 MiB: no configuration", where=self.path, remedy="move it away")
+            return self.path.read_bytes()
+        except OSError as error:
+            raise ExploreError(f"cannot be read ({error.strerror})", where=self.path, remedy="check its permissions") from None
+
+    def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
+        """The text to write, and whether it is that of the file with other numbers."""
+        own = [] if before is None else [_decoded(before)]
+        for text in (*own, *self.bases):
+            edited = _edited(text, config) if text is not None else None
+            if edited is not None:
+                return edited, bool(own) and text is own[0]
+        return whole(config), False
+
+    def _told(self, before: bytes, config: Config, kept: bool) -> tuple[str, tuple[str, ...]]:
+        base = _parsed(_decoded(before) or "")
+        if base is None:
+            return f"{self.path} is no configuration of this program. All of it would be replaced.", ()
+        changes = tuple(_differences(_leaves(base), _leaves(config)))
+        if not changes:
+            return f"{self.path} says the same already.", ()
+        if kept:
+            return f"In {self.path} these keys would change; comments stay:", changes
+        return (
+            f"{self.path} differs in more than what is moved here. All of it would be replaced, with its comments:",
+            changes,
+        )
+
+
+def whole(config: Config) -> str:
+    """All keys of a configuration as TOML."""
+    lines = ["# Written by codegen explore: every key, units in the names.", ""]
+    lines += _table(config.model_dump(mode="json", exclude_none=True), ())
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _table(values: Mapping[str, Any], place: tuple[str, ...]) -> Iterator[str]:
+    plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
+    if place and (plain or not values):
+        yield f"[{'.'.join(_key(part) for part in place)}]"
+    for key, value in plain.items():
+        yield f"{_key(key)} = {_written(value)}"
+    if plain or place:
+        yield ""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _table(value, (*place, key))
+
+
+def _key(name: str) -> str:
+    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
+    return name if bare else json.dumps(name)
+
+
+def _written(value: Any) -> str:
+    """A value as TOML, to the last digit."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_written(each) for each in value)}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(key)} = {_written(each)}' for key, each in value.items())} }}"
+    return json.dumps(value)
+
+
+def _edited(text: str, config: Config) -> str | None:
+    """The text with the numbers of the configuration; None where it is no text for it, or cannot be edited line by line."""
+    base = _parsed(text)
+    if base is None:
+        return None
+    before, after = _leaves(base), _leaves(config)
+    changed = [key for key in before | after if before.get(key) != after.get(key)]
+    if any(not key.startswith(MOVABLE) for key in changed):
+        return None
+    tables: dict[str, Leaves] = {}
+    gone: dict[str, list[str]] = {}
+    for key in changed:
+        table, _, name = key.rpartition(".")
+        if after.get(key) is not None:
+            tables.setdefault(table, {})[name] = after[key]
+        else:
+            gone.setdefault(table, []).append(name)
+    try:
+        for table, values in tables.items():
+            # The stiffness of a tyre gives way to B, and margins to the gains that they are no longer of.
+            renamed = dict.fromkeys(gone.get(table, ()), next(iter(values)))
+            text = replace_values(text, table, values, renamed, REMARK, _written)
+    except CodegenError:
+        return None
+    return text if _parsed(text) == config else None
+
+
+def _leaves(config: Config) -> Leaves:
+    """Dotted key -> value, of all keys that are no tables."""
+
+    def below(values: Mapping[str, Any], place: str) -> Iterator[tuple[str, Any]]:
+        for key, value in values.items():
+            if isinstance(value, Mapping):
+                yield from below(value, f"{place}{key}.")
+            else:
+                yield f"{place}{key}", value
+
+    return dict(below(config.model_dump(mode="json"), ""))
+
+
+def _differences(before: Leaves, after: Leaves) -> Iterable[str]:
+    for key in before | after:
+        old, new = before.get(key), after.get(key)
+        if old != new:
+            yield f"{key}: {_shown(old)} → {_shown(new)}"
+
+
+def _shown(value: Any) -> str:
+    text = "not there" if value is None else _written(value)
+    return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def _decoded(data: bytes) -> str | None:
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError:
+        return None
+
+
+def _parsed(text: str) -> Config | None:
+    try:
+        return parse(tomllib.loads(text), "text")
+    except (tomllib.TOMLDecodeError, ConfigError, ValueError, RecursionError):
+        return None
+
+
+def preset_bases() -> tuple[str, ...]:
+    """The commented presets."""
+    return preset_text("recommended"), preset_text("paper")

@@ -1,0 +1,1 @@
+"""An A2L with the addresses of an ELF."""

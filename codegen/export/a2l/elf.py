@@ -1,0 +1,348 @@
+"""Where the variables of a program lie and of which types they are: an ELF with its DWARF, by pyelftools."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path, PurePath
+from typing import Any, Literal, Self
+
+from codegen.errors import BuildError, CodegenError
+
+Kind = Literal["float", "unsigned", "signed"]
+
+_STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\.(?P<field>[A-Za-z_]\w*)|\[(?P<index>\d+)\]")
+_ADDRESS_OF, _ADDRESS_AT = 0x03, 0xA1  # DW_OP_addr, DW_OP_addrx: DWARF 5, section 7.7.1
+_KINDS: dict[int, Kind] = {0x02: "unsigned", 0x04: "float", 0x05: "signed", 0x06: "signed", 0x07: "unsigned", 0x08: "unsigned"}
+"""By DW_AT_encoding (section 7.8): boolean, float, signed, signed char, unsigned, unsigned char."""
+_STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type", "DW_TAG_union_type")
+_SCOPES = ("DW_TAG_subprogram", "DW_TAG_lexical_block", "DW_TAG_namespace")
+_TRANSPARENT = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
+DEPTH_MAX = 8
+"""Of structs inside structs that are looked through for an object of a type."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """An object in memory, or a part of one.
+
+    Attributes:
+        address: of the target. size: bytes of one number. count: how many numbers lie there, one behind the other.
+    """
+
+    address: int
+    size: int
+    kind: Kind
+    count: int
+
+    @property
+    def bytes(self) -> int:
+        """Of all of them."""
+        return self.size * self.count
+
+
+@dataclass(frozen=True)
+class _Variable:
+    """unit: name of the file that it is in."""
+
+    address: int
+    type: Any
+    unit: str
+
+
+class Elf:
+    """A linked program.
+
+    Attributes:
+        name: of its file.
+        content: its bytes.
+        is_little: the byte order of the target.
+    """
+
+    def __init__(self, name: str, content: bytes) -> None:
+        self.name, self.content = name, content
+        with _whole(name):
+            self._read()
+
+    def _read(self) -> None:
+        self._file = _parsed(self.name, self.content)
+        if self._file["e_type"] != "ET_EXEC":
+            raise BuildError(
+                "no program with addresses of its own",
+                where=self.name,
+                remedy="give the linked program; on a PC, link it with -no-pie",
+            )
+        self.is_little: bool = self._file.little_endian
+        self._symbols = self._read_symbols()
+        self._variables = self._read_variables()
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Raises BuildError: no ELF, not linked, or without symbols and debug information."""
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise BuildError(f"cannot be read ({error.strerror or error})", where=path, remedy="check the path") from None
+        return cls(str(path), content)
+
+    def place(self, path: str) -> Place | None:
+        """Where `name.field[2]` lies, or `file.c:name` where several files have one; None where the program has none.
+
+        Raises BuildError: there are several, or it has no such part, or one that is no number.
+        """
+        with _whole(self.name):
+            return self._place(path)
+
+    def _place(self, path: str) -> Place | None:
+        unit, _, inside = path.rpartition(":")
+        steps = list(_STEP.finditer(inside))
+        if not steps or "".join(step[0] for step in steps) != inside:
+            return None
+        found = [each for each in self._variables.get(steps[0]["name"] or "", ()) if unit in ("", each.unit)]
+        if len({each.address for each in found}) > 1:
+            units = ", ".join(sorted(each.unit for each in found))
+            raise BuildError(
+                f"several variables {steps[0][0]}: in {units}", where=self.name, remedy="name one as file.c:variable"
+            )
+        if not found:
+            return None
+        address, ctype = found[0].address, found[0].type
+        for step in steps[1:]:
+            address, ctype = self._inside(path, address, ctype, step)
+        return self._numbers(path, address, ctype)
+
+    def instances(self, type_name: str) -> list[str]:
+        """Paths of all objects of a named type, inside structs too."""
+        paths: set[str] = set()
+        with _whole(self.name):
+            for name, variables in self._variables.items():
+                several = len({each.address for each in variables}) > 1
+                for each in variables:
+                    paths.update(_instances(each.type, f"{each.unit}:{name}" if several else name, type_name, DEPTH_MAX))
+        return sorted(paths)
+
+    def bytes_at(self, address: int, size: int) -> bytes | None:
+        """What the program puts there at its start; None for what it does not hold, such as memory that is cleared."""
+        with _whole(self.name):
+            for segment in self._file.iter_segments("PT_LOAD"):
+                offset = address - segment["p_vaddr"]
+                if offset >= 0 and offset + size <= segment["p_filesz"]:
+                    start = segment["p_offset"] + offset
+                    return self.content[start : start + size]
+        return None
+
+    def _read_symbols(self) -> dict[str, set[int]]:
+        table = self._file.get_section_by_name(".symtab")
+        if table is None:
+            raise BuildError("no symbols", where=self.name, remedy="take the ELF as linked, before it is stripped")
+        found: dict[str, set[int]] = {}
+        for symbol in table.iter_symbols():
+            if symbol["st_info"]["type"] == "STT_OBJECT" and symbol["st_shndx"] != "SHN_UNDEF":
+                # A variable inside a function is `name.number`.
+                found.setdefault(symbol.name.partition(".")[0], set()).add(symbol["st_value"])
+        return found
+
+    def _read_variables(self) -> dict[str, list[_Variable]]:
+        if not self._file.has_dwarf_info(strict=True):
+            raise BuildError("no debug information", where=self.name, remedy="compile with -g: it takes no memory of the ECU")
+        found: dict[str, list[_Variable]] = {}
+        for unit in self._file.get_dwarf_info().iter_CUs():
+            top = unit.get_top_DIE()
+            for entry in _variables_below(top):
+                declared = _referenced(entry, "DW_AT_specification") or _referenced(entry, "DW_AT_abstract_origin") or entry
+                name, linked = _name(declared), _name(declared, "DW_AT_linkage_name")
+                # What the linker left out has no symbol.
+                known = self._symbols.get(name, set()) | self._symbols.get(linked, set())
+                address = self._address(entry, known)
+                if address in known:
+                    ctype = _referenced(declared, "DW_AT_type")
+                    found.setdefault(name, []).append(_Variable(address, ctype, PurePath(_name(top)).name))
+        return found
+
+    def _address(self, entry: Any, known: set[int]) -> int | None:
+        location = entry.attributes["DW_AT_location"].value
+        order: Literal["little", "big"] = "little" if self.is_little else "big"
+        if isinstance(location, list) and location and location[0] == _ADDRESS_OF:
+            return int.from_bytes(bytes(location[1:]), order)
+        if isinstance(location, list) and location and location[0] == _ADDRESS_AT:
+            return next(iter(known)) if len(known) == 1 else None
+        return None
+
+    def _inside(self, path: str, address: int, ctype: Any, step: re.Match[str]) -> tuple[int, Any]:
+        ctype = _stripped(ctype)
+        if step["field"] and ctype.tag in _STRUCTS:
+            for member in children(ctype):
+                if member.tag == "DW_TAG_member" and _name(member) == step["field"]:
+                    return address + _offset(member), _referenced(member, "DW_AT_type")
+        if step["index"] and ctype.tag in ("", "DW_TAG_array_type"):
+            first, *rest = _lengths(ctype) if ctype.tag else ctype.lengths
+            element = _referenced(ctype, "DW_AT_type") if ctype.tag else ctype.element
+            if int(step["index"]) < first:
+                size = _size_of(element) * math.prod(rest)
+                return address + size * int(step["index"]), _Rest(element, tuple(rest)) if rest else element
+        raise BuildError(f"{path} has no {step[0]}", where=self.name, remedy="link the program with this build")
+
+    def _numbers(self, path: str, address: int, ctype: Any) -> Place:
+        count, ctype, dimensions = 1, _stripped(ctype), 0
+        while isinstance(ctype, _Rest) or ctype.tag == "DW_TAG_array_type":
+            lengths = ctype.lengths if isinstance(ctype, _Rest) else _lengths(ctype)
+            for length in lengths:
+                count *= length
+            ctype = _stripped(ctype.element if isinstance(ctype, _Rest) else _referenced(ctype, "DW_AT_type"))
+            dimensions += 1
+            if dimensions > ALIASES_MAX:
+                raise ValueError("arrays are elements of each other")
+        if ctype.tag == "DW_TAG_enumeration_type":
+            return Place(address, ctype.attributes["DW_AT_byte_size"].value, "unsigned", count)
+        encoding = ctype.attributes["DW_AT_encoding"].value if ctype.tag == "DW_TAG_base_type" else None
+        if encoding not in _KINDS:
+            raise BuildError(f"{path} is no number", where=self.name, remedy="link the program with this build")
+        return Place(address, ctype.attributes["DW_AT_byte_size"].value, _KINDS[encoding], count)
+
+
+@contextmanager
+def _whole(name: str) -> Iterator[None]:
+    """Of a file that is cut or damaged, pyelftools tells in many ways."""
+    try:
+        yield
+    except CodegenError:
+        raise
+    except Exception as error:
+        raise BuildError(
+            f"damaged, or no ELF as a linker writes it ({type(error).__name__})", where=name, remedy="link the program again"
+        ) from error
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """What is left of an array of several dimensions behind an index."""
+
+    element: Any
+    lengths: tuple[int, ...]
+    tag: str = ""
+
+
+def _parsed(name: str, content: bytes) -> Any:
+    try:
+        elffile = importlib.import_module("elftools.elf.elffile")
+        exceptions = importlib.import_module("elftools.common.exceptions")
+    except ImportError:
+        raise CodegenError(
+            "the package pyelftools is missing", where="codegen a2l", remedy='pip install "ars-codegen[tools]"'
+        ) from None
+    try:
+        return elffile.ELFFile(BytesIO(content))
+    except exceptions.ELFError:
+        raise BuildError("not an ELF", where=name, remedy="give the linked program, such as firmware.elf") from None
+
+
+def children(entry: Any) -> Iterator[Any]:
+    """The entries right below one.
+
+    Raises:
+        ValueError: in a damaged file, one leads back to one before it (DW_AT_sibling), and so on for ever.
+    """
+    last = entry.offset
+    for child in entry.iter_children():
+        if child.offset <= last:
+            raise ValueError(f"the entry at {last} is followed by the one at {child.offset}")
+        last = child.offset
+        yield child
+
+
+def _variables_below(entry: Any) -> Iterator[Any]:
+    """Those with a place, inside functions and namespaces too."""
+    for child in children(entry):
+        if child.tag == "DW_TAG_variable" and "DW_AT_location" in child.attributes:
+            yield child
+        elif child.tag in _SCOPES:
+            yield from _variables_below(child)
+
+
+def _offset(member: Any) -> int:
+    """Of a member in its struct: a number, or before DWARF 3 an expression (DW_OP_plus_uconst)."""
+    if "DW_AT_data_member_location" not in member.attributes:
+        return 0
+    location = member.attributes["DW_AT_data_member_location"].value
+    if not isinstance(location, list):
+        return int(location)
+    return sum((byte & 0x7F) << (7 * k) for k, byte in enumerate(location[1:]))
+
+
+def _name(entry: Any, attribute: str = "DW_AT_name") -> str:
+    found = entry.attributes.get(attribute)
+    return "" if found is None else found.value.decode("utf-8", "replace")
+
+
+def _referenced(entry: Any, attribute: str) -> Any:
+    return entry.get_DIE_from_attribute(attribute) if attribute in entry.attributes else None
+
+
+def _stripped(ctype: Any) -> Any:
+    *_, last = aliases(ctype)
+    return last
+
+
+ALIASES_MAX = 100
+LENGTH_MAX = 100_000
+"""Objects in an array of tasks; more is damage, not a program."""
+
+
+def aliases(ctype: Any) -> Iterator[Any]:
+    """A type, what it is another name of, and so on, down to the type itself.
+
+    Raises:
+        ValueError: in a damaged file, the names go round in a circle.
+    """
+    for _ in range(ALIASES_MAX):
+        yield ctype
+        if ctype is None or ctype.tag not in _TRANSPARENT:
+            return
+        ctype = _referenced(ctype, "DW_AT_type")
+    raise ValueError("types are names of each other")
+
+
+def _size_of(ctype: Any) -> int:
+    """Bytes of an object."""
+    ctype = _stripped(ctype)
+    if ctype.tag == "DW_TAG_array_type":
+        return math.prod(_lengths(ctype)) * _size_of(_referenced(ctype, "DW_AT_type"))
+    return int(ctype.attributes["DW_AT_byte_size"].value)
+
+
+def _lengths(array: Any) -> list[int]:
+    found = []
+    for child in children(array):
+        if child.tag == "DW_TAG_subrange_type":
+            if "DW_AT_count" in child.attributes:
+                found.append(int(child.attributes["DW_AT_count"].value))
+            else:  # an array without a length has no bound
+                bound = child.attributes.get("DW_AT_upper_bound")
+                found.append(bound.value + 1 if bound is not None and isinstance(bound.value, int) else 0)
+    return found
+
+
+def _instances(ctype: Any, path: str, type_name: str, depth: int) -> Iterator[str]:
+    for each in aliases(ctype):
+        if each is not None and each.tag == "DW_TAG_typedef" and _name(each) == type_name:
+            yield path
+            return
+        ctype = each
+    if ctype is None or depth == 0:
+        return
+    if ctype.tag in _STRUCTS:
+        for member in children(ctype):
+            if member.tag == "DW_TAG_member":
+                yield from _instances(_referenced(member, "DW_AT_type"), f"{path}.{_name(member)}", type_name, depth - 1)
+    elif ctype.tag == "DW_TAG_array_type" and len(lengths := _lengths(ctype)) == 1:
+        # Asked once: an array of a million other things is no reason to wait.
+        holds = any(True for _ in _instances(_referenced(ctype, "DW_AT_type"), path, type_name, depth - 1))
+        if holds and lengths[0] > LENGTH_MAX:
+            raise ValueError(f"an array of {lengths[0]} tasks")
+        for index in range(lengths[0] if holds else 0):
+            yield from _instances(_referenced(ctype, "DW_AT_type"), f"{path}[{index}]", type_name, depth - 1)

@@ -1,0 +1,1 @@
+"""A bare-metal project around a build, and its run in QEMU."""

@@ -1,0 +1,218 @@
+"""The image of a firmware project: built, run in QEMU, and held against the software in the loop."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, Literal
+
+from codegen.errors import BuildError, CodegenError, one_line
+from codegen.sil.toolchain import require_success
+
+Toolchain = Literal["gcc", "zig"]
+
+GCC, QEMU = "arm-none-eabi-gcc", "qemu-system-arm"
+RUN_LIMIT = 300.0
+"""s, after which an image that does not end is stopped; a run takes about one."""
+
+VARIABLES_OF_MAKE = ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES", "BUILD", "TOOLCHAIN", "QEMU", "ZIG")
+"""Taken out of its environment: another make may run this command, and no variable of the user's may change the image."""
+
+LAST_WORDS = ("end:", "fault:", "self-test failed", "main returned")
+
+_END = re.compile(r"end: cycles=(\d+) ticks=(\d+) lost_samples=(\d+) fpu=([01]) stack=(\d+)")
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Bytes of memory: flash holds code, constants and the start values of data; RAM holds data and both stacks."""
+
+    flash: int
+    ram: int
+
+
+@dataclass(frozen=True)
+class ImageRun:
+    """What an image did.
+
+    Attributes:
+        toolchain: that built it.
+        compared: frames held against the software in the loop.
+        different: those of them that are missing, too many, or have another byte.
+        first_difference: the first of them in words, "" where there is none.
+        faults: exceptions that ended the program: 0 or 1.
+        message: the last line that the program wrote.
+        exit_code: its own; 0 where all is well.
+        cycles, ticks: runs of the task, and ticks of the timer that began them.
+        lost_samples: cycles without a good sample.
+        fpu: whether the FPU computed.
+        stack: bytes of the program's stack that were used.
+        sizes: of the image.
+    """
+
+    toolchain: str
+    compared: int
+    different: int
+    first_difference: str
+    faults: int
+    message: str
+    exit_code: int
+    cycles: int
+    ticks: int
+    lost_samples: int
+    fpu: bool
+    stack: int
+    sizes: Sizes
+
+    @property
+    def passed(self) -> bool:
+        """Whether the image did just what the software in the loop did, on time and without a fault."""
+        same = self.different == 0 and self.ticks == self.cycles == self.compared
+        return same and self.fpu and self.faults == 0 and self.exit_code == 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "passed": self.passed}
+
+
+def choose_toolchain(wanted: str | None) -> Toolchain:
+    """The toolchain to build with: the one that is asked for, else GCC where it is installed, else zig's clang.
+
+    Raises:
+        CodegenError: it is not installed.
+    """
+    has_zig = importlib.util.find_spec("ziglang") is not None
+    if wanted != "zig" and shutil.which(GCC):
+        return "gcc"
+    if wanted != "gcc" and has_zig:
+        return "zig"
+    if wanted == "zig":
+        raise CodegenError("it is not installed", where="ziglang", remedy="pip install ziglang")
+    remedy = "install it (Debian, Ubuntu: apt install gcc-arm-none-eabi)"
+    raise CodegenError("it is not installed", where=GCC, remedy=f"{remedy}, or take --toolchain zig (pip install ziglang)")
+
+
+def require_tools() -> None:
+    """Refuse to go on without make and QEMU. Raises CodegenError."""
+    for program, package in (("make", "make"), (QEMU, "qemu-system-arm")):
+        if shutil.which(program) is None:
+            remedy = f"install it (Debian, Ubuntu: apt install {package}), or leave out --run"
+            raise CodegenError("it is not installed", where=program, remedy=remedy)
+
+
+def run_image(files: Mapping[str, bytes], expected: Sequence[str], toolchain: Toolchain) -> ImageRun:
+    """Build the files of a project in a folder of their own, run the image, and compare what it sends.
+
+    Raises:
+        CodegenError: make or QEMU is missing, or QEMU fails.
+        BuildError: the files do not compile, or do not fit.
+    """
+    require_tools()
+    try:
+        with tempfile.TemporaryDirectory(prefix="ars-firmware-") as scratch:
+            folder = Path(scratch, "firmware")
+            for path, content in files.items():
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (folder / path).write_bytes(content)
+            sizes = _build(folder, toolchain)
+            ended = _run(folder, toolchain)
+    except OSError as error:
+        remedy = "free space for temporary files"
+        raise BuildError(f"the image cannot be made: {error.strerror or error}", remedy=remedy) from error
+    return _judged(ended, expected, toolchain, sizes)
+
+
+def image_sizes(image: bytes) -> Sizes:
+    """What an image takes, by the section headers of a 32-bit little-endian ELF file (ELF specification 1.2, figure 1-8)."""
+    offset, entry_size, count = (struct.unpack_from(form, image, at)[0] for form, at in (("<I", 32), ("<H", 46), ("<H", 48)))
+    write, allocated, no_bits = 1, 2, 8
+    flash = ram = 0
+    for at in range(offset, offset + entry_size * count, entry_size):
+        _, kind, flags, _, _, size = struct.unpack_from("<6I", image, at)
+        if flags & allocated:
+            flash += size if kind != no_bits else 0
+            ram += size if flags & write or kind == no_bits else 0
+    return Sizes(flash, ram)
+
+
+def _make(folder: Path, toolchain: Toolchain, *arguments: str) -> subprocess.CompletedProcess[str]:
+    zig = [f"ZIG={shlex.quote(sys.executable)} -m ziglang"] if toolchain == "zig" else []
+    # Kept nowhere: the folder is new each time, so zig's own cache would only grow.
+    cache = str(folder.parent / "cache")
+    environment = {name: value for name, value in os.environ.items() if name not in VARIABLES_OF_MAKE}
+    environment |= {"LC_ALL": "C", "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
+    return _finished(
+        ["make", "--no-print-directory", "BUILD=build", f"TOOLCHAIN={toolchain}", *zig, *arguments], folder, environment
+    )
+
+
+def _finished(
+    command: Sequence[str], folder: Path, environment: Mapping[str, str], limit: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command,
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        timeout=limit,
+    )
+
+
+def _build(folder: Path, toolchain: Toolchain) -> Sizes:
+    require_success(_make(folder, toolchain, "--silent", "all"), "the firmware")
+    return image_sizes((folder / "build" / "firmware.elf").read_bytes())
+
+
+def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]:
+    """What QEMU did with the image, started as `make run` would: make itself hides the exit code."""
+    told = _make(folder, toolchain, "--dry-run", "run")
+    require_success(told, "make run")
+    try:
+        return _finished(shlex.split(told.stdout), folder, {**os.environ, "LC_ALL": "C"}, RUN_LIMIT)
+    except subprocess.TimeoutExpired:
+        remedy = "look at it with `make run` and a debugger"
+        raise CodegenError(f"the image did not end within {RUN_LIMIT:g} s", where=QEMU, remedy=remedy) from None
+
+
+def _judged(ended: subprocess.CompletedProcess[str], expected: Sequence[str], toolchain: str, sizes: Sizes) -> ImageRun:
+    lines = ended.stdout.splitlines()
+    sent = [line for line in lines if "#" in line]
+    pairs = list(enumerate(zip_longest(sent, expected, fillvalue="nothing")))
+    different = [(cycle, ours, theirs) for cycle, (ours, theirs) in pairs if ours != theirs]
+    message = next((line for line in reversed(lines) if line.startswith(LAST_WORDS)), "")
+    if not message:
+        message = one_line(ended.stderr) or "it ended without a word"
+        if ended.returncode >= 0 and not sent:
+            raise CodegenError(message, where=QEMU, remedy="see that it has the machine mps2-an386 (QEMU 4.1 or newer)")
+    counts = [int(count) for count in end.groups()] if (end := _END.fullmatch(message)) else [0, 0, 0, 0, 0]
+    cycles, ticks, lost_samples, fpu, stack = counts
+    return ImageRun(
+        toolchain=toolchain,
+        compared=len(expected),
+        different=len(different),
+        first_difference="cycle {}: {} sent, {} expected".format(*different[0]) if different else "",
+        faults=int(message.startswith("fault:") or ended.returncode < 0),
+        message=message,
+        exit_code=ended.returncode,
+        cycles=cycles,
+        ticks=ticks,
+        lost_samples=lost_samples,
+        fpu=bool(fpu),
+        stack=stack,
+        sizes=sizes,
+    )

@@ -1,0 +1,186 @@
+"""The firmware project of a build, in memory: its files from the templates, the build's C and a recorded drive."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen import __version__
+from codegen.emit.can_view import task_name
+from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, verify_hashes
+from codegen.emit.render import render
+from codegen.emit.text import comment_text
+from codegen.errors import BuildError
+from codegen.export.firmware.recording import Drive, frame_text, record
+from codegen.sil.software import Software, load
+from hil_sim.scenarios import find
+
+SCENARIO = "step-steer"
+WHAT = "firmware"
+"""In the manifest: what tells such a folder from a build."""
+
+CLOCK_HZ = 25_000_000
+"""Of QEMU's mps2-an386 (Arm DAI 0386: SYSCLK)."""
+
+SYSTICK_RELOAD_MAX = 2**24 - 1
+MADE_BY_MAKE = "build"
+PROGRAM = ("main", "startup", "board_mps2_an386", "report", "memory", "trace")
+HEADERS = ("board", "startup", "report", "trace")
+
+
+@dataclass(frozen=True)
+class TraceFrame:
+    """A row of the trace, in C."""
+
+    cycle: int
+    id: str
+    length: int
+    data: str
+
+
+@dataclass(frozen=True)
+class FirmwareView:
+    """What the templates know."""
+
+    build_name: str
+    build_id: str
+    manifest_sha256: str
+    edited: tuple[str, ...]
+    version: str
+    prefix: str
+    kind: str
+    period_text: str
+    reload: int
+    task_function: str
+    sources: tuple[str, ...]
+    drive_text: str
+    cycles: int
+    frames: tuple[TraceFrame, ...]
+
+
+@dataclass(frozen=True)
+class Project:
+    """A project and what its image has to do.
+
+    Attributes:
+        folder: its files.
+        sent: the frames, as text, that its image must send, one a cycle.
+        edited: files of the build that are not as they were built.
+    """
+
+    folder: Folder
+    sent: tuple[str, ...]
+    edited: tuple[str, ...]
+
+
+def project(build: Path) -> Project:
+    """Make the project of a build; nothing is written.
+
+    Raises:
+        BuildError: not a build, one of double precision, or C that does not compile.
+    """
+    manifest = read_manifest(build)
+    _refuse_what_no_image_can_be_made_of(manifest, build)
+    software = load(build)
+    files = {
+        f"controller/{path}": content
+        for path, content in read_files(build, manifest, ("include/", "src/")).items()
+        if not path.endswith(("_dynamics.c", "_dynamics.h"))  # the task does not need them, and they need a C library
+    }
+    scenario = find(SCENARIO, software.config)
+    drive = record(software, scenario)
+    digest = hashlib.sha256((build / MANIFEST).read_bytes()).hexdigest()
+    sources = (*(f"src/{name}.c" for name in PROGRAM), *sorted(path for path in files if path.endswith(".c")))
+    view = _view(manifest, software, digest, sources, scenario.title, drive)
+    sent = tuple(frame_text(frame) for frame in drive.sent)
+    files |= _rendered(view) | {"expected.txt": "".join(f"{line}\n" for line in sent).encode("ascii")}
+    facts = {
+        "schema_version": 1,
+        "version": __version__,
+        "what": WHAT,
+        "name": manifest["name"],
+        "options": manifest["options"],
+        "build": {"id": manifest["build_id"], "manifest_sha256": digest, "edited": list(software.edited)},
+        "drive": {"scenario": scenario.name, "cycles": view.cycles, "frames": len(view.frames)},
+    }
+    return Project(Folder(files, facts), sent, software.edited)
+
+
+def refuse_target(target: Path) -> None:
+    """Refuse to write where something would be lost.
+
+    Raises:
+        BuildError: another kind of folder of ours stands there, or a firmware project in which a file was changed; or it
+            would lie inside of such a folder.
+    """
+    place = target.resolve()
+    for parent in place.parents:
+        if owned_paths(parent):
+            raise BuildError("it lies inside a generated folder", where=target, remedy=f"name a folder outside of {parent}")
+    if not owned_paths(place):
+        return
+    if read_manifest(place).get("what") != WHAT:
+        raise BuildError("it is a build, not a firmware project", where=target, remedy="choose another folder with -o")
+    if (place / MADE_BY_MAKE).exists():
+        remedy = f"run `make -C {target} clean`, then this command again; or choose another folder with -o"
+        raise BuildError(f"it holds {MADE_BY_MAKE}/, which its Makefile made", where=target, remedy=remedy)
+    if changed := verify_hashes(place):
+        remedy = "nothing was changed; choose another folder with -o, or move that one away"
+        raise BuildError(f"{changed[0]} was changed since it was written", where=target, remedy=remedy)
+
+
+def _refuse_what_no_image_can_be_made_of(manifest: Mapping[str, Any], build: Path) -> None:
+    if manifest.get("what", "build") != "build" or not {"name", "build_id", "options", "configuration"} <= manifest.keys():
+        raise BuildError("not a build", where=build, remedy="name a folder made by `codegen build`")
+    if manifest["options"]["precision"] != "single":
+        raise BuildError(
+            "it computes in double precision, and the FPU of a Cortex-M4F is single",
+            where=build,
+            remedy="build with --precision single",
+        )
+
+
+def _view(
+    manifest: Mapping[str, Any], software: Software, digest: str, sources: tuple[str, ...], title: str, drive: Drive
+) -> FirmwareView:
+    period = software.config.controller.sampling_time_s
+    ticks = round(period * CLOCK_HZ)
+    if ticks - 1 > SYSTICK_RELOAD_MAX:
+        limit = (SYSTICK_RELOAD_MAX + 1) / CLOCK_HZ
+        raise BuildError(
+            f"a sampling time of {period:g} s is too long for a timer of 24 bits at 25 MHz",
+            where="controller.sampling_time_s",
+            remedy=f"take at most {limit:.2g} s",
+        )
+    return FirmwareView(
+        build_name=comment_text(manifest["name"]),
+        build_id=f"0x{manifest['build_id']}",
+        manifest_sha256=digest,
+        edited=tuple(comment_text(path) for path in software.edited),
+        version=__version__,
+        prefix=software.prefix,
+        kind=manifest["options"]["kind"],
+        period_text=f"{period * 1e3:g} ms",
+        reload=ticks - 1,
+        task_function=task_name(period),
+        sources=sources,
+        drive_text=comment_text(title),
+        cycles=len(drive.sent),
+        frames=tuple(
+            TraceFrame(cycle, f"0x{frame.id:03X}", len(frame.data), ", ".join(f"0x{byte:02X}u" for byte in frame.data))
+            for cycle, frames in enumerate(drive.received)
+            for frame in frames
+        ),
+    )
+
+
+def _rendered(view: FirmwareView) -> dict[str, bytes]:
+    names = (
+        *(f"src/{name}.c" for name in PROGRAM),
+        *(f"src/{name}.h" for name in HEADERS),
+        *("mps2_an386.ld", "Makefile", "README.md"),
+    )
+    return {name: render(f"firmware/{name.removeprefix('src/')}.j2", {"firmware": view}) for name in names}

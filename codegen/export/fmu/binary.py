@@ -1,0 +1,58 @@
+"""The shared library of an FMU, compiled for the platform that this runs on."""
+
+from __future__ import annotations
+
+import platform
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from codegen.errors import BuildError
+from codegen.export.fmu.standard import Version
+from codegen.sil.compile import DEFAULT_FLAGS
+from codegen.sil.toolchain import compiler_command, require_success, run
+
+FLAGS = (*DEFAULT_FLAGS, "-fvisibility=hidden")
+"""Those of the SIL, so that the bits are the same; only FMI functions are seen from outside."""
+
+_ARCHITECTURES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+def library_path(version: Version, identifier: str) -> str:
+    """Where the binary lies in the archive. FMI 3.0 names the processor; FMI 2.0 only system and word length.
+
+    Raises:
+        BuildError: a platform that has no name here.
+    """
+    system = next((name for name in ("linux", "darwin") if sys.platform.startswith(name)), None)
+    architecture = _ARCHITECTURES.get(platform.machine().lower())
+    if system is None or architecture is None:
+        where = f"{sys.platform} on {platform.machine()}"
+        raise BuildError("no FMU can be compiled here", where=where, remedy="use Linux or macOS on x86-64 or AArch64")
+    folder = f"{architecture}-{system}" if version == "3" else f"{system}64"
+    return f"binaries/{folder}/{identifier}.{'dylib' if system == 'darwin' else 'so'}"
+
+
+def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
+    """The shared library `name` of C sources; the same sources and compiler give the same bytes.
+
+    Raises:
+        BuildError: no compiler, or C that does not compile.
+    """
+    if sys.platform == "darwin":
+        kind = ["-dynamiclib", f"-Wl,-install_name,@rpath/{name}"]
+    else:  # without symbols of its own and build id, which change with nothing that counts
+        kind = ["-shared", "-s", "-Wl,--build-id=none"]
+    units = sorted(path for path in sources if path.endswith(".c"))
+    with tempfile.TemporaryDirectory(prefix="ars-fmu-") as scratch:
+        folder = Path(scratch)
+        try:
+            for path, content in sources.items():
+                (folder / path).write_bytes(content)
+            require_success(run([*compiler_command(), *FLAGS, *kind, *units, "-o", name, "-lm"], folder), name)
+            return (folder / name).read_bytes()
+        except OSError as error:
+            raise BuildError(
+                f"the FMU cannot be compiled: {error.strerror}", where=scratch, remedy="free some space"
+            ) from error

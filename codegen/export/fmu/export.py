@@ -1,0 +1,137 @@
+"""From a build to an FMU."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from codegen import __version__
+from codegen import config as configuration
+from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.text import comment_text
+from codegen.export.fmu.archive import DESCRIPTION, pack
+from codegen.export.fmu.binary import FLAGS, compile_binary, library_path
+from codegen.export.fmu.description import Description, build_description, model_description
+from codegen.export.fmu.model_view import TITLES, step_size
+from codegen.export.fmu.parameters import parameter_variables, status_values
+from codegen.export.fmu.sources import build_sources, model_sources
+from codegen.export.fmu.standard import Version, headers, licence
+from codegen.export.fmu.variables import Variable, What, variables_of
+from codegen.sil.software import compile_build, require_can_side
+
+
+@dataclass(frozen=True)
+class Fmu:
+    """An FMU in memory.
+
+    Attributes:
+        content: of the file.
+        identifier: of the model, in C.
+        token: the GUID of FMI 2.0, the instantiation token of FMI 3.0: a SHA-256 of description, sources and flags.
+        platform: folder of the binary, such as "x86_64-linux".
+        internal_step: s; communication steps are whole multiples of it.
+        variables: by value reference.
+        edited: files of the build that are no longer as generated; the FMU holds them as they are.
+    """
+
+    content: bytes
+    identifier: str
+    token: str
+    platform: str
+    internal_step: float
+    variables: tuple[Variable, ...]
+    edited: tuple[str, ...]
+
+
+def make_fmu(build: Path, what: What, version: Version) -> Fmu:
+    """The FMU of a build's controller, of the car of its configuration, or of both in closed loop.
+
+    Raises:
+        CodegenError: no build, no compiler, C that does not compile, or fmpy is missing.
+    """
+    standard = headers(version)
+    manifest = read_manifest(build)
+    require_can_side(manifest, build)
+    files = read_files(build, manifest, ("include/", "src/"))
+    maker = _Maker(what, version, manifest, files)
+    token = maker.token()
+    sources, description = maker.sources(token), maker.description(token)
+    path = library_path(version, maker.identifier)
+    library = compile_binary({**sources, **standard}, PurePosixPath(path).name)
+    content = {
+        DESCRIPTION: description,
+        path: library,
+        "documentation/licenses/fmi-headers.txt": licence(standard),
+        **{f"sources/{name}": text for name, text in {**sources, **standard}.items()},
+    }
+    if version == "3":
+        content["sources/buildDescription.xml"] = build_description(maker.identifier, maker.units)
+    return Fmu(
+        pack(content),
+        maker.identifier,
+        token,
+        PurePosixPath(path).parent.name,
+        maker.internal_step,
+        maker.variables,
+        tuple(verify_hashes(build)),
+    )
+
+
+class _Maker:
+    """The parts of one FMU."""
+
+    def __init__(self, what: What, version: Version, manifest: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+        self._what, self._version, self._manifest = what, version, manifest
+        self._config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+        self._prefix, self._precision = manifest["options"]["prefix"], manifest["options"]["precision"]
+        self._build = build_sources(files, self._prefix) if what != "plant" else {}
+        self.variables = variables_of(what, self._config)
+        if what != "plant":
+            # Compiled as for a run: the struct and its values are the compiler's own word.
+            software = compile_build(files, manifest)
+            self.variables += parameter_variables(software, files)
+        self._statuses = status_values(files, self._prefix)
+        self.internal_step = step_size(what, self._config)
+        self.identifier = re.sub(r"\W", "_", f"{self._prefix}_{manifest['name']}_{what}", flags=re.ASCII)
+
+    def sources(self, token: str) -> dict[str, bytes]:
+        """Every file of C but the headers of the standard."""
+        made = model_sources(self._what, self._version, self._config, self._prefix, self._precision, self.variables, token)
+        return {**self._build, **made}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Names of the C files that are compiled."""
+        return tuple(sorted(name for name in self.sources("") if name.endswith(".c")))
+
+    def description(self, token: str) -> bytes:
+        """modelDescription.xml."""
+        manifest = self._manifest
+        name = comment_text(str(manifest["name"]))
+        return model_description(
+            Description(
+                version=self._version,
+                identifier=self.identifier,
+                name=f"{name}: {self._what}",
+                about=f"Active rear steering, {TITLES[self._what]}: C of the build {name}, kind {manifest['options']['kind']}",
+                build_id=str(manifest["build_id"]),
+                tool=f"ars-codegen {__version__}",
+                token=token,
+                internal_step=self.internal_step,
+                communication_step=self._config.controller.sampling_time_s,
+                variables=self.variables,
+                statuses=self._statuses,
+                sources=self.units,
+            )
+        )
+
+    def token(self) -> str:
+        """SHA-256 of all that is not the token itself, nor made by the compiler of this machine."""
+        content = {"flags": list(FLAGS), "description": hashlib.sha256(self.description("")).hexdigest()}
+        hashes = {name: hashlib.sha256(text).hexdigest() for name, text in self.sources("").items()}
+        return hashlib.sha256(json.dumps([content, hashes], sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,60 @@
+"""The C inside an FMU: what it needs of the build, the plant, the model around them, and the functions of the standard.
+
+All of it lies in one folder, so that any compiler finds every header beside the file that includes it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
+
+from codegen.config import Config
+from codegen.emit.render import render
+from codegen.emit.text import Precision
+from codegen.export.fmu.model_view import ABSENT_TYPES, ACCESS, context, rows
+from codegen.export.fmu.standard import Version
+from codegen.export.fmu.variables import Variable, What
+from codegen.sil.plant import plant_sources
+
+_INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
+
+
+def build_sources(files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
+    """The controller's files of a build, by name: its source and numbers, and of each header on the way the source."""
+    named = {PurePosixPath(path).name: content for path, content in files.items()}
+    found: dict[str, bytes] = {}
+    waiting = [f"{prefix}_controller.h", f"{prefix}_calibration.c"]
+    while waiting:
+        name = waiting.pop()
+        if name in named and name not in found:
+            found[name] = named[name]
+            waiting += [included.decode("ascii", "replace") for included in _INCLUDE.findall(named[name])]
+            waiting.append(f"{name.removesuffix('.h')}.c")
+    return found
+
+
+def model_sources(
+    what: What, version: Version, config: Config, prefix: str, precision: Precision, variables: Sequence[Variable], token: str
+) -> dict[str, bytes]:
+    """The wrapper: model, variables, instance and the functions of FMI; the plant too, where there is one."""
+    seen = {
+        **context(what, config, prefix, precision, variables),
+        "variables": rows(variables, version),
+        "token": token,
+        "types": ACCESS[version],
+        "absent_types": ABSENT_TYPES,
+    }
+    templates = {
+        "model.h": "model.h",
+        "model.c": f"{what}_model.c",
+        "variables.h": "variables.h",
+        "variables.c": "variables.c",
+        "instance.h": "instance.h",
+        "instance.c": "instance.c",
+        f"fmi{version}.c": f"fmi{version}.c",
+    }
+    if version == "3":
+        templates["fmi3_unsupported.c"] = "fmi3_unsupported.c"
+    made = {name: render(f"fmu/{template}.j2", seen) for name, template in templates.items()}
+    return {**made, **(plant_sources(config) if what != "controller" else {})}

@@ -1,0 +1,41 @@
+"""Units of the variables: as exponents of SI base units, and as tools may show them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of FMI.
+
+    Attributes:
+        exponents: of SI base units and rad.
+        shown: another unit and how many of it make one of this one; None: shown as it is.
+    """
+
+    exponents: Mapping[str, int]
+    shown: tuple[str, float] | None = None
+
+
+UNITS: Mapping[str, Unit] = {
+    "m": Unit({"m": 1}),
+    "m/s": Unit({"m": 1, "s": -1}, ("km/h", 3.6)),
+    "m/s2": Unit({"m": 1, "s": -2}),
+    "rad": Unit({"rad": 1}, ("deg", DEGREES)),
+    "rad/s": Unit({"rad": 1, "s": -1}, ("deg/s", DEGREES)),
+    "s": Unit({"s": 1}),
+    "1/s": Unit({"s": -1}),
+    "N.m": Unit({"kg": 1, "m": 2, "s": -2}),
+}
+
+_ENDINGS = {"_m_s2": "m/s2", "_rad_s": "rad/s", "_m_s": "m/s", "_n_m": "N.m", "_rad": "rad", "_s": "s"}
+
+
+def unit_of_name(name: str) -> str:
+    """The unit that a name of the interface ends in, such as "m/s" of speed_m_s; "" for none."""
+    return next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")

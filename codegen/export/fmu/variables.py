@@ -1,0 +1,206 @@
+"""What a simulator sees of each kind of FMU: variables with their names, units, ranges and places in the C of the model.
+
+Names are those of the columns of a run, and of the fields of the C structs with the unit behind them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.export.fmu.units import unit_of_name
+from codegen.vehicle.dynamics import two_track
+
+What = Literal["controller", "plant", "loop"]
+WHATS: tuple[What, ...] = ("controller", "plant", "loop")
+
+Kind = Literal["real", "integer", "boolean", "status"]
+Role = Literal["time", "input", "output", "fixed", "tunable"]
+
+SPEED_MAX = 150.0
+"""m/s, of a car: as a map's speeds."""
+WHEEL_ANGLE_MAX = 30.0
+"""rad at the steering wheel, more than any has."""
+FRICTION_MAX = 2.0
+YAW_MOMENT_MAX = 1e6
+"""N m. What the plant takes is bounded, so that no input makes its motion infinite."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable.
+
+    Attributes:
+        name: for the simulator.
+        member: where `model_t` holds it; "" for the time.
+        storage: the C type of that: double, float, int32_t, uint16_t or bool.
+        start: its start value; None where it is computed.
+        low, high: its range, both included; None: whatever its type holds.
+        depends: of an output, the inputs that it follows at once, without a step in between.
+    """
+
+    name: str
+    member: str
+    kind: Kind
+    role: Role
+    description: str
+    storage: str = "double"
+    unit: str = ""
+    start: float | None = None
+    low: float | None = None
+    high: float | None = None
+    continuous: bool = False
+    depends: tuple[str, ...] = ()
+
+
+TIME = Variable("time_s", "", "real", "time", "time", unit="s", continuous=True)
+
+_FRONT = "front wheels, at the road; positive to the left"
+_REAR = "rear wheels; positive to the left"
+
+
+def _input(
+    name: str,
+    member: str,
+    description: str,
+    bounds: tuple[float, float] | None = None,
+    start: float = 0.0,
+) -> Variable:
+    low, high = (None, None) if bounds is None else bounds
+    unit = unit_of_name(name)
+    return Variable(name, member, "real", "input", description, unit=unit, start=start, low=low, high=high, continuous=True)
+
+
+def _flag(name: str, description: str, start: bool = False) -> Variable:
+    return Variable(name, name, "boolean", "input", description, "bool", start=float(start))
+
+
+def _output(name: str, member: str, description: str, bound: float | None = None, *, continuous: bool = True) -> Variable:
+    low = None if bound is None else -bound
+    return Variable(
+        name, member, "real", "output", description, unit=unit_of_name(name), low=low, high=bound, continuous=continuous
+    )
+
+
+def _commands(config: Config) -> tuple[Variable, ...]:
+    """What a controller answers; held between its samples."""
+    return (
+        _output(
+            "rear_angle_command_rad",
+            "rear_angle_command",
+            f"commanded angle of the {_REAR}",
+            # A controller in single precision has the nearest number of that, which may lie above.
+            max(config.rear_actuator.angle_max, float(np.float32(config.rear_actuator.angle_max))),
+            continuous=False,
+        ),
+        _output("yaw_rate_reference_rad_s", "yaw_rate_reference", "what the controller follows", continuous=False),
+        Variable("status", "status", "status", "output", "what the last sample of the controller did", "int32_t"),
+    )
+
+
+def _road(config: Config) -> tuple[Variable, ...]:
+    """What acts on the car beside the rear wheels."""
+    friction = config.road.friction
+    return (
+        _input("speed_m_s", "speed", "forward speed of the car", (0.0, SPEED_MAX)),
+        _input(
+            "steering_wheel_command_rad",
+            "steering_wheel_command",
+            "angle of the steering wheel that the driver asks for; positive to the left",
+            (-WHEEL_ANGLE_MAX, WHEEL_ANGLE_MAX),
+        ),
+        _input("friction", "friction", "peak friction of the road", (0.0, FRICTION_MAX), friction),
+        _input("yaw_moment_n_m", "yaw_moment", "from outside, such as a gust", (-YAW_MOMENT_MAX, YAW_MOMENT_MAX)),
+    )
+
+
+def _motion(config: Config) -> tuple[Variable, ...]:
+    """The car as it is now."""
+    car = (
+        _output("front_angle_rad", "output.front_angle", f"angle of the {_FRONT}"),
+        _output("yaw_rate_rad_s", "plant.yaw_rate", "positive to the left"),
+        _output("sideslip_rad", "output.sideslip_angle", "at the centre of gravity; positive to the left"),
+        _output("lateral_acceleration_m_s2", "output.lateral_acceleration", "of the centre of gravity; positive to the left"),
+        _output("rear_angle_rad", "plant.rear_angle", f"achieved angle of the {_REAR}"),
+        _output("slip_front_rad", "output.slip_front", "slip angle at the middle of the front axle"),
+        _output("slip_rear_rad", "output.slip_rear", "slip angle at the middle of the rear axle"),
+    )
+    at_once = _inputs_at_once(config)
+    return tuple(replace(each, depends=at_once.get(each.member, ())) for each in car)
+
+
+def _inputs_at_once(config: Config) -> dict[str, tuple[str, ...]]:
+    """Of each output of the plant, by its member, the inputs that it depends on: from the structure of its equations."""
+    model = two_track(config)
+    assert model.output is not None  # the plant has outputs by construction
+    inputs = {each.member: each.name for each in (*_road(config), _REAR_COMMAND)}
+    rows, columns = model.output.jac_sparsity(0, 1).get_triplet()
+    found: dict[str, tuple[str, ...]] = {f"output.{name}": () for name in model.outputs}
+    for row, column in zip(rows, columns, strict=True):
+        found[f"output.{model.outputs[row]}"] += (inputs[model.inputs[column]],)
+    return found
+
+
+_REAR_COMMAND = _input(
+    "rear_angle_command_rad", "rear_angle_command", f"angle asked for at the {_REAR}", (-WHEEL_ANGLE_MAX, WHEEL_ANGLE_MAX)
+)
+
+
+def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
+    """Time, inputs, outputs and start values of one kind of FMU, without the parameters of the controller."""
+    if what == "plant":
+        return (TIME, *_road(config), _REAR_COMMAND, *_motion(config))
+    if what == "controller":
+        return (TIME, *_measurement(config), *_commands(config), _initial(config))
+    inputs = (
+        *_road(config),
+        _input(
+            "friction_estimate",
+            "friction_estimate",
+            "for the controller; counts where friction_estimate_available",
+            start=config.road.friction,
+        ),
+        _flag("friction_estimate_available", "false: the controller takes the friction of its map"),
+        _flag("inhibit", "ESC or ABS is acting: the controller's integrator holds"),
+    )
+    every = tuple(each.name for each in inputs)
+    commands = tuple(replace(each, depends=every) for each in _commands(config))
+    return (TIME, *inputs, *_motion(config), *commands)
+
+
+def _measurement(config: Config) -> tuple[Variable, ...]:
+    """What the controller measures. No bounds: it judges its inputs itself."""
+    return (
+        _input("speed_m_s", "speed", "forward speed of the car, negative in reverse"),
+        _input("front_angle_rad", "front_angle", f"angle of the {_FRONT}"),
+        _input("yaw_rate_rad_s", "yaw_rate", "positive to the left"),
+        _input("rear_angle_rad", "rear_angle", f"achieved angle of the {_REAR}; counts where rear_angle_available"),
+        _flag("rear_angle_available", "false: the rear angle is not measured", start=True),
+        _input("friction", "friction", "estimated peak friction; counts where friction_available", start=config.road.friction),
+        _flag("friction_available", "false: the controller takes the friction of its map"),
+        _flag("inhibit", "ESC or ABS is acting: the integrator holds"),
+    )
+
+
+def _initial(config: Config) -> Variable:
+    bound = config.rear_actuator.angle_max
+    return Variable(
+        "initial_rear_angle_rad",
+        "initial_rear_angle",
+        "real",
+        "fixed",
+        f"angle of the {_REAR}, that the controller starts from",
+        unit="rad",
+        start=0.0,
+        low=-bound,
+        high=bound,
+    )
+
+
+def of_role(variables: Sequence[Variable], role: Role) -> tuple[Variable, ...]:
+    """Those of one role."""
+    return tuple(each for each in variables if each.role == role)

@@ -1,0 +1,167 @@
+"""A run for other tools: MF4, Parquet or CSV by the extension, with the columns, names and bits of the CSV.
+
+| format | written by | unit and meaning of a column | status |
+|---|---|---|---|
+| `.mf4` | asammdf, ASAM MDF 4.1 | unit and comment of the channel | uint8, with a conversion from value to text |
+| `.parquet` | pyarrow | the file's metadata, key `columns`, JSON | uint8, its names in the metadata |
+| `.csv` | `hil_sim.recording` | the unit in the name | whole number |
+
+All else is float64, unchanged. No clock and no path: equal runs give equal bytes, with the same versions of the packages.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import __version__
+from codegen.errors import CodegenError
+from codegen.files import write_atomically
+from codegen.sil.software import RECORD_COLUMNS, Status
+from hil_sim.log_formats import EPOCH
+from hil_sim.recording import to_csv
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a run: its name, which holds the unit too, the unit as engineers write it, and what it is."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+COLUMNS = (
+    Column("time_s", "s", "Time since the start of the run"),
+    Column("speed_m_s", "m/s", "Speed along the car's axis, negative in reverse"),
+    Column("front_angle_rad", "rad", "Steer angle of the front road wheels, positive to the left"),
+    Column("yaw_rate_rad_s", "rad/s", "Yaw rate, positive to the left"),
+    Column("yaw_rate_reference_rad_s", "rad/s", "Yaw rate that the controller aims at"),
+    Column("sideslip_rad", "rad", "Sideslip angle at the centre of gravity, positive to the left"),
+    Column("lateral_acceleration_m_s2", "m/s^2", "Lateral acceleration at the centre of gravity, positive to the left"),
+    Column("rear_angle_command_rad", "rad", "Steer angle of the rear road wheels that the controller asks for"),
+    Column("rear_angle_rad", "rad", "Steer angle of the rear road wheels that the actuator has reached"),
+    Column("slip_front_rad", "rad", "Slip angle at the middle of the front axle"),
+    Column("slip_rear_rad", "rad", "Slip angle at the middle of the rear axle"),
+    Column("status", "", "What the step of the controller did"),
+)
+"""RECORD_COLUMNS with their units and meanings. Signs follow ISO 8855."""
+
+
+def check_formats(paths: Iterable[Path]) -> None:
+    """Refuse, before a run, a file whose extension has no format, or whose format needs a package that is missing.
+
+    Raises:
+        CodegenError: with the path, and what to name or install instead.
+    """
+    for path in paths:
+        form = FORMATS.get(path.suffix.lower())
+        if form is None:
+            known = ", ".join(FORMATS)
+            raise CodegenError("no format for a run", where=path, remedy=f"end its name in {known}; a picture goes to --plot")
+        if form.package is not None and importlib.util.find_spec(form.package) is None:
+            what = f"{form.package}, which writes {path.suffix}, is missing"
+            raise CodegenError(what, where=path, remedy='pip install "ars-codegen[tools]"')
+
+
+def save(record: FloatArray, path: Path) -> None:
+    """Write a recording in the format of the extension; what stood at `path` stays until the new file is complete.
+
+    Args:
+        record: (samples, 12), columns RECORD_COLUMNS.
+        path: `.mf4`, `.parquet` or `.csv`.
+
+    Raises:
+        CodegenError: no such format, a package is missing, or it cannot be written.
+    """
+    check_formats((path,))
+    write_atomically(path, FORMATS[path.suffix.lower()].content(record))
+
+
+def to_mf4(record: FloatArray) -> bytes:
+    """A recording as ASAM MDF 4.1: one channel group, its master `time_s`, packed. It starts at EPOCH: there is no clock."""
+    from asammdf import MDF, Signal
+    from asammdf.blocks.v4_blocks import FileHistory
+
+    content = io.BytesIO()
+    with MDF(version="4.10") as mdf:
+        mdf.start_time = datetime.fromtimestamp(EPOCH, UTC)
+        time, *others = COLUMNS
+        signals = [
+            Signal(
+                _values(record, column.name),
+                record[:, 0].copy(),
+                unit=column.unit,
+                name=column.name,
+                comment=column.meaning,
+                conversion=_status_texts() if column.name == "status" else None,
+                master_metadata=(time.name, 1),  # 1: its axis is time
+            )
+            for column in others
+        ]
+        group = mdf.append(signals, acq_name="run", comment="Run of a rear-steered car; signs follow ISO 8855")
+        mdf.groups[group].channels[0].comment = time.meaning
+        history = FileHistory()
+        history.comment = (
+            "<FHcomment><TX>Run</TX><tool_id>ars-codegen</tool_id><tool_vendor>ars-codegen</tool_vendor>"
+            f"<tool_version>{__version__}</tool_version></FHcomment>"
+        )
+        mdf.file_history.append(history)
+        for entry in mdf.file_history:
+            entry.time_stamp = mdf.start_time
+        mdf.save(content, compression=2, add_history_block=False)  # 2: transposed, then deflate
+    return content.getvalue()
+
+
+def to_parquet(record: FloatArray) -> bytes:
+    """A recording as Parquet, packed with Snappy, which every reader has."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns: dict[str, dict[str, object]] = {
+        column.name: {"unit": column.unit, "description": column.meaning} for column in COLUMNS
+    }
+    columns["status"]["values"] = {str(status.value): status.name for status in Status}
+    metadata = {"columns": json.dumps(columns), "made_by": f"ars-codegen {__version__}"}
+    table = pa.table({column.name: _values(record, column.name) for column in COLUMNS}, metadata=metadata)
+    content = io.BytesIO()
+    parquet.write_table(table, content, compression="snappy")
+    return content.getvalue()
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a recording becomes a file, and the package that this needs."""
+
+    content: Callable[[FloatArray], bytes]
+    package: str | None = None
+
+
+FORMATS = {
+    ".mf4": Format(to_mf4, "asammdf"),
+    ".parquet": Format(to_parquet, "pyarrow"),
+    ".csv": Format(to_csv),
+}
+
+
+def _values(record: FloatArray, name: str) -> npt.NDArray[np.float64] | npt.NDArray[np.uint8]:
+    values = record[:, RECORD_COLUMNS.index(name)].copy()
+    return values.astype(np.uint8) if name == "status" else values
+
+
+def _status_texts() -> dict[str, object]:
+    """The conversion of asammdf from value to text; another value stays a number."""
+    texts: dict[str, object] = {}
+    for number, status in enumerate(Status):
+        texts |= {f"val_{number}": status.value, f"text_{number}": status.name}
+    return texts

@@ -1,0 +1,218 @@
+"""Pure lateral slip of the Magic Formula as a tyre property file holds it, at zero camber and without turn slip.
+
+MF 6.1 and 6.2: H. B. Pacejka, Tire and Vehicle Dynamics, 3rd edition (2012), equations 4.E1 to 4.E3 and 4.E19 to 4.E30, with
+the digressive friction factor (4.E8) off. They differ from each other in camber, overturning moment and contact, not here.
+MF 5.2 and PAC2002 are the same without pressure, with PKY4 = 2, and with the slip angle itself instead of its tangent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.importing.source import ImportFault
+from codegen.importing.tir import PropertyFile
+
+FloatArray = npt.NDArray[np.float64]
+
+VERSION_BY_FITTYP = {6: "MF 5.2", 21: "MF 5.2", 52: "MF 5.2", 61: "MF 6.1", 62: "MF 6.2"}
+"""FITTYP of the file -> formula. 6 is MF-Tyre 5.2, 21 the same with MF-Swift."""
+PAC2002 = "PAC2002"
+WITH_PRESSURE = ("MF 6.1", "MF 6.2")
+
+LATERAL, SCALING = "LATERAL_COEFFICIENTS", "SCALING_COEFFICIENTS"
+SCALE_FACTORS = ("LFZO", "LCY", "LMUY", "LEY", "LKY", "LHY", "LVY")
+COEFFICIENTS = ("PCY1", "PDY1", "PDY2", "PEY1", "PEY2", "PEY3", "PKY1", "PKY2")
+SHIFTS = ("PHY1", "PHY2", "PVY1", "PVY2")
+PRESSURE = ("PPY1", "PPY2", "PPY3", "PPY4")
+
+STIFFNESS_LOW, STIFFNESS_HIGH = 3.0, 100.0
+"""1/rad, of |PKY1|, the largest cornering stiffness over the nominal load: tyres of trucks have 5, racing slicks 60."""
+PRESSURE_RATIO_MAX = 0.5
+"""Of |dpi|: beyond that the formula is not fitted, and the two pressures are likely in different units."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Pure lateral slip at one load, F(alpha), rising with slip, without the shifts of the file; these beside it.
+
+    Attributes:
+        stiffness: K = B C D, N/rad, above zero.
+        shape: C.
+        peak: D, N, above zero.
+        curvature: E, the mean of both sides.
+        asymmetry: PEY3, by which E differs between the sides.
+        horizontal_shift: SHy, rad, as in the file.
+        vertical_shift: SVy, N, as in the file.
+        tangent: whether the formula takes tan(alpha) instead of alpha.
+    """
+
+    stiffness: float
+    shape: float
+    peak: float
+    curvature: float
+    asymmetry: float
+    horizontal_shift: float
+    vertical_shift: float
+    tangent: bool
+
+    def force(self, slip_angle: npt.ArrayLike) -> FloatArray:
+        """N for slip angles in rad, without shifts: the mean of what a left and a right tyre do (4.E19)."""
+        slip = np.asarray(slip_angle, dtype=np.float64)
+        x = self.stiffness / (self.shape * self.peak) * (np.tan(slip) if self.tangent else slip)
+        sides = [min(self.curvature * (1.0 - sign * self.asymmetry), 1.0) for sign in (1.0, -1.0)]
+        forces = [np.sin(self.shape * np.arctan(x - e * (x - np.arctan(x)))) for e in sides]
+        result: FloatArray = 0.5 * self.peak * (forces[0] + forces[1])
+        return result
+
+
+@dataclass(frozen=True)
+class LateralFormula:
+    """The coefficients of a file, checked: what `at` needs.
+
+    Attributes:
+        version: "PAC2002", "MF 5.2", "MF 6.1" or "MF 6.2".
+        values: key -> number, all of COEFFICIENTS, SHIFTS, SCALE_FACTORS, PKY4 and (6.1 and 6.2) PRESSURE.
+        nominal_load: FNOMIN in N.
+        load_min, load_max: FZMIN and FZMAX in N; zero and inf where the file has none.
+        pressure_change: dpi = (INFLPRES - NOMPRES)/NOMPRES; 0 without pressure.
+        angle: rad for one unit of angle of the file.
+        side: TYRESIDE as it stands.
+    """
+
+    version: str
+    values: dict[str, float]
+    nominal_load: float
+    load_min: float
+    load_max: float
+    pressure_change: float
+    angle: float
+    side: str
+
+    def at(self, load: float) -> Curve:
+        """The curve at a wheel load in N."""
+        value = self.values
+        reference = value["LFZO"] * self.nominal_load  # 4.E1
+        dfz, dpi = load / reference - 1.0, self.pressure_change  # 4.E2a, 4.E2b
+        grip = 1.0 + value["PPY3"] * dpi + value["PPY4"] * dpi**2
+        friction = (value["PDY1"] + value["PDY2"] * dfz) * grip * value["LMUY"]  # 4.E23
+        angle_of_load = math.atan(load / reference / (value["PKY2"] * (1.0 + value["PPY2"] * dpi)))
+        stiffness = value["PKY1"] * reference * (1.0 + value["PPY1"] * dpi) * math.sin(value["PKY4"] * angle_of_load)  # 4.E25
+        return Curve(
+            # Which sign a file has depends on its axes (ISO: negative, SAE: positive); a tyre always pushes back.
+            stiffness=self._outward * stiffness * value["LKY"] / self.angle,
+            shape=value["PCY1"] * value["LCY"],  # 4.E21
+            peak=math.copysign(1.0, value["PDY1"]) * friction * load,  # 4.E22
+            curvature=(value["PEY1"] + value["PEY2"] * dfz) * value["LEY"],  # 4.E24
+            asymmetry=value["PEY3"],
+            horizontal_shift=(value["PHY1"] + value["PHY2"] * dfz) * value["LHY"] * self.angle,  # 4.E27
+            vertical_shift=load * (value["PVY1"] + value["PVY2"] * dfz) * value["LVY"] * value["LMUY"],  # 4.E29
+            tangent=self.version in WITH_PRESSURE,
+        )
+
+    @property
+    def _outward(self) -> float:
+        """The sign of the stiffness at a small load in the axes of the file."""
+        return math.copysign(1.0, self.values["PKY1"] * self.values["PKY2"] * self.values["PKY4"])
+
+
+def read_formula(file: PropertyFile) -> LateralFormula:
+    """The lateral formula of a file.
+
+    Raises:
+        ImportFault: another format, a coefficient missing or impossible, units that are not known or cannot be right.
+    """
+    version = _version(file)
+    force, angle = _units(file)
+    values = {key: file.number(key, LATERAL) for key in COEFFICIENTS}
+    values |= {key: file.number(key, LATERAL, 0.0) for key in SHIFTS}
+    values |= {key: file.number(key, SCALING, 1.0) for key in SCALE_FACTORS}
+    pressure = _pressure_change(file) if version in WITH_PRESSURE else 0.0
+    needs_pressure = pressure != 0.0
+    values |= {key: file.number(key, LATERAL, None if needs_pressure else 0.0) for key in PRESSURE}
+    values["PKY4"] = file.number("PKY4", LATERAL) if version in WITH_PRESSURE else 2.0
+    if version not in WITH_PRESSURE:
+        values |= dict.fromkeys(PRESSURE, 0.0)
+    _check(file, values, angle)
+    nominal = file.number("FNOMIN", "VERTICAL") * force
+    load_min, load_max = (
+        file.number(key, "VERTICAL_FORCE_RANGE", default) * (force if key in file.entries else 1.0)
+        for key, default in (("FZMIN", 0.0), ("FZMAX", 1e9))
+    )
+    if not 100.0 <= nominal <= 100e3:
+        raise ImportFault(
+            f"FNOMIN is {nominal:.4g} N, which no tyre is made for", where=file.place("FNOMIN"), remedy="check FORCE in [UNITS]"
+        )
+    side = file.text("TYRESIDE", "not said")
+    return LateralFormula(version, values, nominal, load_min, load_max, pressure, angle, side)
+
+
+def _version(file: PropertyFile) -> str:
+    """From FITTYP, and PROPERTY_FILE_FORMAT where that says PAC2002 (Adams writes no FITTYP, or 6)."""
+    form = file.text("PROPERTY_FILE_FORMAT").upper()
+    known = "PAC2002, and FITTYP 6, 21, 52 (MF 5.2), 61 (MF 6.1), 62 (MF 6.2)"
+    if form == PAC2002 and int(file.number("FITTYP", "MODEL", 6.0)) == 6:
+        return PAC2002
+    if "FITTYP" not in file.entries:
+        said = f"PROPERTY_FILE_FORMAT {form!r}" if form else "neither FITTYP nor PROPERTY_FILE_FORMAT"
+        raise ImportFault(f"{said}: not a format that is read", where=file.source.path, remedy=f"read are {known}")
+    fit = file.number("FITTYP", "MODEL")
+    if fit not in VERSION_BY_FITTYP:
+        raise ImportFault(f"FITTYP {fit:g} is not read", where=file.place("FITTYP"), remedy=f"read are {known}")
+    return VERSION_BY_FITTYP[int(fit)]
+
+
+def _units(file: PropertyFile) -> tuple[float, float]:
+    """N for one unit of force, rad for one unit of angle."""
+    sizes = {
+        "FORCE": {"newton": 1.0, "n": 1.0, "knewton": 1e3, "kilonewton": 1e3, "kn": 1e3},
+        "ANGLE": {"radian": 1.0, "rad": 1.0, "degree": math.pi / 180.0, "deg": math.pi / 180.0},
+    }
+    found = []
+    for key, known in sizes.items():
+        entry = file.units.get(key)
+        choice = {"FORCE": "'newton' or 'kN'", "ANGLE": "'radian' or 'degree'"}[key]
+        if entry is None:
+            remedy = f"add {key} = {choice} to [UNITS]"
+            raise ImportFault(f"[UNITS] says nothing of {key}", where=file.source.path, remedy=remedy)
+        word = entry.text.lower()
+        size = known.get(word, known.get(word.removesuffix("s")))
+        if size is None:
+            raise ImportFault(f"{key} = {entry.text!r} is not known", where=file.place(key), remedy=f"give {choice}")
+        found.append(size)
+    return found[0], found[1]
+
+
+def _pressure_change(file: PropertyFile) -> float:
+    """dpi (4.E2b); both pressures are in one unit, whichever. A file without either was made at its nominal pressure."""
+    section = "OPERATING_CONDITIONS"
+    if "INFLPRES" not in file.entries and "NOMPRES" not in file.entries:
+        return 0.0
+    pressure, nominal = file.number("INFLPRES", section), file.number("NOMPRES", section)
+    if nominal <= 0.0 or abs(pressure / nominal - 1.0) > PRESSURE_RATIO_MAX:
+        raise ImportFault(
+            f"INFLPRES {pressure:g} is too far from NOMPRES {nominal:g} (more than {100 * PRESSURE_RATIO_MAX:g} %)",
+            where=file.place("INFLPRES"),
+            remedy="give both in Pa, or a pressure that the file was made for",
+        )
+    return pressure / nominal - 1.0
+
+
+def _check(file: PropertyFile, values: dict[str, float], angle: float) -> None:
+    for key in ("PCY1", "LFZO", "LCY", "LMUY", "LKY"):
+        if values[key] <= 0.0:
+            raise ImportFault(f"{key} = {values[key]:g}", where=file.place(key), remedy="give a number above zero")
+    for key in ("PDY1", "PKY1", "PKY2", "PKY4"):
+        if values[key] == 0.0:
+            raise ImportFault(f"{key} = 0: a tyre without grip or stiffness", where=file.place(key), remedy="give its value")
+    relative = abs(values["PKY1"]) / angle
+    if not STIFFNESS_LOW <= relative <= STIFFNESS_HIGH:
+        other = "degree" if angle == 1.0 else "radian"
+        factor = 180.0 / math.pi if angle == 1.0 else math.pi / 180.0
+        fits = STIFFNESS_LOW <= relative * factor <= STIFFNESS_HIGH
+        remedy = f"ANGLE = '{other}' in [UNITS] would fit" if fits else "check PKY1 and [UNITS]"
+        what = f"PKY1 = {values['PKY1']:g} is a stiffness of {relative:.3g} times the load for a radian, which no tyre has"
+        raise ImportFault(what, where=file.place("PKY1"), remedy=remedy)

@@ -1,0 +1,205 @@
+"""A map from a MATLAB file or a text table: found, put into SI units, held against what cars can do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import __version__
+from codegen.errors import CodegenError
+from codegen.importing import mat, plausible, quantities
+from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
+from codegen.importing.source import ImportFault, Source, read
+from codegen.importing.table import Axis, RawMap, read_table
+from codegen.refmap.map import SCHEMA_VERSION, ReferenceMap, from_arrays
+from codegen.refmap.tables import UNITS
+
+FloatArray = npt.NDArray[np.float64]
+
+MATLAB_ENDINGS = (".mat",)
+SAVE_FLAT = "save vx, delta_f and yaw_rate"
+TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".dat")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user said about a file.
+
+    Attributes:
+        names: quantity key -> variable or column.
+        units: the text of --units.
+        rows: the axis that runs down the rows of the table; None where the file shall tell.
+    """
+
+    names: Mapping[str, str]
+    units: str | None = None
+    rows: Axis | None = None
+
+
+@dataclass(frozen=True)
+class ImportedMap:
+    """The map, and how it was read: lines for the user, and quantity key -> name and unit in the file."""
+
+    reference_map: ReferenceMap
+    said: tuple[str, ...]
+    columns: dict[str, dict[str, str]]
+
+
+def import_map(path: Path, choices: Choices) -> ImportedMap:
+    """Read a map from a MATLAB file or a text table.
+
+    Raises:
+        ImportFault: the file cannot be read, a quantity or a unit is missing, or a unit cannot be right.
+        MapError: it breaks the contract of the map.
+    """
+    given = quantities.parse_units(choices.units)
+    source = read(path, mat.MAX_BYTES)
+    found = mat.contents(source) if path.suffix.lower() in MATLAB_ENDINGS else None
+    try:
+        return _imported(source, found, choices, given)
+    except CodegenError as error:
+        if choices.rows is not None or not _fits(source, found, replace(choices, rows="delta_f"), given):
+            raise
+        remedy = f"{error.remedy}, or is it the other way round? --rows delta_f would fit"
+        raise type(error)(error.what, where=error.where, remedy=remedy) from None
+
+
+def _fits(source: Source, found: mat.Contents | None, choices: Choices, given: Mapping[str, str]) -> bool:
+    try:
+        _imported(source, found, choices, given)
+    except CodegenError:
+        return False
+    return True
+
+
+def _imported(source: Source, found: mat.Contents | None, choices: Choices, given: Mapping[str, str]) -> ImportedMap:
+    """The map of a text table, or where `found` is there of a MATLAB file."""
+    path = source.path
+    raw = _from_matlab(source, found, choices) if found is not None else read_table(source, choices.names, choices.rows)
+    stray = sorted(given.keys() - raw.values.keys())
+    if stray:
+        raise ImportFault(f"{path.name} has no {stray[0]}", where="--units", remedy="leave it out")
+    units = _units(raw, given, source)
+    plausible.check_units(_judged(raw), units, path)
+    arrays = {key: _in_si(array, key, units[key]) for key, array in raw.values.items()}
+    if "feasible" not in arrays and arrays["yaw_rate"].ndim == 2:
+        arrays["feasible"] = ~np.isnan(arrays["yaw_rate"])
+    columns = {key: {"name": raw.names[key].text, "unit": units[key]} for key in raw.values}
+    reference_map = replace(from_arrays(arrays, path), meta=_meta(source, columns))
+    overruled = [
+        f"{name.text} is taken in {given[key]}, as --units says"
+        for key, name in raw.names.items()
+        if key in given and name.unit not in (None, given[key])
+    ]
+    infeasible = int(np.count_nonzero(~reference_map.feasible))
+    said = [
+        *raw.said,
+        *overruled,
+        *([f"infeasible, with no value: {infeasible} of {reference_map.feasible.size} cells"] if infeasible else []),
+    ]
+    return ImportedMap(reference_map, tuple(said), columns)
+
+
+def _meta(source: Source, columns: dict[str, dict[str, str]]) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "units": dict(UNITS),
+        "source": {"file": source.name, "sha256": source.sha256, "variables": columns},
+        "tools": {"codegen": __version__, "numpy": np.__version__},
+    }
+
+
+def _units(raw: RawMap, given: Mapping[str, str], source: Source) -> dict[str, str]:
+    """The unit of every quantity; ImportFault for the first that has none, with what would fit the values."""
+    units = {key: quantities.named_unit(key, raw.names[key], given, source.path) for key in raw.values}
+    known = {key: unit for key, unit in units.items() if unit is not None}
+    for key in units:
+        if key in known:
+            continue
+        missing = [each for each in units if each not in known]
+        likely = plausible.likely_units(_judged(raw), {each: known[each] for each in known if each != "feasible"})
+        choice = {each: "|".join(FACTORS[QUANTITIES[each].kind]) for each in missing}
+        pairs = ",".join(f"{each}={unit}" for each, unit in (likely or choice).items())
+        raise ImportFault(
+            f"nothing says in which unit {key} is",
+            where=f"{source.path}: {raw.names[key].text}",
+            remedy=f"add --units {pairs}" + (" (these would fit the values)" if likely else ""),
+        )
+    return known
+
+
+def _judged(raw: RawMap) -> dict[str, FloatArray]:
+    """The values by which units are judged: real ones, of feasible cells."""
+    feasible = raw.values.get("feasible")
+    judged = {}
+    for key, array in raw.values.items():
+        if QUANTITIES[key].kind == LOGICAL:
+            continue
+        values = np.array(array, dtype=np.float64)
+        if values.ndim == 2 and feasible is not None and feasible.shape == values.shape:
+            values[feasible != 1] = np.nan
+        judged[key] = values
+    return judged
+
+
+def _in_si(array: npt.NDArray[Any], key: str, unit: str) -> npt.NDArray[Any]:
+    factor = FACTORS[QUANTITIES[key].kind][unit]
+    return array if factor == 1.0 else np.asarray(array, dtype=np.float64) * factor
+
+
+# --- MATLAB --------------------------------------------------------------------------------------------------------------
+
+
+def _from_matlab(source: Source, found: mat.Contents, choices: Choices) -> RawMap:
+    """The map's variables of a MATLAB file, axes as vectors and tables with a row for each speed."""
+    unread = f"structs inside structs are not read ({found.nested[0]}); {SAVE_FLAT}" if found.nested else ""
+    names = quantities.choose(found.variables, choices.names, source.path, unread)
+    values = {key: _real(found.variables[name.text], f"{source.path}: {name.text}") for key, name in names.items()}
+    for key in ("vx", "delta_f"):
+        values[key] = _vector(values[key], f"{source.path}: {names[key].text}")
+    shape = (values["vx"].size, values["delta_f"].size)
+    transposed = _is_transposed(values["yaw_rate"].shape, shape, choices.rows, f"{source.path}: {names['yaw_rate'].text}")
+    said = [f"a MATLAB file with {', '.join(name.text for name in names.values())}"]
+    if transposed:
+        values = {key: array if key in ("vx", "delta_f") else array.T for key, array in values.items()}
+        said.append(f"transposed: in the file the rows of {names['yaw_rate'].text} are delta_f")
+    elif shape[0] == shape[1] and choices.rows is None:
+        said.append("as many speeds as front angles: its rows are taken for vx (--rows delta_f for the other way round)")
+    return RawMap(values, names, said)
+
+
+def _real(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
+    if array.dtype.kind == "c":
+        raise ImportFault("complex numbers", where=place, remedy="save real(...) of it")
+    return array
+
+
+def _vector(array: npt.NDArray[Any], place: str) -> npt.NDArray[Any]:
+    if array.size != max(array.shape, default=0):
+        size = " x ".join(str(length) for length in array.shape)
+        raise ImportFault(f"{size} values, where a vector is needed", where=place, remedy="save unique(...) of it")
+    return array.ravel()
+
+
+def _is_transposed(found: tuple[int, ...], wanted: tuple[int, int], rows: Axis | None, place: str) -> bool:
+    """Whether a table of shape `found` has delta_f down its rows; `wanted` is (n, m)."""
+    if rows == "delta_f":
+        if found != wanted[::-1]:
+            _refuse_shape(found, wanted[::-1], place)
+        return True
+    if rows is None and found != wanted and found == wanted[::-1]:
+        return True
+    if found != wanted:
+        _refuse_shape(found, wanted, place)
+    return False
+
+
+def _refuse_shape(found: tuple[int, ...], wanted: tuple[int, int], place: str) -> NoReturn:
+    shown = " x ".join(str(length) for length in found)
+    remedy = "save a row for each vx and a column for each delta_f, or name the right variables"
+    raise ImportFault(f"{shown} values, where the axes need {wanted[0]} x {wanted[1]}", where=place, remedy=remedy)

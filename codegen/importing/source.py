@@ -1,0 +1,63 @@
+"""The bytes of a file that somebody else's tool wrote: read once, never more than a bound, with their SHA-256."""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+from codegen.errors import CodegenError
+
+MIB = 2**20
+
+
+class ImportFault(CodegenError):
+    """A file that cannot be taken in."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that was read whole: where it stands, its name without the folder, its bytes."""
+
+    path: Path
+    data: bytes
+
+    @property
+    def name(self) -> str:
+        """Without the folder, so that no path gets into a result."""
+        return self.path.name
+
+    @property
+    def sha256(self) -> str:
+        """Of the bytes, in hexadecimal digits."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+def read(path: Path, limit: int) -> Source:
+    """Read a regular file of at most `limit` bytes. Raises ImportFault."""
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):  # a pipe would be waited for, a device read without end
+            raise ImportFault("not a file", where=path, remedy="name a file")
+        with path.open("rb") as file:
+            data = file.read(limit + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or error
+        raise ImportFault(f"cannot be read ({reason})", where=path, remedy="check the path") from None
+    if len(data) > limit:
+        raise ImportFault(f"over {limit // MIB} MiB", where=path, remedy="leave out what is not needed")
+    if not data:
+        raise ImportFault("empty", where=path, remedy="save it again")
+    return Source(path, data)
+
+
+def text_of(source: Source) -> str:
+    """Its text: UTF-8 with or without a mark at the start, else Latin-1. Raises ImportFault for what is no text."""
+    if b"\0" in source.data:
+        raise ImportFault("not a text file (it holds zero bytes)", where=source.path, remedy="save it as UTF-8 text")
+    try:
+        text = source.data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = source.data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")

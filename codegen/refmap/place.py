@@ -1,0 +1,309 @@
+"""Breakpoints chosen for a bound: on the error against the continuous map, on the bytes, or on both.
+
+`choose` makes the total map that a build holds then. Its axes are even or uneven, whichever takes fewer bytes; its tables hold
+`place_ground`'s surface. The bound is on what the lookup gives, after the cap, in the stored numbers, wherever an ECU may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+from codegen.errors import BuildError
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.place_axes import POINTS_MAX, Axes, Search, Spacing
+from codegen.refmap.place_error import MeasuredError, Ruler
+from codegen.refmap.place_ground import Ground, GroundLayer, Origin, ground_of, rule_at
+from codegen.refmap.storage import Real, Scales, Storage, raw_of, table_bytes, values_of
+from codegen.refmap.total import TotalMap
+
+FloatArray = npt.NDArray[np.float64]
+
+SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
+"""Of two that take the same bytes the first is taken: its cells are found without a search."""
+
+TRIES = 10
+SPARE = 0.995
+"""Of the bound that the last try calls for."""
+
+LEVEL = 0.85
+"""Step of the search for the lowest level above which a table need not go."""
+
+EASY = 1e-3
+"""Of the largest yaw rate: an error that is mostly reached."""
+
+SMALLEST, HALVES = 1e-4, 9
+"""Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
+halved: to within a fiftieth."""
+
+NEAR = (0.98, 0.96, 0.93, 0.9)
+"""Of the bound that was found so: smaller ones that are tried too."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for, with the words of the command line.
+
+    Attributes:
+        max_error: rad/s, None for no bound. max_flash: bytes, likewise.
+        storage: of the tables.
+        words: options of `codegen build` that ask for the same.
+    """
+
+    max_error: float | None
+    max_flash: int | None
+    storage: Storage
+    words: str
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the tables are stored for: how many tables the kind of controller has (1 or 2), and the target's numbers."""
+
+    tables: int
+    real: Real
+    storage: Storage
+
+    def bytes_of(self, speeds: int, front_angles: int, layers: int) -> int:
+        """Of tables on so many breakpoints."""
+        return table_bytes(speeds, front_angles, self.tables, layers, self.storage, self.real)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A total map on chosen breakpoints.
+
+    Attributes:
+        spacing: "even" (perhaps with a wider cell at either end) or "uneven".
+        flash_bytes: of tables, axes and scales.
+        error: measured.
+        rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
+        origin: what the error is measured against.
+    """
+
+    total: TotalMap
+    spacing: Spacing
+    flash_bytes: int
+    error: MeasuredError
+    rounding: tuple[float, float]
+    origin: Origin
+
+
+def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
+    """The total map that meets a request at the fewest bytes, or with the least error where only bytes are bounded.
+
+    Args:
+        config: the car, for a map that does not bring its own configuration.
+        tables: 2 where the kind of controller looks the rear angle up, else 1.
+
+    Raises:
+        BuildError: the request cannot be met; the line says what can be reached.
+        MapError: see `extend`.
+    """
+    maker = Maker(ground_of(reference_map, config), Target(tables, real, request.storage))
+    if request.max_error is None:
+        return _within_flash(maker, request)
+    placed = maker.for_error(request.max_error)
+    if placed is None:
+        raise BuildError(
+            f"{_degrees(request.max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored",
+            where="--max-error",
+            remedy=f"{_reachable(maker, request.max_error)} can be reached",
+        )
+    if request.max_flash is not None and placed.flash_bytes > request.max_flash:
+        best = maker.for_flash(request.max_flash)
+        reached = "nothing" if best is None else _degrees(best.error.yaw_rate_whole, up=True)
+        raise BuildError(
+            f"{_degrees(request.max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
+            where="--max-error, --max-flash",
+            remedy=f"in {request.max_flash} bytes {reached} can be reached",
+        )
+    return placed
+
+
+def _within_flash(maker: Maker, request: Request) -> Placed:
+    assert request.max_flash is not None  # one of both is given
+    placed = maker.for_flash(request.max_flash)
+    if placed is None:
+        least = maker.bytes_of(2, 2)
+        raise BuildError(
+            f"{request.max_flash} bytes hold no table", where="--max-flash", remedy=f"the smallest one takes {least} bytes"
+        )
+    return placed
+
+
+def _reachable(maker: Maker, target: float) -> str:
+    tried = max(2.0 * target, EASY * maker.largest)
+    while (found := maker.for_error(tried, ("uneven",))) is None:
+        tried *= 4.0
+        if tried > maker.largest:
+            return "more than the map holds"
+    return _degrees(found.error.yaw_rate_whole, up=True)
+
+
+def _degrees(yaw_rate: float, *, up: bool = False) -> str:
+    degrees = math.degrees(yaw_rate)
+    if up and degrees > 0.0:
+        step = 10.0 ** (math.floor(math.log10(degrees)) - 1)
+        degrees = math.ceil(degrees / step) * step
+    return f"{degrees:.4g}deg/s"
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes total maps of one ground for one target."""
+
+    ground: Ground
+    target: Target
+
+    @property
+    def largest(self) -> float:
+        """The largest yaw rate, rad/s."""
+        return max(float(layer.total.yaw_rate.max()) for layer in self.ground.layers)
+
+    def bytes_of(self, speeds: int, front_angles: int) -> int:
+        """Of tables on so many breakpoints."""
+        return self.target.bytes_of(speeds, front_angles, len(self.ground.layers))
+
+    def for_error(self, max_error: float, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
+        """The fewest bytes for an error of at most `max_error`, rad/s; None where no table holds it."""
+        best: Placed | None = None
+        for spacing in sorted(spacings, reverse=True):  # the uneven one bounds what is worth searching for the even one
+            best = self._for_error(spacing, max_error, math.inf if best is None else best.flash_bytes) or best
+        return best
+
+    def for_flash(self, max_flash: int, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
+        """The least error in at most `max_flash` bytes; None where not even the smallest table fits."""
+        best: Placed | None = None
+        for spacing in sorted(spacings, reverse=True):
+            found = self._filling(spacing, max_flash) if best is None else self._better(spacing, best)
+            best = found or best
+        return best
+
+    def _for_error(self, spacing: Spacing, max_error: float, bytes_max: float) -> Placed | None:
+        search = Search(self.ground, spacing, self.bytes_of, bytes_max)
+        bound = max_error
+        axes = search.place(bound)
+        for _ in range(TRIES):
+            if axes is None:
+                return None
+            placed = self.on(axes, spacing)
+            if placed.error.yaw_rate_whole <= max_error:
+                return placed
+            # The lattice of the search and the rounding of the numbers both leave a little out.
+            bound *= SPARE * max_error / placed.error.yaw_rate_whole
+            axes = search.again(axes, bound)
+        return None
+
+    def _filling(self, spacing: Spacing, max_flash: int) -> Placed | None:
+        """The least error found in so many bytes: halving the span of bounds, on a logarithmic scale."""
+        if self.bytes_of(2, 2) > max_flash:
+            return None
+        search = Search(self.ground, spacing, self.bytes_of, max_flash)
+        low, high = math.log(SMALLEST * self.largest), math.log(self.largest)
+        best = self.on((np.array([0.0, self.ground.own_speed[1]]), np.array([0.0, self.ground.front_angle_top])), spacing)
+        for _ in range(HALVES):
+            middle = 0.5 * (low + high)
+            axes = search.place(math.exp(middle))
+            if axes is None:
+                low = middle
+                continue
+            high = middle
+            placed = self.on(axes, spacing)
+            best = placed if _error(placed) < _error(best) else best
+        for share in NEAR:  # fewer bytes do not always go with a larger bound
+            axes = search.place(share * math.exp(high))
+            placed = best if axes is None else self.on(axes, spacing)
+            best = placed if _error(placed) < _error(best) else best
+        return best
+
+    def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
+        """One of another spacing with no larger error, in as many bytes."""
+        axes = Search(self.ground, spacing, self.bytes_of, than.flash_bytes).place(_error(than))
+        placed = None if axes is None else self.on(axes, spacing)
+        return placed if placed is not None and _error(placed) <= _error(than) else None
+
+    def on(self, axes: Axes, spacing: Spacing) -> Placed:
+        """The total map on given axes, from zero, as it is stored, and its error."""
+        ruler = Ruler(self.ground, axes, self.target.real)
+        stored, rounding = self._stored(self._lowered(_total(self.ground, axes), ruler))
+        return Placed(
+            total=stored,
+            spacing=spacing,
+            flash_bytes=self.bytes_of(axes[0].size, axes[1].size),
+            error=ruler.error(stored),
+            rounding=rounding,
+            origin=self.ground.origin,
+        )
+
+    def _lowered(self, total: TotalMap, ruler: Ruler) -> TotalMap:
+        """The total map, held where it is so far above the cap that no error comes of it: plain numbers, and a finer scale."""
+        before = ruler.on_lattice(total)
+        level = max(float(layer.yaw_rate.max()) for layer in total.stack)
+        while True:
+            level *= LEVEL
+            held = _held(total, level)
+            after = ruler.on_lattice(held)
+            if after.yaw_rate_whole > before.yaw_rate_whole or after.yaw_rate > before.yaw_rate:
+                return total
+            if self.target.tables > 1 and after.rear_angle_whole > before.rear_angle_whole:
+                return total
+            total = held
+
+    def _stored(self, total: TotalMap) -> tuple[TotalMap, tuple[float, float]]:
+        if self.target.storage == "float":
+            return total, (0.0, 0.0)
+        stack = total.stack
+        largest = [max(float(np.abs(getattr(layer, key)).max()) for layer in stack) for key in ("yaw_rate", "rear_angle")]
+        scales = Scales.of(largest[0], largest[1], self.target.real)
+        stored = [_rounded(layer, scales) for layer in stack]
+        rounding = [
+            max(float(np.abs(getattr(new, key) - getattr(old, key)).max()) for old, new in zip(stack, stored, strict=True))
+            for key in ("yaw_rate", "rear_angle")
+        ]
+        return replace(stored[-1], layers=tuple(stored[:-1])), (rounding[0], rounding[1])
+
+
+def _error(placed: Placed) -> float:
+    return placed.error.yaw_rate_whole
+
+
+def _total(ground: Ground, axes: Axes) -> TotalMap:
+    layers = list(_layers(ground, axes))
+    return replace(layers[-1], layers=tuple(layers[:-1]))
+
+
+def _layers(ground: Ground, axes: Axes) -> Iterator[TotalMap]:
+    for layer in ground.layers:
+        yield _layer(ground, layer, axes)
+
+
+def _layer(ground: Ground, layer: GroundLayer, axes: Axes) -> TotalMap:
+    yaw_rate, rear_angle = layer.surface(*axes)
+    return replace(
+        layer.total,
+        speed=axes[0],
+        front_angle=axes[1],
+        yaw_rate=yaw_rate,
+        rear_angle=rear_angle,
+        rule=rule_at(ground, layer, *axes),
+        layers=(),
+    )
+
+
+def _held(total: TotalMap, level: float) -> TotalMap:
+    layers = tuple(_held(layer, level) for layer in total.layers)
+    return replace(total, yaw_rate=np.minimum(total.yaw_rate, level), layers=layers)
+
+
+def _rounded(total: TotalMap, scales: Scales) -> TotalMap:
+    yaw_rate, rear_angle = (
+        values_of(raw_of(table, scale), scale)
+        for table, scale in ((total.yaw_rate, scales.yaw_rate), (total.rear_angle, scales.rear_angle))
+    )
+    return replace(total, yaw_rate=yaw_rate, rear_angle=rear_angle, scales=scales)

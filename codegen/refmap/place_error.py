@@ -1,0 +1,118 @@
+"""The error of a total map in its stored numbers, against the continuous map: in every cell, and at its tops."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.refmap.lookup import Lookup
+from codegen.refmap.place_axes import Axes, Lattice
+from codegen.refmap.place_ground import Ground
+from codegen.refmap.storage import Real
+from codegen.refmap.total import TotalMap
+
+FloatArray = npt.NDArray[np.float64]
+
+PLACES, ROUNDS, SIDE, CLOSER = 24, 3, 9, 0.25
+"""Of the climb: so many places of each direction, rounds, points along a side of the window, and its next width."""
+
+
+@dataclass(frozen=True)
+class MeasuredError:
+    """Largest errors after the cap, of yaw rate in rad/s and rear angle in rad: over the map's own breakpoints, and over all
+    that an ECU meets."""
+
+    yaw_rate: float
+    yaw_rate_whole: float
+    rear_angle: float
+    rear_angle_whole: float
+
+    def __or__(self, other: MeasuredError) -> MeasuredError:
+        """The larger of each."""
+        return MeasuredError(*(max(getattr(self, key.name), getattr(other, key.name)) for key in fields(self)))
+
+
+class Ruler:
+    """Measures total maps on the same axes against a ground, as the lookup computes them in `real`, at the friction of each
+    layer."""
+
+    def __init__(self, ground: Ground, axes: Axes, real: Real) -> None:
+        self.ground, self.real = ground, real
+        speed, front_angle = (axis.astype(real).astype(np.float64) for axis in Lattice.points(ground, axes))
+        self._axes = (speed, front_angle)
+        self._truth = [ground.truth(layer, speed, front_angle) for layer in ground.layers]
+        self._own = np.ix_(_within(speed, ground.own_speed), _within(front_angle, ground.own_front_angle))
+
+    def on_lattice(self, total: TotalMap) -> MeasuredError:
+        """Sampled in every cell."""
+        found = MeasuredError(0.0, 0.0, 0.0, 0.0)
+        for yaw_rate, rear_angle in self._errors(Lookup.from_map(total, self.real)):
+            own = (float(error[self._own].max()) for error in (yaw_rate, rear_angle))
+            found |= MeasuredError(next(own), float(yaw_rate.max()), next(own), float(rear_angle.max()))
+        return found
+
+    def error(self, total: TotalMap) -> MeasuredError:
+        """Kinks of the surface cross cells: the largest errors of the yaw rate on the lattice are followed to their tops."""
+        lookup, found = Lookup.from_map(total, self.real), self.on_lattice(total)
+        for index, (yaw_rate, _) in enumerate(self._errors(lookup)):
+            for place in _tops(yaw_rate):
+                found |= self._climb(lookup, index, place)
+        return found
+
+    def _errors(self, lookup: Lookup) -> Iterator[tuple[FloatArray, FloatArray]]:
+        for index, truth in enumerate(self._truth):
+            yield _difference(lookup, index, self._axes, truth)
+
+    def _climb(self, lookup: Lookup, index: int, start: tuple[int, int]) -> MeasuredError:
+        """The largest error near a point of the lattice; near one of the map's own, among the map's own."""
+        ends = (self.ground.own_speed, self.ground.own_front_angle)
+        layer = self.ground.layers[index]
+        own = all(_within(axis[k : k + 1], end)[0] for axis, k, end in zip(self._axes, start, ends, strict=True))
+        windows = []
+        for axis, k, end in zip(self._axes, start, ends, strict=True):
+            low, high = axis[max(k - 1, 0)], axis[min(k + 1, axis.size - 1)]
+            windows.append((max(low, end[0]), min(high, end[1])) if own else (low, high))
+        top = 0.0
+        for _ in range(ROUNDS):
+            speed, front_angle = (np.linspace(low, high, SIDE) for low, high in windows)
+            error, _ = _difference(lookup, index, (speed, front_angle), self.ground.truth(layer, speed, front_angle))
+            best = np.unravel_index(int(error.argmax()), error.shape)
+            top = max(top, float(error.max()))
+            windows = [
+                _narrower(window, float(points[k]))
+                for window, points, k in zip(windows, (speed, front_angle), best, strict=True)
+            ]
+        return MeasuredError(top if own else 0.0, top, 0.0, 0.0)
+
+
+def _difference(lookup: Lookup, index: int, axes: Axes, truth: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
+    stored = lookup.reference(axes[0][:, np.newaxis], axes[1][np.newaxis, :], friction)
+    yaw_rate, rear_angle = (np.abs(have.astype(np.float64) - want) for have, want in zip(stored, truth, strict=True))
+    return yaw_rate, rear_angle
+
+
+def _narrower(window: tuple[float, float], centre: float) -> tuple[float, float]:
+    half = 0.5 * CLOSER * (window[1] - window[0])
+    return max(window[0], centre - half), min(window[1], centre + half)
+
+
+def _lowest(lookup: Lookup) -> float:
+    return math.nan if lookup.frictions.size == 1 else float(lookup.frictions[0])
+
+
+def _within(axis: FloatArray, ends: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    slack = 1e-6 * ends[1]
+    return (axis >= ends[0] - slack) & (axis <= ends[1] + slack)
+
+
+def _tops(error: FloatArray) -> Iterator[tuple[int, int]]:
+    """The largest errors of the rows and columns with the largest errors."""
+    rows, columns = error.max(axis=1), error.max(axis=0)
+    found = {(int(i), int(error[i].argmax())) for i in np.argsort(-rows, kind="stable")[:PLACES]}
+    found |= {(int(error[:, j].argmax()), int(j)) for j in np.argsort(-columns, kind="stable")[:PLACES]}
+    yield from sorted(found)

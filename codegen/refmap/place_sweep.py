@@ -1,0 +1,104 @@
+"""What tables cost for which error: bytes over the bound, for even and uneven axes and for int16."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.place import SPACINGS, Maker, Placed, Target
+from codegen.refmap.place_axes import Spacing
+from codegen.refmap.place_error import Ruler
+from codegen.refmap.place_ground import Origin, ground_of
+from codegen.refmap.storage import Real, Storage
+
+BOUNDS = tuple(math.radians(degrees) for degrees in (1.0, 0.5, 0.2, 0.1, 0.05, 0.02))
+"""rad/s."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to store a map, which may choose between `spacings`."""
+
+    name: str
+    spacings: tuple[Spacing, ...]
+    storage: Storage
+
+
+WAYS = (Way("even", ("even",), "float"), Way("uneven", ("uneven",), "float"), Way("int16", SPACINGS, "int16"))
+
+
+@dataclass(frozen=True)
+class FlashPoint:
+    """One way at one bound. Error in rad/s: the largest wherever an ECU may be. None: no table of 256 breakpoints an axis."""
+
+    way: str
+    bound: float
+    placed: Placed | None
+
+
+@dataclass(frozen=True)
+class FlashTable:
+    """All points, and the grid of the map as it is.
+
+    Attributes:
+        tables: how many the kind of controller has. origin: what errors are measured against.
+        grid: breakpoints of both axes, with those that the total map adds.
+        grid_bytes, grid_error: of the map as it is, in real numbers; rad/s, wherever an ECU may be.
+    """
+
+    points: tuple[FlashPoint, ...]
+    tables: int
+    origin: Origin
+    grid: tuple[int, int]
+    grid_bytes: int
+    grid_error: float
+
+    def of(self, way: str) -> list[FlashPoint]:
+        """The points of a way that have a table, the largest bound first."""
+        return [point for point in self.points if point.way == way and point.placed is not None]
+
+
+def flash_table(
+    reference_map: ReferenceMap,
+    config: Config,
+    tables: int,
+    real: Real = np.float32,
+    bounds: Sequence[float] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> FlashTable:
+    """Place breakpoints for each bound and way.
+
+    Args:
+        bounds: rad/s, falling; by default BOUNDS.
+        config: the car, for a map that does not bring its own configuration.
+        tables: 2 where the kind of controller looks the rear angle up, else 1.
+        progress: called with (points done, points in all).
+
+    Raises:
+        MapError: see `extend`.
+    """
+    ground = ground_of(reference_map, config)
+    total = ground.total
+    plain = Target(tables, real, "float")
+    points = []
+    chosen = BOUNDS if bounds is None else bounds
+    for bound in chosen:
+        for way in WAYS:
+            placed = Maker(ground, Target(tables, real, way.storage)).for_error(bound, way.spacings)
+            points.append(FlashPoint(way.name, bound, placed))
+            if progress is not None:
+                progress(len(points), len(chosen) * len(WAYS))
+    grid = (total.speed.size, total.front_angle.size)
+    return FlashTable(
+        points=tuple(points),
+        tables=tables,
+        origin=ground.origin,
+        grid=grid,
+        grid_bytes=plain.bytes_of(*grid, len(ground.layers)),
+        grid_error=Ruler(ground, (total.speed, total.front_angle), real).error(total).yaw_rate_whole,
+    )

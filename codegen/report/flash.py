@@ -1,0 +1,91 @@
+"""Error against flash: as a table, as JSON and as a figure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from codegen.refmap.place_sweep import WAYS, FlashPoint, FlashTable
+from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOOKS = {
+    "even": (BLUE, "s", "even axes, float"),
+    "uneven": (VERMILION, "o", "uneven axes, float"),
+    "int16": (GREEN, "^", "int16"),
+}
+"""Way -> colour, marker, and name in the legend."""
+
+HEADER = ("error [deg/s]", *(f"{way.name} [B]" for way in WAYS), *(f"{way.name} [%]" for way in WAYS), "breakpoints, uneven")
+AGAINST = {
+    "optimum": "errors are against the optimum, solved anew at every point",
+    "table": "errors are against the bilinear interpolation of the map's own table: no optimum behind it is known",
+}
+
+
+def flash_rows(table: FlashTable) -> list[tuple[str, ...]]:
+    """A row for each bound, as text; "-" where no table of 256 breakpoints an axis holds it."""
+    rows = []
+    for bound in dict.fromkeys(point.bound for point in table.points):
+        found = {point.way: point.placed for point in table.points if point.bound == bound}
+        sizes = [None if placed is None else placed.flash_bytes for placed in found.values()]
+        uneven = found.get("uneven")
+        shape = "-" if uneven is None else f"{uneven.total.speed.size} x {uneven.total.front_angle.size}"
+        shares = ["-" if size is None else f"{100.0 * size / table.grid_bytes:.1f}" for size in sizes]
+        rows.append((f"{math.degrees(bound):g}", *("-" if size is None else f"{size:,}" for size in sizes), *shares, shape))
+    return rows
+
+
+def flash_headline(table: FlashTable) -> str:
+    """The grid as it is, and what is measured."""
+    tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
+    return (
+        f"as it is {table.grid[0]} x {table.grid[1]} breakpoints with those of its edges, {table.grid_bytes:,} B for {tables}, "
+        f"up to {math.degrees(table.grid_error):.2g} deg/s off; {AGAINST[table.origin]}"
+    )
+
+
+def flash_dict(table: FlashTable) -> dict[str, Any]:
+    """For JSON, SI units."""
+    return {
+        "tables": table.tables,
+        "error_against": table.origin,
+        "grid": {"breakpoints": list(table.grid), "flash_bytes": table.grid_bytes, "error_rad_s": table.grid_error},
+        "placed": [_point(point) for point in table.points],
+    }
+
+
+def _point(point: FlashPoint) -> dict[str, Any]:
+    facts: dict[str, Any] = {"way": point.way, "max_error_rad_s": point.bound, "flash_bytes": None}
+    if point.placed is not None:
+        total, error = point.placed.total, point.placed.error
+        facts |= {
+            "flash_bytes": point.placed.flash_bytes,
+            "breakpoints": [total.speed.size, total.front_angle.size],
+            "axes": point.placed.spacing,
+            "error_rad_s": error.yaw_rate,
+            "error_whole_domain_rad_s": error.yaw_rate_whole,
+        }
+    return facts
+
+
+def flash_figure(table: FlashTable, name: str) -> Figure:
+    """Error against bytes, both logarithmic: each way, and the grid as it is."""
+    with style():
+        figure = new_figure(6.2, 4.4)
+        axes = figure.subplots()
+        for way, (colour, marker, label) in LOOKS.items():
+            found = [point.placed for point in table.of(way) if point.placed is not None]
+            sizes = [placed.flash_bytes for placed in found]
+            errors = [math.degrees(placed.error.yaw_rate_whole) for placed in found]
+            axes.loglog(sizes, errors, marker=marker, color=colour, label=label, markersize=5.0)
+        axes.loglog([table.grid_bytes], [math.degrees(table.grid_error)], "D", color=GREY, label="the map's own grid, float")
+        axes.grid(True, which="both")
+        axes.set_xlabel("Tables, axes and scales (bytes)")
+        axes.set_ylabel("Largest error of the yaw rate (deg/s)")
+        tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
+        axes.set_title(f"{name}: {tables}")
+        axes.legend()
+        return figure

@@ -1,0 +1,84 @@
+"""What a report is made of: sections of paragraphs, tables and charts. Plain data; `page` makes HTML of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+Figure = Mapping[str, Any]
+"""A figure of Plotly as plain data: `data` and `layout`. Colours may be names of `INKS`, which follow the page's theme."""
+
+INK, MUTED, GRID, GROUND, EMPTY = "@ink", "@muted", "@grid", "@ground", "@empty"
+INKS = (INK, MUTED, GRID, GROUND, EMPTY)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `kind` is "", "lead" or "notice". In `text`, words between backticks are code."""
+
+    text: str
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header.
+
+    Attributes:
+        caption: what it shows. header: a text for each column.
+        words: columns that hold words, counted from zero; the others are numbers, flush right.
+        verdicts: text of a cell -> "good" or "bad", where that is to be seen.
+        hashes: whether cells are hashes or paths, in small type.
+    """
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: Sequence[int] = (0,)
+    verdicts: Mapping[str, str] = field(default_factory=dict)
+    hashes: bool = False
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure with its caption.
+
+    Attributes:
+        name: unique; its id in the page is "chart-" and this. figure: what Plotly draws. caption: what is to be seen in it.
+        spoken: what it shows, for who cannot see it. height: px.
+    """
+
+    name: str
+    figure: Figure
+    caption: str
+    spoken: str
+    height: int = 420
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Charts side by side where there is room, below each other where not; `width` is the least of each, in CSS."""
+
+    charts: Sequence[Chart]
+    width: str = "26rem"
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """The map cut at a front angle and at a speed, moved by sliders; `data` as `maps.cut_data` makes it."""
+
+    data: Mapping[str, Any]
+    caption: str
+
+
+Block = Text | Table | Chart | Gallery | Cuts
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what is below it; `name` is its id in the page."""
+
+    name: str
+    title: str
+    blocks: Sequence[Block]

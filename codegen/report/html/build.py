@@ -1,0 +1,140 @@
+"""Tables of a build: what was verified, budgets, memory map, manifest with hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from codegen.emit.folder import BESIDE, MANIFEST, read_manifest, verify_hashes
+from codegen.report.html.blocks import Block, Table, Text
+
+VERDICTS = {"passed": "good", "failed": "bad"}
+SECTIONS = ("text", "rodata", "data", "bss")
+CALLS = {
+    "map_yaw_rate": "lookup_instructions_max",
+    "map_yaw_rate_on_road": "lookup_instructions_max",
+    "map_reference": "reference_instructions_max",
+    "limiter_step": "limiter_instructions_max",
+    "controller_step": "step_instructions_max",
+    "cycle": "task_instructions_max",
+}
+"""Function as in verify.json -> its budget."""
+TOLD = {
+    "controller_step": "controller_step, its limiter apart",
+    "cycle": "cycle: both frames received, and the task",
+}
+
+
+def verification_blocks(folder: Path) -> Iterator[Block]:
+    """The record of `codegen verify` beside a build; a notice where there is none, or where it is of other files.
+
+    Raises:
+        BuildError: not a build folder.
+    """
+    read_manifest(folder)
+    record = _record(folder)
+    if record is None:
+        yield Text(
+            f"Nothing is recorded of this build. `codegen verify {folder}` checks it; make the report again then.", "notice"
+        )
+        return
+    if record["build"]["manifest_sha256"] != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
+        yield Text(f"What follows is of an older build. `codegen verify {folder}` checks this one.", "notice")
+    if record.get("effort") == "quick":
+        yield Text(f"These checks were quick. `codegen verify {folder}` runs them whole.", "notice")
+    rows = [(name, check["shows"], check["figure"] or "-", check["verdict"]) for name, check in record["checks"].items()]
+    yield Table(
+        "What codegen verify checked",
+        ("check", "what it shows", "figure", "verdict"),
+        rows,
+        words=(0, 1, 2, 3),
+        verdicts=VERDICTS,
+    )
+    found = [(name, finding) for name, check in record["checks"].items() for finding in check["findings"]]
+    if found:
+        yield Table("Findings", ("check", "finding"), found, words=(0, 1))
+    budgets = record["checks"].get("budgets", {}).get("figures", {})
+    if "functions" in budgets:
+        yield from _budgets(budgets)
+    limits = [(name, limit) for name, check in record["checks"].items() for limit in check["limits"]]
+    yield Table("What is not shown", ("check", "limit"), limits, words=(0, 1))
+
+
+def _record(folder: Path) -> Mapping[str, Any] | None:
+    """`verify.json`, as far as it has what is shown here."""
+    try:
+        record = json.loads((folder / BESIDE[0]).read_bytes())
+        assert isinstance(record["build"]["manifest_sha256"], str)
+        for check in record["checks"].values():
+            assert {"shows", "figure", "verdict", "findings", "limits"} <= check.keys()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, AssertionError):
+        return None
+    return dict(record)
+
+
+def _budgets(figures: Mapping[str, Any]) -> Iterator[Block]:
+    asked, counted = figures["budgets"], figures["functions"]
+    rows = []
+    for name, count in counted.items():
+        budget = asked.get(CALLS.get(name, ""))
+        instructions = count["instructions"]
+        cycles = count.get("estimated_cycles") or {}
+        rows.append(
+            (TOLD.get(name, name), *map(_number, (instructions["max"], instructions["mean"], cycles.get("max"), budget)))
+        )
+    header = ("function", "instructions, worst", "mean", "estimated cycles, worst", "budget of instructions")
+    yield Table("Budgets on a Cortex-M4F", header, rows)
+    stack = [(name, _number(each["watermark"]), _number(each["bound"])) for name, each in figures["stack_bytes"].items()]
+    yield Table("Stack (bytes)", ("function", "deepest seen", "bound by the compiler's frames"), stack)
+    yield from _memory(figures)
+
+
+def _memory(figures: Mapping[str, Any]) -> Iterator[Block]:
+    objects = figures["objects"]
+    rows = [(path, *(_number(sizes.get(section, 0)) for section in SECTIONS)) for path, sizes in objects.items()]
+    total = [sum(sizes.get(section, 0) for sizes in objects.values()) for section in SECTIONS]
+    rows.append(("all", *map(_number, total)))
+    caption = "Memory map (bytes, Cortex-M4F): code, constants, written memory of each object; the objects themselves have none"
+    yield Table(caption, ("object", "code", "constants", "initialised RAM", "zeroed RAM"), rows)
+    structs = [
+        (f"one {name}", _number(size), "flash" if name == "parameters" else "RAM")
+        for name, size in figures["struct_bytes"].items()
+    ]
+    yield Table("What the caller provides (bytes)", ("instance", "size", "lies in"), structs)
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:,}" if isinstance(value, int) else f"{value:,.0f}"
+
+
+def manifest_blocks(folder: Path) -> Iterator[Block]:
+    """Where a build comes from, and the SHA-256 of each of its files.
+
+    Raises:
+        BuildError: not a build folder.
+    """
+    manifest = read_manifest(folder)
+    edited = verify_hashes(folder)
+    if edited:
+        yield Text(f"Edited since it was made: {', '.join(edited)}.", "notice")
+    yield Table("Where it comes from", ("", ""), list(_origin(manifest)), words=(0, 1), hashes=True)
+    rows = [(path, f"{entry['bytes']:,}", entry["sha256"]) for path, entry in manifest["files"].items()]
+    yield Table("Files", ("file", "bytes", "SHA-256"), rows, words=(0, 2), hashes=True)
+
+
+def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "build", f"{manifest['name']}, id {manifest['build_id']}"
+    yield "generator", f"{manifest['generator']} {manifest['version']}"
+    for what, entry in manifest["inputs"].items():
+        told = ", ".join(f"{key} {value}" for key, value in entry.items() if key != "sha256" and value is not None)
+        yield f"input: {what}", f"{told}; SHA-256 {entry.get('sha256', '-')}"
+    for key, value in manifest["options"].items():
+        yield f"option: {key}", str(value)
+    for key, value in manifest["tools"].items():
+        yield f"tool: {key}", str(value)
+    yield "map's checksum (CRC-32)", str(manifest["map"]["checksum_crc32"])

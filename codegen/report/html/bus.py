@@ -1,0 +1,150 @@
+"""A log of the bus: how punctual its frames were."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Can
+from codegen.errors import CodegenError, one_line
+from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
+from codegen.report.html.charts import axis, layout, numbers
+from codegen.report.style import BLUE, GREEN, ORANGE, VERMILION
+
+FloatArray = npt.NDArray[np.float64]
+
+COLOURS = (BLUE, ORANGE, VERMILION)
+BINS = 120
+TOOLS = 'pip install "ars-codegen[tools]"'
+LEAST_SPAN = 0.1
+"""ms that a histogram spans at least."""
+ANSWER = "Command after the motion frame"
+
+
+@dataclass(frozen=True)
+class BusTimes:
+    """Times in a log, ms.
+
+    Attributes:
+        name: of the log.
+        periods: name of a message -> time from each of its frames to the next.
+        answers: time from each motion frame to the command that comes next.
+        cycle: what the period should be.
+    """
+
+    name: str
+    periods: dict[str, FloatArray]
+    answers: FloatArray
+    cycle: float
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether every period is the one that is asked for, to a microsecond: no clock has that."""
+        return all(bool(np.all(np.abs(values - self.cycle) < 1e-3)) for values in self.periods.values())
+
+
+def read_log(path: Path, can: Can, name: str) -> BusTimes:
+    """Read a log that python-can reads.
+
+    Args:
+        path: `.blf`, `.asc`, `.log` or `.mf4`.
+        can: the messages of the build, by their ids.
+        name: what the report calls it.
+
+    Raises:
+        CodegenError: it cannot be read, or holds no frame of the build.
+    """
+    messages = (can.vehicle_motion, can.vehicle_conditions, can.rear_steer_command)
+    sent: dict[int, list[float]] = {message.id: [] for message in messages}
+    received: dict[int, list[float]] = {message.id: [] for message in messages}
+    try:
+        from can import LogReader
+
+        with LogReader(path) as reader:
+            whole = getattr(reader, "file_size", 0)  # as the head of a BLF has it
+            for frame in reader:
+                if frame.arbitration_id in sent and not frame.is_extended_id and not frame.is_error_frame:
+                    (received if frame.is_rx else sent)[frame.arbitration_id].append(frame.timestamp)
+    except ImportError as error:
+        raise CodegenError(f"what reads it is missing ({one_line(error)})", where=path, remedy=TOOLS) from None
+    except Exception as error:  # the readers raise whatever comes up in a damaged file
+        remedy = "give a log that `codegen hil --log` or another tool wrote"
+        raise CodegenError(f"no log of a CAN bus that can be read ({one_line(error)})", where=path, remedy=remedy) from None
+    if path.stat().st_size < whole:
+        what = f"it ends early: {path.stat().st_size} of {whole} bytes"
+        raise CodegenError(what, where=path, remedy="copy it again, or let the tool that writes it close it")
+    # On some buses, such as udp_multicast, who sends a frame hears it too: the time of sending counts.
+    times = {key: sent[key] or received[key] for key in sent}
+    if not any(times.values()):
+        known = ", ".join(f"0x{message.id:x}" for message in messages)
+        raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
+    stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
+    motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
+    cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)
+    # In simulated time the answer has the time of its sample.
+    following = np.searchsorted(command, motion, side="left")
+    # A motion frame that is answered only after the next one has no answer of its own.
+    ends = np.append(motion[1:], np.inf)
+    answered = following < command.size
+    delay = command[following[answered]] - motion[answered]
+    own = command[following[answered]] < ends[answered]
+    periods = {key: 1e3 * np.diff(values) for key, values in stamps.items() if values.size > 1}
+    return BusTimes(name, periods, 1e3 * delay[own], cycle)
+
+
+def bus_blocks(logs: Sequence[BusTimes]) -> Iterator[Block]:
+    """Histograms and a table for each log."""
+    for number, log in enumerate(logs, start=1):
+        yield Text(f"{log.name}: how long from frame to frame (asked: {log.cycle:g} ms), and from the sample to its command.")
+        if log.is_simulated:
+            yield Text("The times are those of a simulation: they say nothing of how punctual the ECU is.", "notice")
+        yield Gallery(list(_histograms(log, number)))
+        rows = [_row(f"{name}, period", values) for name, values in log.periods.items()]
+        if log.answers.size:
+            rows.append(_row(ANSWER, log.answers))
+        yield Table(f"{log.name}: times in ms", ("", "number", "median", "99 %", "least", "largest"), rows)
+
+
+def _row(what: str, values: FloatArray) -> tuple[str, ...]:
+    shares = (np.median(values), np.percentile(values, 99.0), values.min(), values.max())
+    return what, f"{values.size:,}", *(f"{float(value):.3f}" for value in shares)
+
+
+def _histograms(log: BusTimes, number: int) -> Iterator[Chart]:
+    if log.periods:
+        edges = _edges(np.concatenate(list(log.periods.values())))  # the same for all, so that they can be compared
+        for k, ((name, values), colour) in enumerate(zip(log.periods.items(), COLOURS, strict=False), start=1):
+            yield _histogram(values, edges, f"Period of {name} (ms)", colour, f"can-{number}-{k}")
+    if log.answers.size:
+        yield _histogram(log.answers, _edges(log.answers), f"{ANSWER} (ms)", GREEN, f"can-{number}-answer")
+
+
+def _edges(values: FloatArray) -> FloatArray:
+    low, high = float(values.min()), float(values.max())
+    if high - low < LEAST_SPAN:  # times that are all alike stand in the middle
+        low, high = (low + high - LEAST_SPAN) / 2.0, (low + high + LEAST_SPAN) / 2.0
+    return np.linspace(low, high, BINS + 1)
+
+
+def _histogram(values: FloatArray, edges: FloatArray, title: str, colour: str, name: str) -> Chart:
+    counts, _ = np.histogram(values, edges)
+    bars = {
+        "type": "bar",
+        "x": numbers((edges[:-1] + edges[1:]) / 2.0),
+        "y": counts.tolist(),
+        "width": float(edges[1] - edges[0]),
+        "marker": {"color": colour, "line": {"width": 0}},
+        "hovertemplate": "%{y} frames around %{x:.3f} ms<extra></extra>",
+    }
+    look = layout(
+        bargap=0.0,
+        showlegend=False,
+        xaxis=axis(title, range=[float(edges[0]), float(edges[-1])], zeroline=False),
+        yaxis=axis("Frames", type="log", dtick=1, range=[-0.3, float(np.log10(max(int(counts.max()), 2))) + 0.2]),
+    )
+    told = f"{title}: median {np.median(values):.3f}, largest {values.max():.3f}."
+    return Chart(name, {"data": [bars], "layout": look}, told, f"Histogram. {told}", 300)

@@ -1,0 +1,115 @@
+"""Tyre curves with their linear range, and the optimum at one front angle over speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.refmap.turns import turns_of
+from codegen.report.html.blocks import INK, MUTED, Chart, Gallery
+from codegen.report.html.charts import axis, layout, line
+from codegen.report.html.maps import SPEED
+from codegen.report.published import PAPER_TABLE, TABLE_SPEED_KM_H
+from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE, FloatArray
+from codegen.report.tyre_plots import LOAD_SHARES, TYRE_SLIP_MAX
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
+
+CASE_LOOKS = {"fws": (MUTED, "solid"), "4ws-1": (BLUE, "solid"), "4ws-2": (VERMILION, "dash")}
+POINTS = 201
+OTHER_LOOKS = tuple((colour, "dashdot") for colour in (GREEN, PURPLE, ORANGE, SKY, INK))
+
+
+def tyre_charts(config: Config) -> Gallery:
+    """Lateral force over slip angle of a front and of a rear tyre, for several wheel loads, with the linear range.
+
+    Raises:
+        ConfigError: the tyre has no end to its linear range.
+    """
+    tyres = AxleTyres.from_config(config)
+    axles = (("front", tyres.front, tyres.front_slip_bound), ("rear", tyres.rear, tyres.rear_slip_bound))
+    slip_max = max(TYRE_SLIP_MAX, 3.0 * tyres.front_slip_bound, 3.0 * tyres.rear_slip_bound)
+    slip = np.linspace(0.0, slip_max, POINTS)
+    top = max(float(np.max(tyre.force(slip, LOAD_SHARES[-1] * tyre.static_load))) for _, tyre, _ in axles)
+    charts = []
+    for name, tyre, bound in axles:
+        edge = math.degrees(bound)
+        shade = {"fillcolor": SKY, "opacity": 0.25, "line": {"width": 0}, "layer": "below", "yref": "paper"}
+        look = layout(
+            xaxis=axis("Slip angle α (deg)"),
+            yaxis=axis("Lateral force of one tyre (kN)", range=[0.0, 1.08 * top / 1e3]),
+            shapes=[{"type": "rect", "x0": 0, "x1": edge, "y0": 0, "y1": 1, **shade}],
+        )
+        caption = (
+            f"A {name} tyre on a road with friction {config.road.friction:g}. Shaded: the linear range up to {edge:.3f} deg, "
+            f"where the force at the static load is within {config.limits.slip_departure_percent:g} % of its tangent; "
+            "its end is the slip limit of the optimisation."
+        )
+        spoken = f"Force of a {name} tyre over slip angle; linear up to {edge:.3f} deg."
+        figure = {"data": list(_tyre_lines(tyre, slip)), "layout": look}
+        charts.append(Chart(f"tyre-{name}", figure, caption, spoken, 440))
+    return Gallery(charts)
+
+
+def _tyre_lines(tyre: MagicFormulaTyre, slip: FloatArray) -> Iterator[dict[str, Any]]:
+    looks = ((SKY, "dot"), (SKY, "solid"), (BLUE, "solid"), (PURPLE, "solid"), (PURPLE, "dot"))
+    for share, (shade, dash) in zip(LOAD_SHARES, looks, strict=True):
+        load = share * tyre.static_load
+        told = f"{100 * share:.0f} % load ({load / 1e3:.2f} kN): %{{y:.2f}} kN at %{{x:.2f}} deg<extra></extra>"
+        thick = 3 if share == 1.0 else 2
+        force = tyre.force(slip, load) / 1e3
+        yield line(np.degrees(slip), force, f"{100 * share:.0f} % load", shade, dash=dash, width=thick, hovertemplate=told)
+    top = float(np.max(tyre.force(slip, LOAD_SHARES[-1] * tyre.static_load)))
+    ends = np.array([0.0, min(float(slip[-1]), 0.97 * top / tyre.cornering_stiffness)])
+    tangent = tyre.cornering_stiffness * (ends - tyre.horizontal_shift) + tyre.vertical_shift
+    yield line(np.degrees(ends), tangent / 1e3, "tangent at zero slip", INK, dash="dash", width=1.5, hoverinfo="skip")
+
+
+def front_angle_chart(config: Config, front_angle_deg: float, paper: bool) -> Chart:
+    """Yaw rate and sideslip of the optimum over speed at one front angle, a line for each case of the configuration.
+
+    Args:
+        config: of the car, its limits and its cases.
+        front_angle_deg: at the road wheels.
+        paper: whether the paper's table is about this car and this angle, and is marked.
+    """
+    speed = np.linspace(config.grid.speed_min_km_h, config.grid.speed_max_km_h, 401)
+    angle = np.array([math.radians(front_angle_deg)])
+    others = iter(OTHER_LOOKS * len(config.cases))
+    data: list[dict[str, Any]] = []
+    for name in config.cases:
+        solution = turns_of(config, config.case(name)).solve(speed * KM_H, angle)
+        colour, dash = CASE_LOOKS.get(name) or next(others)
+        for row, (table, unit) in enumerate(((solution.yaw_rate, "deg/s"), (solution.sideslip, "deg"))):
+            values = np.degrees(table[:, 0])
+            told = f"{name.upper()}: %{{y:.3f}} {unit} at %{{x:.1f}} km/h<extra></extra>"
+            where = {"xaxis": "x", "yaxis": "y" if row == 0 else "y2", "legendgroup": name, "showlegend": row == 0}
+            data.append(line(speed, values, name.upper(), colour, dash=dash, hovertemplate=told, **where))
+            if paper and name in PAPER_TABLE:
+                here = float(np.interp(TABLE_SPEED_KM_H, speed, values))
+                ring = {"symbol": "circle", "size": 9, "color": WHITE, "line": {"color": colour, "width": 2}}
+                data.append(
+                    {
+                        **{"type": "scatter", "mode": "markers", "x": [TABLE_SPEED_KM_H], "marker": ring},
+                        **{**where, "showlegend": row == 0 and name == "fws", "legendgroup": "paper"},
+                        # The table gives |beta|: it is marked on the side where the map has it.
+                        "y": [math.copysign(PAPER_TABLE[name][row], here)],
+                        "legendrank": 2000,
+                        "name": f"paper's table, {TABLE_SPEED_KM_H:g} km/h",
+                        "hovertemplate": f"paper, {name.upper()}: %{{y}} {unit}<extra></extra>",
+                    }
+                )
+    look = layout(
+        xaxis=axis(SPEED, anchor="y2"),
+        yaxis=axis("Yaw rate (deg/s)", domain=[0.54, 1.0], rangemode="tozero"),
+        yaxis2=axis("Sideslip β (deg)", domain=[0.0, 0.46]),
+        hovermode="closest",
+    )
+    caption = (
+        f"The optimum of each case at a front angle of {front_angle_deg:g} deg; lines end where no steady turn is feasible."
+    )
+    spoken = f"Yaw rate and sideslip over speed at a front angle of {front_angle_deg:g} deg, cases {', '.join(config.cases)}."
+    return Chart("front-angle-cut", {"data": data, "layout": look}, caption, spoken, 560)

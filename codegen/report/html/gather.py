@@ -1,0 +1,222 @@
+"""What a report is made of, gathered from the user's files and, for a build, from runs of its C."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.folder import read_manifest
+from codegen.emit.laws import is_untuned
+from codegen.errors import CodegenError, within
+from codegen.refmap import map as npz
+from codegen.refmap.choose import choose_config
+from codegen.report.fault_table import fault_data
+from codegen.report.html.inputs import Files, read_files
+from codegen.report.html.maps import NamedMap
+from codegen.report.html.report import Material, to_compare
+from codegen.report.html.runs import is_passive
+from codegen.sil.software import load
+from codegen.sweep.region import Region, confirm, region
+from hil_sim.fault_catalogue import run_all
+from hil_sim.metrics.step import STEADY_WINDOW
+from hil_sim.runs import run, run_through_can
+from hil_sim.scenarios import DEFAULT, Scenario, find
+from hil_sim.suite.candidate import of_folder
+from hil_sim.suite.subjects import Build, Generated, Subject, around_folder
+
+Steps = Callable[[int, int], None]
+
+PASSIVE = "passive car"
+BESIDE = ("pi", "tracking")
+"""Kinds of controller that a build is shown beside, of those that it is not: the paper's and the recommended one."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asks for.
+
+    Attributes:
+        map_path: the map. compare: maps to compare it with; none takes that of the car without rear steering.
+        build: folder of its C. runs: arguments of `--run`. scenario: what was, or is to be, driven; None takes the default,
+            or for recordings what they hold.
+        simulate: whether a build is driven here where there are no recordings, and its faults tried.
+    """
+
+    map_path: Path
+    compare: Sequence[Path] = ()
+    build: Path | None = None
+    runs: Sequence[str] = ()
+    scenario: str | None = None
+    simulate: bool = True
+
+
+@dataclass(frozen=True)
+class Read:
+    """The user's files, read and found to fit together.
+
+    Attributes:
+        request: what is asked for.
+        material: of the files alone.
+        scenario: to be driven, or driven in the recordings; None where there is neither a build nor a recording.
+    """
+
+    request: Request
+    material: Material
+    scenario: Scenario | None
+
+
+def read(request: Request) -> Read:
+    """Read everything; nothing is solved or driven yet.
+
+    Raises:
+        CodegenError: a file that is missing or broken, or a scenario that does not exist.
+    """
+    one = npz.load(request.map_path)
+    chosen = choose_config(one, None)
+    config, notes = chosen.config, list(chosen.notes)
+    if request.build is not None:  # it brings the car, also where the map is a bare one
+        config = _config_of(request.build)
+        notes = _differences(request, config, one.config)
+    others: list[NamedMap] = []
+    for path in request.compare:
+        taken = {request.map_path.stem, *(other.name for other in others)}
+        others.append(NamedMap(path.stem if path.stem not in taken else str(path), npz.load(path)))
+    files = read_files(request.runs, config.can)
+    scenario = None
+    if files.runs:
+        scenario = _scenario_of(files, request, config)
+        _require_step(files, scenario)
+    elif request.scenario is not None or (request.build is not None and request.simulate):
+        scenario = find(request.scenario or DEFAULT, config)
+    material = Material(
+        NamedMap(request.map_path.stem, one),
+        others,
+        config,
+        configured=one.config is not None or request.build is not None,
+        build=request.build,
+        runs=files.runs or None,
+        scenario=scenario if files.runs else None,
+        logs=files.logs,
+        faults=files.faults,
+        notes=notes,
+    )
+    return Read(request, material, scenario)
+
+
+def gather(found: Read, steps: Steps) -> Material:
+    """Solve and run what the files do not bring.
+
+    Args:
+        found: the files.
+        steps: is told of the parts done, and of all.
+
+    Raises:
+        CodegenError: a build that does not compile.
+    """
+    material, config = found.material, found.material.config
+    steps(1, PARTS)
+    if not material.others and (other := to_compare(material.map.map)) is not None:
+        material = replace(material, others=[other])
+    steps(2, PARTS)
+    if found.request.build is not None:
+        material = _driven(found, material, steps)
+    elif material.configured and not is_untuned(config):
+        material = replace(material, loops={config.controller.kind: config})
+    if material.loops and not material.regions:
+        material = replace(material, regions=_regions(material.loops, {}))
+    steps(PARTS, PARTS)
+    return material
+
+
+PARTS = 6
+
+
+def _regions(loops: Mapping[str, Config], generated: Mapping[str, Generated]) -> dict[str, Region]:
+    """Where the loops are stable, of those that have feedback; driven where the C of a loop is at hand."""
+    regions = {}
+    for name, config in loops.items():
+        found = region(config)
+        if found is not None and name in generated:
+            found = confirm(found, generated[name].files, generated[name].manifest)
+        if found is not None:
+            regions[name] = found
+    return regions
+
+
+def _config_of(build: Path) -> Config:
+    manifest = read_manifest(build)
+    with within(build):
+        return configuration.parse(manifest.get("configuration", {}), "manifest.json: configuration")
+
+
+def _differences(request: Request, config: Config, own: Config | None) -> list[str]:
+    manifest = read_manifest(request.build) if request.build is not None else {}
+    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
+    found = []
+    if manifest.get("inputs", {}).get("map", {}).get("sha256") != given:
+        found.append(f"{request.build} was built from another map than {request.map_path}.")
+    if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
+        found.append("The build's configuration describes another car than the map was solved for.")
+    return found
+
+
+def _scenario_of(files: Files, request: Request, config: Config) -> Scenario:
+    """What was driven: as the user says, else what the first recording holds."""
+    if request.scenario is not None:
+        return find(request.scenario, config)
+    name, path = next(iter(files.paths.items()))
+    if path.suffix.lower() == ".csv":
+        return replace(find(str(path), config), subject=f"Recording {name}")
+    raise CodegenError("it does not say what was driven", where=path, remedy="add --scenario, such as --scenario step-steer")
+
+
+def _require_step(files: Files, scenario: Scenario) -> None:
+    """A run that ends before the step has none of its figures."""
+    for name, record in files.runs.items():
+        end, needed = float(record[-1, 0]), scenario.steer_time + STEADY_WINDOW
+        if scenario.kind == "step" and end < needed:
+            what = f"it ends at {end:g} s, and {scenario.name} is judged up to {needed:g} s"
+            raise CodegenError(what, where=files.paths[name], remedy="say with --scenario what was driven")
+
+
+def _driven(found: Read, material: Material, steps: Steps) -> Material:
+    """The build's own runs, the faults, and the loops to compare."""
+    build, scenario, config = found.request.build, found.scenario, material.config
+    assert build is not None
+    kind: str = config.controller.kind
+    loops = {kind: config}
+    if not found.request.simulate or scenario is None:
+        return replace(material, loops=loops)
+    beside, left_out = _beside(build, kind)
+    loops |= {subject.name: subject.config for subject in beside}
+    steps(3, PARTS)
+    software = load(build)
+    runs = dict(material.runs or {})
+    if not runs:
+        runs[kind] = run(software, scenario)
+        for subject in beside:
+            runs[subject.name] = run(subject.around(config), scenario)
+    steps(4, PARTS)
+    if not any(is_passive(name) for name in runs):
+        runs[PASSIVE] = run(software, scenario, controlled=False)
+    faults = material.faults
+    if faults is None:
+        faults = fault_data(run_all(config, lambda one: run_through_can(software, one)))
+    steps(5, PARTS)
+    notes = (*material.notes, *left_out)
+    generated = {subject.name: subject.around.generated for subject in beside if isinstance(subject.around, Build)}
+    regions = _regions(loops, {kind: around_folder(build).generated, **generated})
+    return replace(material, runs=runs, scenario=scenario, loops=loops, regions=regions, faults=faults, notes=notes)
+
+
+def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:
+    """Other controllers on the map of a build; none for a map of the user's own, which cannot be solved again."""
+    try:
+        line_up = of_folder(build).line_up()
+    except CodegenError as error:
+        return [], [f"No other controller is shown beside: {error}"]
+    return [subject for subject in line_up.baselines if subject.name in BESIDE and subject.name != kind], list(line_up.notes)

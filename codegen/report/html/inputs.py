@@ -1,0 +1,162 @@
+"""Files that a report is made of: recordings of runs, logs of the bus, results of `codegen faults`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Can
+from codegen.errors import CodegenError, one_line
+from codegen.report.html.bus import BusTimes, read_log
+from codegen.sil.software import RECORD_COLUMNS
+from hil_sim.recording import load_csv
+
+FloatArray = npt.NDArray[np.float64]
+
+LOGS = (".blf", ".asc", ".log")
+KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4) or the JSON of codegen faults"
+
+
+@dataclass(frozen=True)
+class Files:
+    """What the user's files hold.
+
+    Attributes:
+        runs: name to recording (samples, 12), columns RECORD_COLUMNS. paths: of those, by name.
+        logs: times of frames.
+        faults: as `codegen faults --json` writes them; None where no file has any.
+    """
+
+    runs: Mapping[str, FloatArray] = field(default_factory=dict)
+    paths: Mapping[str, Path] = field(default_factory=dict)
+    logs: Sequence[BusTimes] = ()
+    faults: Sequence[Mapping[str, Any]] | None = None
+
+
+def named(argument: str) -> tuple[str, Path]:
+    """`NAME=FILE`, or a file alone, which is called by its name without extension."""
+    name, sign, path = argument.partition("=")
+    if sign and name.strip() and path and not Path(argument).exists():
+        return name.strip(), Path(path)
+    return Path(argument).stem, Path(argument)
+
+
+def read_files(arguments: Sequence[str], can: Can) -> Files:
+    """Read everything, each by what it is.
+
+    Args:
+        arguments: of `--run`.
+        can: the messages of the build, for logs.
+
+    Raises:
+        CodegenError: a file that cannot be read or is none of these, or a name that is there twice.
+    """
+    runs: dict[str, FloatArray] = {}
+    paths: dict[str, Path] = {}
+    logs: list[BusTimes] = []
+    faults: Sequence[Mapping[str, Any]] | None = None
+    for argument in arguments:
+        name, path = named(argument)
+        if not path.is_file():
+            raise CodegenError("there is no such file", where=path, remedy=f"give {KINDS}")
+        if name in runs or name in {log.name for log in logs}:
+            raise CodegenError(f"a second run called {name!r}", where=path, remedy=f"name it, as in --run other={path}")
+        kind = path.suffix.lower()
+        if kind == ".json":
+            faults = read_faults(path)
+        elif kind in LOGS:
+            logs.append(read_log(path, can, name))
+        elif kind in RECORDINGS:
+            record = RECORDINGS[kind](path)
+            if record is None:
+                logs.append(read_log(path, can, name))
+            else:
+                runs[name], paths[name] = record, path
+        else:
+            raise CodegenError("nothing that a report is made of", where=path, remedy=f"give {KINDS}")
+    return Files(runs, paths, logs, faults)
+
+
+def read_faults(path: Path) -> Sequence[Mapping[str, Any]]:
+    """The entries of `codegen faults --json`. Raises CodegenError: it is something else."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))["faults"]
+        if all(entry.keys() >= FAULT_KEYS for entry in found) and found:
+            return list(found)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        pass
+    raise CodegenError("not what `codegen faults --json` prints", where=path, remedy=f"give {KINDS}")
+
+
+FAULT_KEYS = frozenset(
+    {
+        *("injected", "seen", "reached", "defined", "fail_safe_after_s", "rear_angle_max_deg", "rear_rate_max_deg_s"),
+        *("command_step_max_deg", "recovered_after_s", "violations"),
+    }
+)
+
+
+def _read_parquet(path: Path) -> FloatArray:
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise _missing("pyarrow", path) from None
+    try:
+        table = parquet.read_table(path, columns=list(RECORD_COLUMNS))
+        columns = [np.asarray(table.column(name), dtype=np.float64) for name in RECORD_COLUMNS]
+    except (OSError, ValueError, KeyError, ArrowException) as error:
+        raise _no_run(path, error) from None
+    return _checked(np.column_stack(columns), path)
+
+
+def _read_mf4(path: Path) -> FloatArray | None:
+    """None where the file is a log of the bus."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise _missing("asammdf", path) from None
+    try:
+        with MDF(path) as mdf:
+            if RECORD_COLUMNS[1] not in mdf.channels_db:
+                return None
+            columns = [mdf.get(name, raw=True).samples.astype(np.float64) for name in RECORD_COLUMNS]
+    except Exception as error:  # asammdf raises whatever comes up in a damaged file
+        raise _no_run(path, error) from None
+    return _checked(np.column_stack(columns), path)
+
+
+def _read_csv(path: Path) -> FloatArray:
+    try:
+        record = load_csv(path)
+    except (OSError, ValueError) as error:
+        raise _no_run(path, error) from None
+    return _checked(record, path)
+
+
+RECORDINGS = {".csv": _read_csv, ".parquet": _read_parquet, ".mf4": _read_mf4}
+
+
+def _checked(record: FloatArray, path: Path) -> FloatArray:
+    if record.ndim != 2 or record.shape[0] < 2:
+        raise CodegenError("fewer than two samples", where=path, remedy="give a run that `codegen sil --csv` wrote")
+    if not np.isfinite(record[:, 0]).all():
+        raise CodegenError("time_s is not finite", where=path, remedy="give a run that `codegen sil --csv` wrote")
+    if not np.all(np.diff(record[:, 0]) > 0.0):
+        raise CodegenError("time_s does not rise", where=path, remedy="sort its rows, and leave repeated ones out")
+    return record
+
+
+def _no_run(path: Path, error: Exception) -> CodegenError:
+    columns = ", ".join(RECORD_COLUMNS)
+    return CodegenError(f"no run that can be read ({one_line(error)})", where=path, remedy=f"its columns are {columns}")
+
+
+def _missing(package: str, path: Path) -> CodegenError:
+    what = f"{package}, which reads {path.suffix}, is missing"
+    return CodegenError(what, where=path, remedy='pip install "ars-codegen[tools]"')

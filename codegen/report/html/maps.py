@@ -1,0 +1,243 @@
+"""Charts of a map: surfaces, heat maps, what binds, and cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H
+from codegen.refmap.map import ReferenceMap
+from codegen.report.html.blocks import EMPTY, GRID, INK, MUTED, Chart, Cuts, Gallery
+from codegen.report.html.charts import (
+    axis,
+    categories,
+    layout,
+    numbers,
+    patches,
+    scale_of,
+    small,
+)
+from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
+from codegen.report.style import BLACK, BLUE, GREY, ORANGE, WHITE, phase_lines
+from codegen.report.summary import binding_text
+
+FloatArray = npt.NDArray[np.float64]
+
+SPEED, FRONT_ANGLE = "Speed vx (km/h)", "Front angle δf (deg)"
+INFEASIBLE = "grey: no steady turn inside the limits"
+PHASE = "δr = 0: the rear wheels pass from the opposite to the same direction as the front wheels"
+
+
+@dataclass(frozen=True)
+class NamedMap:
+    """A map and what the report calls it."""
+
+    name: str
+    map: ReferenceMap
+
+    @property
+    def speed_km_h(self) -> FloatArray:
+        """(n,) km/h."""
+        return np.asarray(self.map.speed / KM_H)
+
+    @property
+    def front_angle_deg(self) -> FloatArray:
+        """(m,) deg."""
+        return np.degrees(self.map.front_angle)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A table of a map: attribute, name, unit, colour map of matplotlib; `diverging` ones are centred at zero."""
+
+    attribute: str
+    name: str
+    unit: str
+    scale: str
+    diverging: bool
+
+    def degrees(self, one: ReferenceMap) -> FloatArray | None:
+        """(n, m) in `unit`, NaN where infeasible; None where the map has no such table."""
+        values = getattr(one, self.attribute)
+        return None if values is None else np.degrees(np.where(one.feasible, values, np.nan))
+
+    def limits(self, tables: Sequence[FloatArray]) -> tuple[float, float]:
+        """Ends of a colour scale that several tables share."""
+        finite = [float(np.nanmax(np.abs(table))) for table in tables if np.isfinite(table).any()]
+        largest = max([*finite, 1e-6])
+        return (-largest if self.diverging else 0.0), largest
+
+
+YAW_RATE = Quantity("yaw_rate", "Yaw rate r", "deg/s", "viridis", False)
+SIDESLIP = Quantity("sideslip", "Sideslip β", "deg", "PuOr_r", True)
+REAR_ANGLE = Quantity("rear_angle", "Rear angle δr", "deg", "RdBu_r", True)
+QUANTITIES = (YAW_RATE, SIDESLIP, REAR_ANGLE)
+
+
+def heat_maps(one: NamedMap) -> Gallery:
+    """Yaw rate, sideslip, rear angle and what binds, as far as the map has them, with the line of phase conversion."""
+    tables = ((quantity, quantity.degrees(one.map)) for quantity in QUANTITIES)
+    charts = [_heat_map(one, quantity, table) for quantity, table in tables if table is not None]
+    if one.map.active is not None:
+        charts.append(_binding(one, one.map.active))
+    return Gallery(charts)
+
+
+def surfaces(maps: Sequence[NamedMap]) -> Gallery:
+    """The tables of a map, or of two above each other, as surfaces over speed and front angle."""
+    charts = []
+    for quantity in QUANTITIES if len(maps) == 1 else (YAW_RATE,):
+        tables = [(one, table) for one in maps if (table := quantity.degrees(one.map)) is not None]
+        if tables:
+            charts.append(_surface(quantity, tables))
+    return Gallery(charts, "20rem")
+
+
+def _heat_map(one: NamedMap, quantity: Quantity, table: FloatArray) -> Chart:
+    low, high = quantity.limits([table])
+    trace = {
+        "type": "heatmap",
+        "x": numbers(one.speed_km_h),
+        "y": numbers(one.front_angle_deg),
+        "z": numbers(table.T),
+        "zmin": low,
+        "zmax": high,
+        "colorscale": scale_of(quantity.scale),
+        "colorbar": colour_bar(quantity.unit),
+        "hoverongaps": False,
+        "hovertemplate": f"{quantity.name}: %{{z:.3f}} {quantity.unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
+    }
+    finite = table[np.isfinite(table)]
+    span = f"{finite.min():.3g} to {finite.max():.3g} {quantity.unit}" if finite.size else "nowhere feasible"
+    spoken = f"Heat map of {quantity.name} over speed and front angle: {span}."
+    lines = _phase_traces(one.map)
+    figure = {"data": [trace, *lines], "layout": map_layout(one, legend=bool(lines))}
+    name = f"map-{quantity.attribute.replace('_', '-')}"
+    hidden = "" if one.map.feasible.all() else f"; {INFEASIBLE}"
+    return Chart(name, figure, f"{quantity.name}, {span}{hidden}.", spoken, 420)
+
+
+def colour_bar(unit: str) -> dict[str, Any]:
+    """Of a heat map."""
+    return {"title": {"text": unit, "side": "top"}, "thickness": 14, "outlinewidth": 0, "len": 1.0}
+
+
+def map_layout(one: NamedMap, legend: bool = True) -> dict[str, Any]:
+    """Of a chart over speed and front angle; what shows through where nothing is drawn is infeasible."""
+    speed, angle = one.speed_km_h, one.front_angle_deg
+    return layout(
+        xaxis=axis(SPEED, range=[float(speed[0]), float(speed[-1])], showgrid=False, zeroline=False),
+        yaxis=axis(FRONT_ANGLE, range=[0.0, float(angle[-1])], showgrid=False, zeroline=False),
+        plot_bgcolor=EMPTY,
+        showlegend=legend,
+    )
+
+
+def _phase_traces(one: ReferenceMap) -> list[dict[str, Any]]:
+    """The line delta_r = 0, dark with a light rim, so that it is seen on any colour."""
+    pieces = phase_lines(one)
+    if not pieces:
+        return []
+    gap = np.full((1, 2), np.nan)
+    points = np.concatenate([part for piece in pieces for part in (piece, gap)])
+    common = {"type": "scatter", "mode": "lines", "x": numbers(points[:, 0]), "y": numbers(points[:, 1]), "hoverinfo": "skip"}
+    return [
+        {**common, "line": {"color": WHITE, "width": 5}, "showlegend": False},
+        {**common, "line": {"color": BLACK, "width": 2}, "showlegend": False},
+        {**common, "x": [None], "y": [None], "line": {"color": INK, "width": 2}, "name": "δr = 0"},
+    ]
+
+
+def _binding(one: NamedMap, active: npt.NDArray[np.uint8]) -> Chart:
+    found, count = np.unique(active[one.map.feasible], return_counts=True)
+    others = iter(OTHER_COLOURS)
+    flags = found[np.argsort(-count, kind="stable")].tolist()
+    names = [binding_text(flag) for flag in flags]
+    colours = [BINDING_COLOURS.get(flag) or next(others, GREY) for flag in flags]
+    index = np.zeros(256, dtype=np.uint8)
+    index[flags] = np.arange(len(flags))
+    codes = np.where(one.map.feasible, index[active], 0).astype(np.uint8)
+    trace = category_trace(one.speed_km_h, one.front_angle_deg, codes, ~one.map.feasible, names, colours)
+    figure = {"data": [trace, *patches(names, colours), *_phase_traces(one.map)], "layout": map_layout(one)}
+    spoken = f"Which constraints bind over speed and front angle: {', '.join(names)}."
+    return Chart("map-binding", figure, "Which constraints bind at the optimum.", spoken, 420)
+
+
+def category_trace(
+    speed: FloatArray,
+    angle: FloatArray,
+    codes: npt.NDArray[np.uint8],
+    hidden: npt.NDArray[np.bool_],
+    names: Sequence[str],
+    colours: Sequence[str],
+) -> dict[str, Any]:
+    """A heat map of names: codes (speeds, front angles) into `names` and `colours`; gaps where `hidden`."""
+    return {
+        "type": "heatmap",
+        "x": numbers(speed),
+        "y": numbers(angle),
+        **categories(codes.T, names, colours, hidden.T),
+        "codes": {**small(codes.T), "names": list(names)},  # the page makes texts to hover of them
+        "hoverongaps": False,
+        "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
+    }
+
+
+def _surface(quantity: Quantity, tables: Sequence[tuple[NamedMap, FloatArray]]) -> Chart:
+    low, high = quantity.limits([table for _, table in tables])
+    traces = []
+    for k, (one, table) in enumerate(tables):
+        whose = f"{one.name}: " if len(tables) > 1 else ""
+        # No colour bar: the axis tells the height, and the heat map has the colours.
+        colours: dict[str, Any] = {"colorscale": scale_of(quantity.scale), "cmin": low, "cmax": high, "showscale": False}
+        if len(tables) > 1:  # one colour each: the height tells the value
+            colour = (BLUE, ORANGE)[k]
+            colours = {"colorscale": [[0, colour], [1, colour]], "showscale": False, "name": one.name, "showlegend": True}
+        traces.append(
+            {
+                "type": "surface",
+                "x": numbers(one.speed_km_h),
+                "y": numbers(one.front_angle_deg),
+                "z": numbers(table.T),
+                **colours,
+                "hovertemplate": f"{whose}%{{z:.2f}} {quantity.unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
+            }
+        )
+    titles = {"xaxis": "vx (km/h)", "yaxis": "δf (deg)", "zaxis": ""}
+    look = {"gridcolor": GRID, "linecolor": MUTED, "zerolinecolor": MUTED, "nticks": 5, "tickfont": {"size": 11}}
+    scene = {
+        **{name: {"title": {"text": title}, **look} for name, title in titles.items()},
+        "camera": {"eye": {"x": -1.5, "y": -1.6, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.2}},
+        "aspectmode": "manual",
+        "aspectratio": {"x": 1.15, "y": 1.15, "z": 0.75},
+    }
+    figure = {"data": traces, "layout": layout(scene=scene, margin={"l": 0, "r": 0, "t": 10, "b": 0})}
+    what = " and ".join(one.name for one, _ in tables) if len(tables) > 1 else quantity.name
+    name = f"surface-{quantity.attribute.replace('_', '-')}" if len(tables) == 1 else "surface-compared"
+    caption = f"{what} ({quantity.unit}), as a surface; drag to turn it."
+    return Chart(name, figure, caption, f"Surface of {quantity.name} over speed and front angle: {what}.", 360)
+
+
+def cuts(maps: Sequence[NamedMap]) -> Cuts:
+    """The first map, and others beside it, for the page to cut at any speed and any front angle."""
+    data = {"maps": [_cut_data(one) for one in maps]}
+    return Cuts(data, "The maps cut along both axes. Where a line ends, no steady turn inside the limits exists.")
+
+
+def _cut_data(one: NamedMap) -> dict[str, Any]:
+    tables = {quantity.attribute: quantity.degrees(one.map) for quantity in QUANTITIES}
+    binding: Mapping[str, Any] | None = None
+    if one.map.active is not None:
+        flags = np.unique(one.map.active).tolist()
+        binding = {"codes": small(one.map.active), "names": {str(flag): binding_text(flag) for flag in flags}}
+    return {
+        "name": one.name,
+        "speed_km_h": numbers(one.speed_km_h),
+        "front_angle_deg": numbers(one.front_angle_deg),
+        "tables": {name: numbers(table) for name, table in tables.items() if table is not None},
+        "binding": binding,
+    }

@@ -1,0 +1,73 @@
+"""The HTML of a report: one file, with its style, its scripts and all data in it."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from codegen import __version__
+from codegen.emit.render import templates_root
+from codegen.report.html.blocks import Chart, Cuts, Gallery, Section
+from codegen.report.html.bundle import plotly_javascript
+
+_CODE = re.compile(r"`([^`]+)`")
+
+
+def render(title: str, sections: Sequence[Section]) -> bytes:
+    """The bytes of a report. The same sections give the same bytes, with the same version of Plotly.
+
+    Raises:
+        CodegenError: Plotly is not installed.
+    """
+    folder = templates_root() / "report"
+    environment = Environment(
+        loader=FileSystemLoader(folder, encoding="utf-8"),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["prose"] = prose
+    environment.filters["kind"] = lambda block: type(block).__name__.lower()
+    return (
+        environment.get_template("report.html.j2")
+        .render(
+            title=title,
+            version=__version__,
+            sections=sections,
+            style=Markup((folder / "style.css").read_text(encoding="utf-8")),
+            plotly=Markup(plotly_javascript()),
+            script=Markup((folder / "report.js").read_text(encoding="utf-8")),
+            data=Markup(_data(sections)),
+        )
+        .encode("utf-8")
+    )
+
+
+def prose(text: str) -> Markup:
+    """Text as HTML; words between backticks are code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", html.escape(text, quote=False)))
+
+
+def charts_of(sections: Sequence[Section]) -> list[Chart]:
+    """All charts, in the order of the page."""
+    found: list[Chart] = []
+    for section in sections:
+        for block in section.blocks:
+            found += [block] if isinstance(block, Chart) else list(block.charts) if isinstance(block, Gallery) else []
+    return found
+
+
+def _data(sections: Sequence[Section]) -> str:
+    """What the scripts draw, as JSON that ends no script element."""
+    cuts = next((asdict(block)["data"] for section in sections for block in section.blocks if isinstance(block, Cuts)), None)
+    data: dict[str, Any] = {"charts": {chart.name: chart.figure for chart in charts_of(sections)}, "cuts": cuts}
+    return json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")

@@ -1,0 +1,247 @@
+"""The sections of a report, from a map, a build and runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+from codegen.emit.evidence import Evidence
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.solve import solve_case
+from codegen.report.fault_table import HEADER, fault_cells
+from codegen.report.html import build as build_tables
+from codegen.report.html import maps
+from codegen.report.html.blocks import Block, Section, Table, Text
+from codegen.report.html.bus import BusTimes, bus_blocks
+from codegen.report.html.compare import comparison
+from codegen.report.html.curves import front_angle_chart, tyre_charts
+from codegen.report.html.ecu_table import extended
+from codegen.report.html.loop import margins_chart
+from codegen.report.html.loss import loss_blocks
+from codegen.report.html.maps import NamedMap
+from codegen.report.html.robust import region_blocks
+from codegen.report.html.runs import run_blocks
+from codegen.report.map_plots import is_paper
+from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
+from codegen.report.published import TABLE_FRONT_ANGLE_DEG
+from codegen.report.summary import map_summary
+from codegen.sweep.region import Region
+from hil_sim.metrics import StepMetrics, step_metrics
+from hil_sim.scenarios import Scenario
+
+FloatArray = npt.NDArray[np.float64]
+
+WITHOUT_REAR_STEER = "fws"
+"""The case that a map is compared with where the user names none."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a report is about.
+
+    Attributes:
+        map: with its name. others: maps to compare it with.
+        config: of the car. configured: whether it came with the map; a bare map has none of its own.
+        build: folder of the generated C; None where none is named.
+        runs: name to recording (samples, 12). scenario: what was driven in them; None where there is no run.
+        loops: name to configuration of controllers whose margins are shown. regions: where they are stable.
+        logs: of the bus. faults: as `codegen faults --json` has them; None where they were not tried.
+        notes: for the reader, such as what was left out.
+        of_paper: whether the runs are the paper's C1 and C2.
+    """
+
+    map: NamedMap
+    others: Sequence[NamedMap]
+    config: Config
+    configured: bool
+    build: Path | None = None
+    runs: Mapping[str, FloatArray] | None = None
+    scenario: Scenario | None = None
+    loops: Mapping[str, Config] | None = None
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    logs: Sequence[BusTimes] = ()
+    faults: Sequence[Mapping[str, Any]] | None = None
+    notes: Sequence[str] = ()
+    of_paper: bool = False
+
+
+def to_compare(one: ReferenceMap) -> NamedMap | None:
+    """The map of the same car without rear steering, where the configuration has that case and this map is not it."""
+    if one.config is None or one.case == WITHOUT_REAR_STEER or WITHOUT_REAR_STEER not in one.config.cases:
+        return None
+    return NamedMap(WITHOUT_REAR_STEER.upper(), solve_case(one.config, WITHOUT_REAR_STEER))
+
+
+def sections(material: Material) -> Iterator[Section]:
+    """All sections; those without content say how to get it."""
+    yield Section("summary", "Summary", list(_summary(material)))
+    yield Section("map", "The map", list(_map(material)))
+    if material.others:
+        yield Section("compared", "Maps compared", list(_compared(material)))
+    yield Section("beyond", "Beyond the solved cells, and without the function", list(_beyond(material)))
+    yield Section("optimum", f"The optimum at {TABLE_FRONT_ANGLE_DEG:g} deg, and the tyres", list(_optimum(material)))
+    yield Section("runs", "Runs", list(_runs(material)))
+    yield Section("margins", "Margins over speed", list(_margins(material)))
+    if material.regions:
+        yield Section("region", "Where the loop is stable", list(region_blocks(material.regions)))
+    yield Section("faults", "Faults on the bus", list(_faults(material)))
+    yield Section("timing", "Timing on the bus", list(_timing(material)))
+    yield Section("verification", "What was verified", list(_verification(material)))
+    yield Section("manifest", "Manifest", list(_manifest(material)))
+
+
+def _summary(material: Material) -> Iterator[Block]:
+    for note in material.notes:
+        yield Text(note, "notice")
+    summary = map_summary(material.map.map)
+    yield Text(f"{material.map.name}: {summary.headline}.", "lead")
+    yield Table("Axes", ("", "from", "to", "unit", "points"), summary.axis_rows, words=(0, 3))
+    yield Table("Values, where feasible", ("", "from", "to", "unit"), summary.value_rows, words=(0, 3))
+    if summary.binding_rows:
+        yield Table("What binds", ("constraints", "cells", "share"), summary.binding_rows)
+    if summary.stack_rows:
+        header = ("friction", "feasible cells", "share", "lateral acceleration, largest (m/s²)")
+        yield Table("Maps for lower frictions", header, summary.stack_rows)
+    if material.configured:
+        yield Table("The car", ("", ""), list(_car(material.config)), words=(0, 1))
+
+
+def _car(config: Config) -> Iterator[tuple[str, str]]:
+    vehicle, limits = config.vehicle, config.limits
+    yield "mass", f"{vehicle.mass_kg:g} kg"
+    yield "yaw inertia", f"{vehicle.yaw_inertia_kg_m2:g} kg m²"
+    yield "centre of gravity to axles", f"{vehicle.cg_to_front_axle_m:g} m, {vehicle.cg_to_rear_axle_m:g} m"
+    yield "road friction", f"{config.road.friction:g}"
+    yield "limit of the rear angle", f"{limits.rear_angle_max_deg:g} deg"
+    yield "limit of the sideslip", f"{limits.sideslip_max_deg:g} deg"
+    yield "limit of the lateral acceleration", f"{limits.lateral_acceleration_max_g:g} g"
+    yield "limit of the slip angles", f"end of the linear range, {limits.slip_departure_percent:g} % from the tangent"
+
+
+def _map(material: Material) -> Iterator[Block]:
+    one = material.map
+    if one.map.rear_angle is None:
+        yield Text("The yaw rate for each speed and front angle of a left turn.")
+    else:
+        yield Text(SOLVED)
+    yield maps.heat_maps(one)
+    yield maps.surfaces([one])
+    yield maps.cuts([one, *material.others])
+
+
+SOLVED = (
+    "The largest safe yaw rate for each speed and front angle of a left turn, and the sideslip and rear angle that go with "
+    "it. δr > 0 steers the rear wheels like the front wheels. δr = 0 is the line of phase conversion: there the rear "
+    "wheels pass from the opposite to the same direction."
+)
+
+
+def _compared(material: Material) -> Iterator[Block]:
+    for number, other in enumerate(material.others, start=1):
+        yield Text(f"{material.map.name} beside {other.name}{_same_car(material.map.map, other.map)}.")
+        yield comparison(material.map, other, number)
+
+
+def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
+    """What is known of the cars of two maps."""
+    if one.config is None or other.config is None:
+        return "; of what car, a bare map does not tell"
+    same = (one.config.vehicle, one.config.tyre, one.config.road) == (
+        other.config.vehicle,
+        other.config.tyre,
+        other.config.road,
+    )
+    return ", the same car on the same road" if same else ": another car, or another road"
+
+
+def _beyond(material: Material) -> Iterator[Block]:
+    yield from extended(material.map, material.config, material.build)
+    yield from loss_blocks(material.map, material.config)
+
+
+def _optimum(material: Material) -> Iterator[Block]:
+    if not material.configured:
+        yield Text(
+            "A bare map brings no car, so there is nothing to optimise: `codegen solve` makes a map that does.", "notice"
+        )
+        return
+    paper = is_paper(material.map.map)
+    yield front_angle_chart(material.config, TABLE_FRONT_ANGLE_DEG, paper)
+    if paper:
+        header, rows = optimum_table(optimum_rows(material.config))
+        yield Table(
+            "The optimum beside the paper's table, at the speed that it names and at the one where its rows fit", header, rows
+        )
+        found = _paper_runs(material)
+        if found:
+            header, rows = run_table(found)
+            yield Table("Closed loop beside the paper's figures", header, rows)
+    yield tyre_charts(material.config)
+
+
+def _paper_runs(material: Material) -> dict[str, StepMetrics]:
+    if not material.of_paper or material.runs is None or material.scenario is None:
+        return {}
+    at, ratio = material.scenario.steer_time, material.config.steering.ratio
+    return {name: step_metrics(record, at, ratio) for name, record in material.runs.items() if name in RUNS}
+
+
+def _runs(material: Material) -> Iterator[Block]:
+    if not material.runs or material.scenario is None:
+        yield Text("No run: name a build with `--build`, or recordings with `--run`.", "notice")
+        return
+    yield from run_blocks(material.runs, material.config, material.scenario)
+
+
+def _margins(material: Material) -> Iterator[Block]:
+    chart = margins_chart(material.loops or {})
+    if chart is None:
+        yield Text("No controller with feedback is part of this report: name a build with `--build`.", "notice")
+        return
+    yield chart
+    for name, config in (material.loops or {}).items():
+        least = Evidence.of(material.map.map, config).margins_text().replace("**", "")
+        top = config.controller.inputs.speed_max_km_h
+        yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
+
+
+def _faults(material: Material) -> Iterator[Block]:
+    if material.faults is None:
+        yield Text(
+            "Not tried: name a build with `--build`, or give what `codegen faults --json` printed with `--run`.", "notice"
+        )
+        return
+    rows = [fault_cells(entry) for entry in material.faults]
+    yield Text("Each fault of the catalogue in the same turn-in; times from the moment it was injected.")
+    yield Table("Faults on the bus", HEADER, rows, words=(0, 1, 7, 8), verdicts={"yes": "good"})
+
+
+def _timing(material: Material) -> Iterator[Block]:
+    if not material.logs:
+        yield Text(
+            "No log of a bus: `codegen hil --build DIR --bus socketcan:vcan0 --ecu native --log run.blf` writes one, and "
+            "`--run run.blf` shows it here.",
+            "notice",
+        )
+        return
+    yield from bus_blocks(material.logs)
+
+
+def _verification(material: Material) -> Iterator[Block]:
+    if material.build is None:
+        yield Text("No build: name one with `--build`.", "notice")
+        return
+    yield from build_tables.verification_blocks(material.build)
+
+
+def _manifest(material: Material) -> Iterator[Block]:
+    if material.build is None:
+        yield Text("No build: name one with `--build`.", "notice")
+        return
+    yield from build_tables.manifest_blocks(material.build)

@@ -1,0 +1,150 @@
+"""Where each controller's loop is stable over speed, friction and mass: heat maps of its gain margin, and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Table, Text
+from codegen.report.html.charts import axis, layout, numbers, scale_of
+from codegen.report.html.maps import SPEED, colour_bar
+from codegen.sweep.region import TURN_SHARE, Region
+
+GAIN_MARGIN_SHOWN = 30.0
+"""dB: more is enough for anything, and would hide what is little."""
+WANTED = 6.0
+"""dB: the usual least gain margin."""
+
+
+def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
+    """For each controller by its name: charts, a table, and what the drives said."""
+    yield Text(
+        "The two-track plant is linearised by CasADi at each speed, friction and mass, and the loop around it judged by its "
+        "poles and margins: straight ahead, and in a turn at "
+        f"{100.0 * TURN_SHARE:.0f} % of what the road gives, with straight rear wheels and no estimate of the friction. "
+        "Straight ahead the generated C then drives the nonlinear plant "
+        "through a small steering pulse in every cell: the loop must answer as the linearisation says. The map sets what the "
+        "loop follows and is no part of it: the region is that of the controller with each of its maps."
+    )
+    for name, region in regions.items():
+        yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))])
+        yield Text(f"{name}: {drives(region)}")
+    header = ("controller", "mass", *(f"friction {friction:g}" for friction in _shown(next(iter(regions.values())))))
+    yield Table(
+        "First speed of the grid at which it is unstable straight ahead, km/h", header, list(_rows(regions)), words=(0,)
+    )
+    yield Table("Least margins of the stable cells", LEAST_HEADER, list(_least(regions)), words=(0, 1))
+
+
+LEAST_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
+
+
+def drives(region: Region) -> str:
+    """What driving every cell said of the linearisation, in a sentence."""
+    if region.driven is None:
+        return "not driven here; the linearisation alone."
+    decided = int((~region.undecided).sum())
+    agreed = decided - int(region.contradicted.sum())
+    near = int(region.undecided.sum())
+    left = f" {near} lie too near to the border for ten seconds to tell." if near else ""
+    return f"driven in {region.stable.size} cells; of {decided} that are decided, {agreed} as the linearisation says.{left}"
+
+
+def _shown(region: Region) -> tuple[float, ...]:
+    return region.frictions[::2]
+
+
+def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+    for name, region in regions.items():
+        for place, mass in enumerate(region.masses_percent):
+            found = [region.unstable_from(place, at) for at in range(0, len(region.frictions), 2)]
+            last = f"not up to {region.speeds_km_h[-1]:g}"
+            yield (
+                name,
+                f"{mass:+g} %" if mass else "as configured",
+                *(last if speed is None else f"{speed:g}" for speed in found),
+            )
+
+
+def _least(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+    for name, region in regions.items():
+        every = np.ones_like(region.stable)
+        for where, chosen, stable, gain, phase in (
+            ("straight ahead", every, region.stable, region.gain_margin_db, region.phase_margin_deg),
+            ("in the turn", region.turn_found, region.turn_stable, region.turn_gain_margin_db, region.turn_phase_margin_deg),
+        ):
+            count = int(chosen.sum())
+            least = (
+                f"{np.nanmin(values[chosen & stable]):.1f}" if (chosen & stable).any() else "-" for values in (gain, phase)
+            )
+            yield name, where, str(count), str(int(stable[chosen].sum())), *least
+
+
+def _chart(name: str, region: Region, mass: int) -> Chart:
+    margin = np.minimum(region.gain_margin_db[mass], GAIN_MARGIN_SHOWN)
+    percent = region.masses_percent[mass]
+    weight = f"mass {percent:+g} %" if percent else "mass as configured"
+    look = {"x": list(region.speeds_km_h), "y": list(region.frictions)}
+    data: list[dict[str, Any]] = [
+        {
+            "type": "heatmap",
+            **look,
+            "z": numbers(margin),
+            "zmin": 0.0,
+            "zmax": GAIN_MARGIN_SHOWN,
+            "colorscale": scale_of("viridis"),
+            "colorbar": colour_bar("dB"),
+            "hovertemplate": f"{name}, {weight}: %{{z:.1f}} dB<br>%{{x:.0f}} km/h, friction %{{y:g}}<extra></extra>",
+        },
+        {
+            "type": "contour",
+            **look,
+            "z": numbers(margin),
+            "contours": {"coloring": "lines", "start": WANTED, "end": WANTED, "size": 1, "showlabels": True},
+            "line": {"width": 2},
+            "colorscale": [[0, "white"], [1, "white"]],
+            "showscale": False,
+            "showlegend": False,
+            "hoverinfo": "skip",
+        },
+    ]
+    for title, symbol, cells in _marks(region, mass):
+        at = np.argwhere(cells)
+        if at.size:
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": [region.speeds_km_h[column] for _, column in at],
+                    "y": [region.frictions[row] for row, _ in at],
+                    "name": title,
+                    "marker": {"symbol": symbol, "size": 9, "color": "white", "line": {"width": 1.5, "color": "white"}},
+                    "hovertemplate": f"{title}<br>%{{x:.0f}} km/h, friction %{{y:g}}<extra></extra>",
+                }
+            )
+    figure = {
+        "data": data,
+        "layout": layout(
+            xaxis=axis(
+                SPEED, showgrid=False, zeroline=False, range=[region.speeds_km_h[0] - 10.0, region.speeds_km_h[-1] + 10.0]
+            ),
+            yaxis=axis("Friction of the road", showgrid=False, zeroline=False),
+            legend={"bgcolor": MUTED, "font": {"color": "white"}, "orientation": "h", "y": 1.08},
+        ),
+    }
+    share = 100.0 * region.stable[mass].mean()
+    line = f"White line: {WANTED:g} dB. " if (margin < WANTED).any() else ""
+    caption = (
+        f"{name}, {weight}: gain margin straight ahead; stable in {share:.0f} % of the cells. {line}"
+        f"More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
+    )
+    return Chart(f"region-{name}-{mass}", figure, caption, caption, 400)
+
+
+def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, Any]]:
+    yield "unstable", "x-thin", ~region.stable[mass]
+    if region.driven is not None:
+        yield "driven: otherwise than computed", "diamond", region.contradicted[mass]
+    yield "unstable in the turn", "circle-open", region.stable[mass] & region.turn_found[mass] & ~region.turn_stable[mass]

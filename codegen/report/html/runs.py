@@ -1,0 +1,181 @@
+"""Charts of runs: all signals over time with their limits, and the figures of each run."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.report.html.blocks import INK, MUTED, Block, Chart, Table, Text
+from codegen.report.html.charts import axis, layout, line
+from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window
+from codegen.report.style import BLACK, GREY
+from codegen.report.summary import metric_rows
+from codegen.sil.software import Status
+from codegen.vehicle.tyre import AxleTyres
+from hil_sim.metrics import evaluate
+from hil_sim.scenarios import Scenario
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A row of the chart: its title with the unit, columns of a run and how each is drawn."""
+
+    title: str
+    columns: tuple[tuple[str, str], ...]
+
+    @property
+    def unit(self) -> str:
+        """As the title has it."""
+        return self.title.partition("(")[2].rstrip(")")
+
+
+SPEED_PANEL = Panel("Speed<br>(km/h)", (("speed_m_s", "solid"),))
+"""Shown where the speed is not held."""
+
+PANELS = (
+    Panel("Yaw rate<br>(deg/s)", (("yaw_rate_rad_s", "solid"), ("yaw_rate_reference_rad_s", "dash"))),
+    Panel("Sideslip β<br>(deg)", (("sideslip_rad", "solid"),)),
+    Panel("Rear angle δr<br>(deg)", (("rear_angle_rad", "solid"), ("rear_angle_command_rad", "dash"))),
+    Panel("Lateral acc.<br>(m/s²)", (("lateral_acceleration_m_s2", "solid"),)),
+    Panel("Slip αf<br>(deg)", (("slip_front_rad", "solid"),)),
+    Panel("Slip αr<br>(deg)", (("slip_rear_rad", "solid"),)),
+    Panel("Front angle δf<br>(deg)", (("front_angle_rad", "solid"),)),
+    SPEED_PANEL,
+)
+GAP = 0.022
+MARKS = 14
+"""Symbols along a line, at most."""
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
+PASSIVE = ("passive", "passive car")
+WORDS = {
+    "yaw_rate_reference_rad_s": "reference",
+    "rear_angle_command_rad": "command",
+}
+
+
+def is_passive(name: str) -> bool:
+    """Whether a run of this name has no control: no reference, no command, no status."""
+    return name.lower() in PASSIVE
+
+
+def run_blocks(runs: Mapping[str, FloatArray], config: Config, scenario: Scenario) -> Iterator[Block]:
+    """The chart of all runs, and a table of their figures.
+
+    Args:
+        runs: name to recording (samples, 12), columns RECORD_COLUMNS.
+        config: of the car, for its limits.
+        scenario: what was driven.
+    """
+    if scenario.kind == "recording":
+        yield Text("Judged as a recording: `--scenario` names what was driven, and brings its figures.", "notice")
+    yield run_chart(runs, config, scenario.title)
+    evaluation = evaluate(scenario, config, runs)
+    rows = [tuple(cell.replace("m/s^2", "m/s²") for cell in row) for row in metric_rows(evaluation)]
+    yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), rows)
+
+
+def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str) -> Chart:
+    """All signals below each other; dashed what was asked for, dotted the limits.
+
+    Raises:
+        PlotError: no run, or an array of another shape.
+    """
+    looks = looks_of(runs)
+    symbols = dict(zip(runs, itertools.cycle(SYMBOLS), strict=False))
+    axes: dict[str, Any] = {}
+    data: list[dict[str, Any]] = []
+    shapes: list[dict[str, Any]] = []
+    limits = _limits(config)
+    panels = [panel for panel in PANELS if panel is not SPEED_PANEL or not _is_held(runs)]
+    height = (1.0 - GAP * (len(panels) - 1)) / len(panels)
+    for row, panel in enumerate(panels):
+        name = "y" if row == 0 else f"y{row + 1}"
+        top = 1.0 - row * (height + GAP)
+        axes[f"yaxis{name[1:]}"] = axis(panel.title, domain=[max(0.0, top - height), top], nticks=5)
+        for run, record in runs.items():
+            colour = looks[run].get("color", GREY)
+            colour = INK if colour == BLACK else MUTED if colour == GREY else colour
+            data += _lines(run, record, panel, (colour, symbols[run]), name, row == 0)
+        bound = limits.get(panel.columns[0][0])
+        for value in () if bound is None else (bound, -bound):
+            drawn = {"color": MUTED, "width": 1.5, "dash": "dot"}
+            place = {"xref": "paper", "x0": 0, "x1": 1, "yref": name, "y0": value, "y1": value}
+            if _is_near(value, runs, panel):
+                shapes.append({"type": "line", "line": drawn, **place})
+    data.append(_entry("asked for", INK, "dash"))
+    data.append(_entry("limit", MUTED, "dot"))
+    first, last = run_window(runs)
+    bottom = f"y{len(panels)}"
+    look = layout(
+        **axes,
+        xaxis=axis("Time (s)", anchor=bottom, range=[first, last], unifiedhovertitle={"text": "%{x:.2f} s"}),
+        shapes=shapes,
+        hovermode="x unified",
+        margin={"l": 80, "r": 20, "t": 30, "b": 50},
+    )
+    told = "; ".join(_status_text(run, record) for run, record in runs.items() if not is_passive(run))
+    status = f" Status: {told}." if told else ""
+    caption = f"{title}. Dashed: reference and command. Dotted: limits of the optimisation and of the actuator.{status}"
+    spoken = f"Signals over time of the runs {', '.join(runs)}: {title}."
+    return Chart("runs", {"data": data, "layout": look}, caption, spoken, 940)
+
+
+def _is_held(runs: Mapping[str, FloatArray]) -> bool:
+    return all(float(np.ptp(column(record, "speed_m_s"))) <= SPEED_HELD / KM_H for record in runs.values())
+
+
+def _lines(run: str, record: FloatArray, panel: Panel, look: tuple[str, str], y: str, first: bool) -> Iterator[dict[str, Any]]:
+    colour, symbol = look
+    time = column(record, "time_s")
+    for name, dash in panel.columns:
+        if is_passive(run) and name in WORDS:
+            continue
+        what = f"{run}{', ' + WORDS[name] if name in WORDS else ''}"
+        drawn = line(time, column(record, name), what, colour, dash=dash, width=1.5 if name in WORDS else 2)
+        if name not in WORDS:  # told apart without colour, too
+            drawn |= {"mode": "lines+markers", "marker": {"symbol": symbol, "size": 7, "maxdisplayed": MARKS, "color": colour}}
+        yield {
+            **drawn,
+            **{"yaxis": y, "legendgroup": run, "showlegend": first and name not in WORDS},
+            "hovertemplate": f"{what}: %{{y:.3f}} {panel.unit}<extra></extra>",
+        }
+
+
+def _entry(name: str, colour: str, dash: str) -> dict[str, Any]:
+    """A legend entry for a kind of line."""
+    return {**line([np.nan], [np.nan], name, colour, dash=dash, width=1.5), "hoverinfo": "skip"}
+
+
+def _limits(config: Config) -> dict[str, float]:
+    """Of a signal as it is drawn: what the optimisation or the actuator keeps it within."""
+    tyres = AxleTyres.from_config(config)
+    return {
+        "sideslip_rad": config.limits.sideslip_max_deg,
+        "rear_angle_rad": math.degrees(min(config.limits.rear_angle_max, config.rear_actuator.angle_max)),
+        "lateral_acceleration_m_s2": config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
+        "slip_front_rad": math.degrees(tyres.front_slip_bound),
+        "slip_rear_rad": math.degrees(tyres.rear_slip_bound),
+    }
+
+
+def _is_near(value: float, runs: Mapping[str, FloatArray], panel: Panel) -> bool:
+    """Whether a limit would not squeeze the signals: they reach a third of it, on its side."""
+    seen = np.concatenate([column(record, panel.columns[0][0]) for record in runs.values()])
+    reached = float(np.nanmax(np.sign(value) * seen)) if np.isfinite(seen).any() else 0.0
+    return reached > abs(value) / 3.0
+
+
+def _status_text(run: str, record: FloatArray) -> str:
+    status = record[:, -1]
+    counts = {each.name: int(np.count_nonzero(status == each)) for each in Status}
+    seen = ", ".join(f"{name} {100.0 * count / len(status):.0f} %" for name, count in counts.items() if count)
+    return f"{run} {seen}"

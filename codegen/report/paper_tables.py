@@ -1,0 +1,93 @@
+"""The paper's tables beside ours, as rows of text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.refmap.turns import turns_of
+from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
+from hil_sim.metrics import StepMetrics
+
+CASES = {"fws": "FWS", "4ws-1": "4WS-1", "4ws-2": "4WS-2"}
+TABLE_SPEEDS_KM_H = (TABLE_SPEED_KM_H, 43.35)
+"""The speed that the paper's table names, and the one at which its three rows come out together."""
+
+RUNS = {"C1": "4ws-2", "C2": "fws"}
+"""The paper's runs -> the case of their maps."""
+
+Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""A header and its rows."""
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """One case at one speed: deg/s and deg, ours and the paper's."""
+
+    case: str
+    speed_km_h: float
+    yaw_rate_deg_s: float
+    sideslip_abs_deg: float
+    paper_yaw_rate_deg_s: float
+    paper_sideslip_abs_deg: float
+
+    @property
+    def yaw_rate_difference_percent(self) -> float:
+        """Ours against the paper's."""
+        return 100.0 * (self.yaw_rate_deg_s / self.paper_yaw_rate_deg_s - 1.0)
+
+
+def optimum_rows(config: Config) -> list[TableRow]:
+    """The optimum of the paper's cases at its front angle, at both speeds, beside what it prints."""
+    front_angle = np.array([math.radians(TABLE_FRONT_ANGLE_DEG)])
+    rows = []
+    for speed in TABLE_SPEEDS_KM_H:
+        for case in CASES:
+            solution = turns_of(config, config.case(case)).solve(np.array([speed * KM_H]), front_angle)
+            yaw_rate, sideslip = (math.degrees(float(values[0, 0])) for values in (solution.yaw_rate, solution.sideslip))
+            rows.append(TableRow(case, speed, yaw_rate, abs(sideslip), *PAPER_TABLE[case]))
+    return rows
+
+
+def optimum_table(rows: Sequence[TableRow]) -> Table:
+    """The rows as text."""
+    header = ("", "speed", "yaw rate", "paper", "differs", "over FWS", "paper", "|sideslip|", "paper")
+    passive = {row.speed_km_h: row.yaw_rate_deg_s for row in rows if row.case == "fws"}
+    cells: list[tuple[str, ...]] = []
+    for row in rows:
+        gain = 100.0 * (row.yaw_rate_deg_s / passive[row.speed_km_h] - 1.0)
+        cells.append(
+            (
+                CASES[row.case],
+                f"{row.speed_km_h:g} km/h",
+                f"{row.yaw_rate_deg_s:.2f} deg/s",
+                f"{row.paper_yaw_rate_deg_s:.2f}",
+                f"{round(row.yaw_rate_difference_percent, 1) + 0.0:+.1f} %",
+                "" if row.case == "fws" else f"{gain:+.1f} %",
+                "" if row.case == "fws" else f"{PAPER_GAINS[row.case]:+.1f} %",
+                f"{row.sideslip_abs_deg:.3f} deg",
+                f"{row.paper_sideslip_abs_deg:g}",
+            )
+        )
+    return header, cells
+
+
+def run_table(runs: Mapping[str, StepMetrics]) -> Table:
+    """The paper's runs, by their names in RUNS, beside what it prints of them."""
+    header = ("", "steady, here", "peak, here", "paper's maximum", "least |sideslip|, here", "paper's")
+    rows: list[tuple[str, ...]] = [
+        (
+            f"{name} ({CASES[RUNS[name]]} map)",
+            f"{metrics.yaw_rate_steady_deg_s:.2f} deg/s",
+            f"{metrics.yaw_rate_peak_deg_s:.2f}",
+            f"{PAPER_RUNS[name][0]:.2f}",
+            f"{metrics.sideslip_abs_min_deg:.2f} deg",
+            f"{PAPER_RUNS[name][1]:.2f}",
+        )
+        for name, metrics in runs.items()
+    ]
+    return header, rows

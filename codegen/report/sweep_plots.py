@@ -1,0 +1,73 @@
+"""Pictures of a campaign: how overshoot and sideslip are distributed, for each controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, plain, style
+from codegen.sweep.summary import BINS, Figure, Outcome, Summary
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
+
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+LINES = ("-", "--", "-.", ":")
+LOG_FROM = 20.0
+"""Largest value over the median from which an axis is logarithmic beyond the medians."""
+
+PANELS = (
+    ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
+    ("sideslip", "sideslip_abs_max_deg", r"Largest $|\beta|$ (deg)"),
+    ("ratio", "yaw_rate_ratio_1_75_s_percent", "Yaw-rate ratio 1.75 s after steering (%)"),
+    ("displacement", "lateral_displacement_m", "Lateral displacement at 1.07 s (m)"),
+)
+"""Name of the picture, figure, label."""
+
+LIMITS = {"yaw_rate_ratio_1_75_s_percent": 20.0, "lateral_displacement_m": 1.83}
+"""Of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
+
+
+def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
+    """Name and picture of each distribution that the campaign has: a panel for each scenario."""
+    for name, figure, label in PANELS:
+        scenarios = list(dict.fromkeys(key[0] for key, outcome in summary.outcomes.items() if figure in outcome.figures))
+        if scenarios:
+            yield name, _picture(summary, scenarios, figure, label)
+
+
+def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) -> Picture:
+    controllers = list(dict.fromkeys(controller for _, controller in summary.outcomes))
+    with style():
+        picture = new_figure(0.6 + 4.6 * len(scenarios), 4.4)
+        for axes, scenario in zip(picture.subplots(1, len(scenarios), squeeze=False)[0], scenarios, strict=True):
+            outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
+            shown = [found.figures[figure] for found in outcomes.values() if figure in found.figures]
+            for place, (name, outcome) in enumerate(outcomes.items()):
+                if figure in outcome.figures:
+                    _draw(axes, outcome.figures[figure], outcome, plain(name), place)
+            if max(one.high for one in shown) > LOG_FROM * max(max(abs(one.quantiles[1]) for one in shown), 1e-9):
+                axes.set_xscale("symlog", linthresh=max(abs(one.quantiles[2]) for one in shown) or 1.0)
+            axes.set_title(plain(scenario))
+            axes.set_xlabel(label)
+            axes.set_ylim(0.0, 100.0)
+            axes.grid(visible=True)
+            if figure in LIMITS:
+                axes.axvline(LIMITS[figure], color=GREY, linewidth=1.0, linestyle=(0, (2, 2)), label="limit of FMVSS 126")
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+        picture.axes[0].set_ylabel("Runs with at most that (%)")
+        return picture
+
+
+def _draw(axes: Axes, figure: Figure, outcome: Outcome, name: str, place: int) -> None:
+    """Cumulative, over all runs: a curve that ends below 100 % shows how many spun, or never came to the figure."""
+    edges = figure.low + (figure.high - figure.low) * np.arange(1, BINS + 1) / BINS
+    share = 100.0 * np.cumsum(figure.histogram) / outcome.runs
+    edges, share = np.concatenate([[figure.low], edges]), np.concatenate([[0.0], share])
+    spun = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun" if outcome.spun else ""
+    colour = GREY if name == "passive" else COLOURS[place % len(COLOURS)]
+    line = LINES[(place // len(COLOURS)) % len(LINES)]
+    axes.plot(edges, share, color=colour, linestyle=line, label=f"{name}{spun}")

@@ -1,0 +1,54 @@
+"""A campaign from its plan to its file: what is missing is driven, by any engine, and nothing that was driven is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from codegen.sweep import store
+from codegen.sweep.chunk import Work, software
+from codegen.sweep.engine import Engine
+from codegen.sweep.plan import Plan
+
+Progress = Callable[[int, int], None]
+
+
+def run_campaign(plan: Plan, folder: Path, engine: Engine, progress: Progress | None = None) -> Path:
+    """Drive all runs that the folder does not have yet, and make one file of them.
+
+    Each chunk is on disk, whole, before the next is counted: after Ctrl-C, a kill or a loss of power the same call goes on
+    where that one ended.
+
+    Args:
+        progress: called with (runs done, runs in all).
+
+    Returns:
+        The path of the Parquet file, a row for each run in the order of their numbers.
+
+    Raises:
+        CodegenError: see `store.open_folder`, `chunk.run_chunk` and the engine.
+    """
+    store.require_pyarrow()
+    for controller in plan.controllers:
+        software(plan, controller)  # what does not compile is told before anything is written
+    store.prepare(folder)
+    with store.locked(folder):
+        return _locked(plan, folder, engine, progress)
+
+
+def _locked(plan: Plan, folder: Path, engine: Engine, progress: Progress | None) -> Path:
+    there = store.open_folder(folder, plan)
+    total, done = plan.spec.run_count, sum(_runs(plan, chunk) for chunk in there)
+    if progress is not None and total:
+        progress(done, total)
+    missing = (chunk for chunk in range(plan.chunk_count) if chunk not in there)
+    for chunk, table in engine.run(Work(plan), missing):
+        store.save_part(folder, chunk, table, plan)
+        done += _runs(plan, chunk)
+        if progress is not None:
+            progress(done, total)
+    return store.merge(folder, plan)
+
+
+def _runs(plan: Plan, chunk: int) -> int:
+    return len(plan.samples_of(chunk)) * len(plan.profiles) * len(plan.controllers)

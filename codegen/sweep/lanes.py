@@ -1,0 +1,131 @@
+"""From the factors of samples to what the batch in C takes.
+
+What a factor does not name stays as it is. The slope of the tyres at zero slip is kept under changes of mass, centre of
+gravity and peak, as in `hil_sim.suite.plants`: their factor B would otherwise carry it along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.errors import ConfigError
+from codegen.sil.batch import Lanes
+from codegen.sweep import draw
+from codegen.sweep.profile import REFERENCE_ANGLE_DEG, Profile
+from codegen.sweep.spec import FACTORS, NOISE, Spec
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+
+FloatArray = npt.NDArray[np.float64]
+Factors = Mapping[str, FloatArray]
+
+FRICTION_ESTIMATE_MIN = 0.02
+"""An estimate with a large error downwards is still that of a road."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What a scenario's samples are driven with, (n,) each, in the units of `sweep.toml`: also where no factor names it."""
+
+    speed_km_h: FloatArray
+    steering_wheel_angle_deg: FloatArray
+    friction: FloatArray
+    friction_estimate: FloatArray
+
+
+def cars(config: Config, factors: Factors, count: int) -> FloatArray:
+    """Rows (count, k) of PLANT_PARAMETERS. Raises ConfigError where a centre of gravity leaves the wheelbase."""
+    base = plant_parameters(config)
+    table = np.repeat(base[np.newaxis], count, axis=0)
+    at = {name: table[:, index] for index, name in enumerate(PLANT_PARAMETERS)}
+
+    def factor(key: str) -> FloatArray:
+        return 1.0 + _of(factors, key, count) / 100.0
+
+    mass, shift, peak = factor("mass_percent"), _of(factors, "cg_shift_m", count), factor("tyre_peak_percent")
+    arms = {"front": config.vehicle.cg_to_rear_axle_m, "rear": config.vehicle.cg_to_front_axle_m}
+    if np.any(np.abs(shift) >= 0.9 * min(arms.values())):
+        raise ConfigError(
+            f"shifts of up to {np.abs(shift).max():g} m bring the centre of gravity to an axle",
+            where="factors.cg_shift_m",
+            remedy=f"stay below {0.9 * min(arms.values()):.2f} m",
+        )
+    at["mass"] *= mass
+    at["yaw_inertia"] *= mass * factor("yaw_inertia_percent")
+    at["cg_to_front_axle"] -= shift
+    at["cg_to_rear_axle"] += shift
+    at["load_transfer_front"] *= mass
+    at["load_transfer_rear"] *= mass
+    for axle, sign in (("front", 1.0), ("rear", -1.0)):
+        load = mass * (1.0 + sign * shift / arms[axle])  # a front wheel carries m g lr/(2 L)
+        at[f"{axle}_static_load"] *= load
+        at[f"{axle}_peak_factor"] *= peak
+        at[f"{axle}_stiffness_factor"] *= factor(f"{axle}_stiffness_percent") / (load * peak)
+    if "rear_lag_s" in factors:
+        at["rear_lag"][:] = factors["rear_lag_s"]
+    return table
+
+
+def conditions(config: Config, profile: Profile, factors: Factors, count: int) -> Conditions:
+    """Speed, amplitude and road of the samples in one scenario. Raises CodegenError where the car cannot do it."""
+    speed = factors.get("speed_km_h", np.full(count, profile.speed / KM_H))
+    angle = factors.get("steering_wheel_angle_deg")
+    if angle is None:
+        angle = np.degrees(profile.amplitudes(config, speed * KM_H)) * _of(factors, "steering_percent", count) / 100.0
+    friction = factors.get("friction", np.full(count, profile.friction))
+    estimate = np.full(count, profile.estimate)
+    if "friction_estimate_error" in factors:
+        estimate = np.maximum(friction + factors["friction_estimate_error"], FRICTION_ESTIMATE_MIN)
+    return Conditions(speed, angle, friction, estimate)
+
+
+def lanes(
+    spec: Spec,
+    chunk: int,
+    scenario: int,
+    profile: Profile,
+    config: Config,
+    factors: Factors,
+    driven: Conditions,
+    controlled: bool,
+) -> Lanes:
+    """All samples of a chunk in one scenario, for one controller."""
+    count = driven.speed_km_h.size
+    period = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
+    return Lanes(
+        cars=cars(config, factors, count),
+        speed_factor=driven.speed_km_h * KM_H / profile.speed,
+        wheel_factor=driven.steering_wheel_angle_deg / REFERENCE_ANGLE_DEG,
+        friction=driven.friction,
+        friction_estimate=driven.friction_estimate,
+        delay_samples=np.round(_of(factors, "delay_samples", count)).astype(np.int64),
+        controlled=np.full(count, controlled),
+        noise=_noise(spec, chunk, scenario, profile.inputs.shape[0] // period, factors, count),
+    )
+
+
+def only(every: Lanes, index: int) -> Lanes:
+    """One of several."""
+    values = {field.name: getattr(every, field.name) for field in fields(every)}
+    noise = values.pop("noise")
+    return Lanes(
+        **{name: value[[index]] for name, value in values.items()}, noise=None if noise is None else noise[:, :, [index]]
+    )
+
+
+def _of(factors: Factors, key: str, count: int) -> FloatArray:
+    default = FACTORS[key].default
+    return factors.get(key, np.full(count, np.nan if default is None else default))
+
+
+def _noise(spec: Spec, chunk: int, scenario: int, samples: int, factors: Factors, count: int) -> FloatArray | None:
+    deviations = np.stack([_of(factors, key, count) for key in NOISE])
+    if not deviations.any():
+        return None
+    in_si = deviations * np.array([[1.0], [np.pi / 180.0], [np.pi / 180.0]])
+    noise: FloatArray = draw.noise(spec, chunk, scenario, samples, count) * in_si
+    return noise

@@ -1,0 +1,204 @@
+"""A campaign as numbers: which run is which, and everything that a worker needs to drive any of them.
+
+Runs are numbered from 0: sample by sample, in each scenario by scenario, in each controller by controller. A chunk is a fixed
+count of samples, whatever the engine, so that nothing in the results depends on who drove it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from codegen import config as configuration
+from codegen.config import KM_H, Config
+from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.errors import CodegenError, ConfigError, within
+from codegen.sil.batch import Isa, best_isa
+from codegen.sweep import spec as specification
+from codegen.sweep.lanes import cars
+from codegen.sweep.metrics import MEASURES
+from codegen.sweep.profile import Profile, profile_of
+from codegen.sweep.spec import Spec
+from hil_sim.scenarios import SCENARIOS, find
+
+RUNS_PER_CHUNK = 512
+"""About: enough for the vector units and for the interpreter's own work to vanish, few enough to be lost without pain."""
+
+LENGTH_MIN = {"step": 2.0, "sine-with-dwell": 3.8}
+"""s after the driver begins, by kind of scenario: a second to rise and one to be steady; the sine with dwell and 1.75 s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """One controller of a campaign.
+
+    Attributes:
+        name: in the spec.
+        files: content by path of its build, `include/` and `src/`; that of another controller for the passive car.
+        manifest: of that build.
+        digest: SHA-256 of both.
+        controlled: False for the passive car.
+        folder: of the build, for messages. edited: its files that are no longer as generated.
+    """
+
+    name: str
+    files: Mapping[str, bytes]
+    manifest: Mapping[str, Any]
+    digest: str
+    controlled: bool = True
+    folder: str = ""
+    edited: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunKey:
+    """Which run: number of its sample, its scenario and its controller (indices)."""
+
+    sample: int
+    scenario: int
+    controller: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything of a campaign but its results. It can be sent to another machine.
+
+    Attributes:
+        spec: what varies.
+        config: the car, and what of the bench belongs to it: that of the first controller's build.
+        controllers, profiles: in the order of the spec.
+        isa: of the batch in C.
+    """
+
+    spec: Spec
+    config: Config
+    controllers: tuple[Controller, ...]
+    profiles: tuple[Profile, ...]
+    isa: Isa
+
+    @property
+    def samples_per_chunk(self) -> int:
+        """Samples of every chunk but the last."""
+        return max(1, RUNS_PER_CHUNK // (len(self.profiles) * len(self.controllers)))
+
+    @property
+    def chunk_count(self) -> int:
+        """Chunks in all."""
+        return -(-self.spec.sample_count // self.samples_per_chunk)
+
+    def samples_of(self, chunk: int) -> range:
+        """Numbers of the samples of a chunk."""
+        first = chunk * self.samples_per_chunk
+        return range(first, min(first + self.samples_per_chunk, self.spec.sample_count))
+
+    def key(self, run: int) -> RunKey:
+        """Which run a number names. Raises CodegenError where there is none."""
+        if not 0 <= run < self.spec.run_count:
+            raise CodegenError(f"there is no run {run}", where="--replay", remedy=f"0 to {self.spec.run_count - 1}")
+        rest, controller = divmod(run, len(self.controllers))
+        sample, scenario = divmod(rest, len(self.profiles))
+        return RunKey(sample, scenario, controller)
+
+    def facts(self) -> dict[str, Any]:
+        """What the results depend on, for JSON: equal facts, equal bytes."""
+        return {
+            "spec": self.spec.model_dump(mode="json", exclude_none=True),
+            "controllers": {controller.name: controller.digest for controller in self.controllers},
+            "scenarios": {profile.name: profile.digest for profile in self.profiles},
+            "isa": self.isa,
+            "runs": self.spec.run_count,
+            "chunks": self.chunk_count,
+        }
+
+
+def read(path: Path, isa: Isa | None = None) -> Plan:
+    """The plan of a `sweep.toml`; builds are looked for from its folder.
+
+    Raises:
+        CodegenError: the spec, a build or a scenario cannot be used.
+    """
+    spec = specification.load(path)
+    builds = {name: _build(name, path, folder) for name, folder in spec.controllers.items() if folder}
+    first = next(iter(builds.values()))
+    config = configuration.parse(first.manifest["configuration"], f"{first.name}: manifest.json: configuration")
+    for controller in builds.values():
+        _check_same_car(config, controller, path)
+    controllers = tuple(
+        builds.get(name) or Controller(name, first.files, first.manifest, first.digest, controlled=False)
+        for name in spec.controllers
+    )
+    profiles = tuple(_profile(spec, name, config, path) for name in spec.scenarios)
+    names = [profile.name for profile in profiles]
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(
+            f"two of them are called {twice!r}", where=f"{path}: scenarios", remedy="give one another name in its file"
+        )
+    if "cg_shift_m" in spec.factors:
+        with within(path):
+            cars(config, {"cg_shift_m": np.array(spec.factors["cg_shift_m"].extremes)}, 2)  # refuses what is beyond an axle
+    return Plan(spec, config, controllers, profiles, best_isa() if isa is None else isa)
+
+
+def _build(name: str, path: Path, folder: str) -> Controller:
+    place = path.parent / folder
+    manifest = read_manifest(place)
+    files = read_files(place, manifest, ("include/", "src/"))
+    digest = hashlib.sha256(json.dumps(manifest["configuration"], sort_keys=True).encode())
+    for file in sorted(files):
+        digest.update(file.encode() + b"\0" + files[file] + b"\0")
+    return Controller(name, files, manifest, digest.hexdigest(), folder=str(place), edited=tuple(verify_hashes(place)))
+
+
+def _check_same_car(config: Config, controller: Controller, path: Path) -> None:
+    own = configuration.parse(controller.manifest["configuration"], f"{controller.name}: manifest.json: configuration")
+    for table in ("vehicle", "tyre", "road", "steering"):
+        if getattr(own, table) != getattr(config, table):
+            raise ConfigError(
+                f"its build has another [{table}] than that of the first controller",
+                where=f"{path}: controllers.{controller.name}",
+                remedy="build both for one car, or drive them in two campaigns",
+            )
+    if own.controller.sampling_time_s != config.controller.sampling_time_s:
+        raise ConfigError(
+            "its build has another controller.sampling_time_s than that of the first controller",
+            where=f"{path}: controllers.{controller.name}",
+            remedy="build both with one sampling time",
+        )
+
+
+def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
+    place = f"{path}: scenarios"
+    is_file = name not in SCENARIOS and Path(name).suffix.lower() in (".csv", ".toml")
+    try:
+        scenario = find(str(path.parent / name) if is_file else name, config)
+    except CodegenError as error:
+        found_in = place if error.where == "--scenario" else f"{place}: {error.where}"
+        raise ConfigError(error.what, where=found_in, remedy=error.remedy) from None
+    if scenario.kind not in MEASURES:
+        known = " and ".join(MEASURES)
+        raise ConfigError(
+            f"{scenario.name} has no figures for a campaign", where=place, remedy=f"take scenarios of the kinds {known}"
+        )
+    if scenario.faults:
+        raise ConfigError(
+            f"{scenario.name} has faults on the bus, and here is none", where=place, remedy="use codegen hil or codegen faults"
+        )
+    if spec.length_s is not None and spec.length_s < LENGTH_MIN[scenario.kind]:
+        raise ConfigError(
+            f"{spec.length_s:g} s are too short for the figures of {scenario.name}",
+            where=f"{path}: length_s",
+            remedy=f"give {LENGTH_MIN[scenario.kind]:g} s or more",
+        )
+    profile = profile_of(scenario, config, spec.lead_s, spec.length_s)
+    speeds = spec.factors.get("speed_km_h")
+    if speeds is not None and "steering_wheel_angle_deg" not in spec.factors:
+        # The ends tell whether the car can do the manoeuvre at all speeds between.
+        profile.amplitudes(config, np.array(speeds.extremes) * KM_H)
+    return profile

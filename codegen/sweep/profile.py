@@ -1,0 +1,110 @@
+"""A scenario as a batch drives it: one course of time for all runs, which speed and amplitude of each run multiply."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.errors import CodegenError
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from hil_sim.scenarios import Kind, Scenario
+
+FloatArray = npt.NDArray[np.float64]
+
+REFERENCE_ANGLE_DEG = 90.0
+"""At the steering wheel: the amplitude of every profile, before the factor of a run."""
+
+SPEED, WHEEL = INPUT_COLUMNS.index("speed"), INPUT_COLUMNS.index("steering_wheel_command")
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """One scenario of a campaign.
+
+    Attributes:
+        scenario: what is driven.
+        inputs: (steps, 6), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
+        steer_time: s of `inputs` at which the driver begins.
+        speed: m/s.
+        friction: of the scenario's road.
+        estimate: of the friction that the controller is given there; NaN for none.
+    """
+
+    scenario: Scenario
+    inputs: FloatArray
+    steer_time: float
+    speed: float
+    friction: float
+    estimate: float
+
+    @property
+    def name(self) -> str:
+        """Of the scenario."""
+        return self.scenario.name
+
+    @property
+    def kind(self) -> Kind:
+        """Of the scenario."""
+        return self.scenario.kind
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the inputs, in hexadecimal digits."""
+        return hashlib.sha256(np.ascontiguousarray(self.inputs).tobytes()).hexdigest()
+
+    def amplitudes(self, config: Config, speeds: FloatArray) -> FloatArray:
+        """The scenario's own amplitude (rad at the steering wheel) at speeds (n,) in m/s, for the configured car.
+
+        Raises:
+            CodegenError: the car cannot do it at one of them.
+        """
+        if self.scenario.settings.steering_wheel_angle_deg is not None:
+            return np.full(speeds.shape, np.radians(self.scenario.settings.steering_wheel_angle_deg))
+        wheel = self.inputs[:, WHEEL]
+        at = int(np.abs(wheel).argmax())
+        # The same instant of the whole scenario, which begins earlier than the profile.
+        time = np.array([at * config.plant.sampling_time_s + self.scenario.steer_time - self.steer_time])
+        each, place = np.unique(speeds, return_inverse=True)
+        found = np.empty(each.shape)
+        for index, speed in enumerate(each):
+            settings = replace(self.scenario.settings, speed_km_h=float(speed) / KM_H)
+            command = np.broadcast_to(self.scenario.drive(config, settings, time)["steering_wheel_command"], (1,))
+            found[index] = float(command[0]) / (wheel[at] / np.radians(REFERENCE_ANGLE_DEG))
+        return found[place]
+
+
+def profile_of(scenario: Scenario, config: Config, lead: float, length: float | None) -> Profile:
+    """The profile of a scenario from `lead` s before the driver begins, to `length` s after it (None: to the scenario's end).
+
+    Raises:
+        CodegenError: the car cannot do the scenario, or its speed or friction changes on the way.
+    """
+    settings = replace(scenario.settings, steering_wheel_angle_deg=REFERENCE_ANGLE_DEG)
+    inputs = replace(scenario, settings=settings).inputs(config)
+    step, period = config.plant.sampling_time_s, config.controller.sampling_time_s
+    per_sample = round(period / step)
+    begin = max(round((scenario.steer_time - lead) / period), 0)
+    end = inputs.shape[0] // per_sample
+    if length is not None:
+        end = min(end, round((scenario.steer_time + length) / period))
+    inputs = np.ascontiguousarray(inputs[begin * per_sample : end * per_sample])
+    held = inputs[:, [column for column in range(inputs.shape[1]) if column != WHEEL]]
+    if not inputs.size or not np.array_equal(held, np.broadcast_to(held[0], held.shape), equal_nan=True):
+        raise CodegenError(
+            "its speed or its road changes on the way",
+            where=f"scenario {scenario.name}",
+            remedy="take one that only steers, such as step-steer or sine-with-dwell",
+        )
+    first = dict(zip(INPUT_COLUMNS, inputs[0], strict=True))
+    return Profile(
+        scenario=scenario,
+        inputs=inputs,
+        steer_time=scenario.steer_time - begin * period,
+        speed=float(first["speed"]),
+        friction=float(first["friction"]),
+        estimate=float(first["friction_estimate"]),
+    )

@@ -1,0 +1,184 @@
+"""Where a controller's loop is stable, over speed, friction and mass: from the plant's linearisation, confirmed by driving.
+
+The linear part is `design.linearised`: gain and phase margin of the loop around the two-track plant, straight ahead and in a
+turn. Confirmed is the loop straight ahead: in every cell the generated C drives the nonlinear plant through a small steering
+pulse, and what is left of it decides. Both are computed here from nothing but a build.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import config as configuration
+from codegen.config import KM_H, Config
+from codegen.design.linearised import linearised
+from codegen.design.margins import loop_margins
+from codegen.design.sampled import frequency_grid
+from codegen.emit.laws import law_of
+from codegen.sil.batch import Isa, Lanes, compile_batch
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.sweep.lanes import cars
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+SPEEDS_KM_H = tuple(float(speed) for speed in range(20, 381, 20))
+FRICTIONS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+MASSES_PERCENT = (-20.0, 0.0, 20.0)
+TURN_SHARE = 0.5
+"""Of friction times gravity: the lateral acceleration of the turn."""
+
+PULSE_DEG, PULSE_FROM, PULSE_TO = 0.05, 0.5, 0.7
+"""At the front wheels, s. So small that neither tyres nor actuator leave their linear range while a stable loop answers."""
+EARLY, LATE = (1.0, 4.0), (7.0, 10.0)
+"""s of the drive: an unstable loop swings more in the second than in the first."""
+QUIET = 1e-5
+"""rad/s. What swings less at the end has died out: float32 resolves a yaw rate at rest far finer."""
+NEAR = 0.02
+"""A loop whose slowest pole moves by less than this share in a second is neither seen to grow nor to die out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One controller. Arrays (masses, frictions, speeds).
+
+    Attributes:
+        speeds_km_h, frictions, masses_percent: the grid.
+        gain_margin_db, phase_margin_deg: straight ahead; 0 where unstable, inf where no change matters.
+        stable: straight ahead. turn_stable: in the turn, where `turn_found`.
+        turn_gain_margin_db, turn_phase_margin_deg: in the turn; NaN where there is none.
+        without: whether the car alone, its rear wheels held straight, is stable.
+        growth: rate of the slowest pole, 1/s: below zero where the loop is stable.
+        driven: whether it was stable when driven; None where it was not driven.
+    """
+
+    speeds_km_h: tuple[float, ...]
+    frictions: tuple[float, ...]
+    masses_percent: tuple[float, ...]
+    gain_margin_db: FloatArray
+    phase_margin_deg: FloatArray
+    stable: BoolArray
+    growth: FloatArray
+    turn_found: BoolArray
+    turn_stable: BoolArray
+    turn_gain_margin_db: FloatArray
+    turn_phase_margin_deg: FloatArray
+    without: BoolArray
+    driven: BoolArray | None = None
+
+    @property
+    def undecided(self) -> BoolArray:
+        """Cells too near to the border for a drive of some seconds to tell."""
+        near: BoolArray = np.abs(self.growth) < NEAR
+        return near
+
+    @property
+    def contradicted(self) -> BoolArray:
+        """Cells where the drive says otherwise than the linearisation; none where nothing was driven."""
+        if self.driven is None:
+            return np.zeros(self.stable.shape, dtype=bool)
+        otherwise: BoolArray = (self.driven != self.stable) & ~self.undecided
+        return otherwise
+
+    def unstable_from(self, mass: int, friction: int) -> float | None:
+        """The lowest speed of the grid, km/h, at which the loop is unstable; None where there is none."""
+        found = np.flatnonzero(~self.stable[mass, friction])
+        return self.speeds_km_h[int(found[0])] if found.size else None
+
+
+def region(config: Config) -> Region | None:
+    """The linear part; None for a kind without feedback.
+
+    Raises:
+        BuildError: the kind lacks what it needs.
+    """
+    gains = law_of(config).gains(config)
+    if gains is None:
+        return None
+    mass, friction, speed = _grid()
+    kp, ki = gains(speed.ravel())
+    shape, frequency = speed.shape, frequency_grid(config.controller.sampling_time_s)
+    arguments = (speed.ravel(), friction.ravel(), 1.0 + mass.ravel() / 100.0)
+    ahead = linearised(config, *arguments)
+    turn = linearised(config, *arguments, grip_share=TURN_SHARE)
+    straight, turning = (loop_margins(found.sampled, kp, ki, frequency) for found in (ahead, turn))
+    return Region(
+        SPEEDS_KM_H,
+        FRICTIONS,
+        MASSES_PERCENT,
+        straight.gain_margin_db.reshape(shape),
+        straight.phase_margin_deg.reshape(shape),
+        straight.stable.reshape(shape),
+        ahead.sampled.growth(kp, ki).reshape(shape),
+        turn.found.reshape(shape),
+        turning.stable.reshape(shape),
+        np.where(turn.found, turning.gain_margin_db, np.nan).reshape(shape),
+        np.where(turn.found, turning.phase_margin_deg, np.nan).reshape(shape),
+        ahead.sampled.open_loop_stable().reshape(shape),
+    )
+
+
+def _grid() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass in %, friction, speed in m/s, (masses, frictions, speeds) each."""
+    found = np.meshgrid(MASSES_PERCENT, FRICTIONS, np.array(SPEEDS_KM_H) * KM_H, indexing="ij")
+    return found[0], found[1], found[2]
+
+
+def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, Any], isa: Isa | None = None) -> Region:
+    """The same with what the generated C does in every cell: all of them at once, in one batch.
+
+    Args:
+        files, manifest: of the build.
+
+    Raises:
+        BuildError: the C does not compile.
+    """
+    from dataclasses import replace
+
+    config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    software = compile_batch(files, manifest, config, isa=isa)
+    mass, friction, speed = (values.ravel() for values in _grid())
+    lanes = Lanes(
+        cars=cars(config, {"mass_percent": mass}, mass.size),
+        speed_factor=speed,
+        wheel_factor=np.ones(mass.size),
+        friction=friction,
+        friction_estimate=np.full(mass.size, np.nan),
+        delay_samples=np.full(mass.size, config.tuning.delay_samples),
+        controlled=np.full(mass.size, fill_value=True),
+        noise=None,
+    )
+    yaw_rate = software.run(_pulse(config), lanes, columns=("yaw_rate_rad_s",))[0]
+    time = np.arange(yaw_rate.shape[0]) * config.controller.sampling_time_s
+
+    def swing(window: tuple[float, float]) -> FloatArray:
+        inside = yaw_rate[(time >= window[0]) & (time <= window[1])]
+        result: FloatArray = np.where(np.isfinite(inside).all(axis=0), np.ptp(inside, axis=0), np.inf)
+        return result
+
+    late = swing(LATE)
+    driven = (late < swing(EARLY)) | (late < QUIET)
+    return replace(linear, driven=driven.reshape(linear.stable.shape))
+
+
+def _pulse(config: Config) -> FloatArray:
+    """(steps, 6), columns INPUT_COLUMNS: 1 m/s, to be multiplied, and a pulse at the steering wheel."""
+    step = config.plant.sampling_time_s
+    time = (
+        np.arange(round(LATE[1] / config.controller.sampling_time_s) * round(config.controller.sampling_time_s / step)) * step
+    )
+    columns = {
+        "speed": 1.0,
+        "steering_wheel_command": np.radians(PULSE_DEG) * config.steering.ratio * ((time >= PULSE_FROM) & (time < PULSE_TO)),
+        "friction": config.road.friction,
+        "friction_estimate": np.nan,
+    }
+    inputs = np.zeros((time.size, len(INPUT_COLUMNS)))
+    for name, values in columns.items():
+        inputs[:, INPUT_COLUMNS.index(name)] = values
+    return inputs

@@ -1,0 +1,258 @@
+"""`sweep.toml`: which controllers and scenarios a campaign drives, and what varies from car to car.
+
+    design = "monte-carlo"              # or "factorial"
+    samples = 1000                      # monte-carlo: cars and roads; a factorial design has as many as its values combine to
+    seed = 1
+    scenarios = ["step-steer", "sine-with-dwell"]
+
+    [controllers]                       # name = folder made by codegen build, from where this file is; "passive" = "" has none
+    pi = "generated/4ws2"
+
+    [factors]
+    mass_percent = { uniform = [-20, 20], points = 5 }
+    friction = [0.4, 0.6, 0.9]
+    yaw_rate_noise_deg_s = { normal = [0.1, 0.02], within = [0, 0.2] }
+    delay_samples = 1
+
+Each sample is driven by every controller in every scenario, so that controllers are compared on the same cars.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+
+from codegen.config import parse_toml, shown
+from codegen.errors import CodegenError, ConfigError, suggestion
+from codegen.sections import Range, Section, check_name, check_number
+
+MAX_BYTES = 2**20
+MAX_SAMPLES = 100_000_000
+MAX_POINTS = 10_000
+PASSIVE = "passive"
+"""A controller's name that needs no build: the rear wheels stay straight."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """What may vary: its key holds the unit.
+
+    Attributes:
+        low, high: what a car, a road or a driver can have.
+        default: where a spec does not name it; None: the car's, the scenario's or the road's own.
+        what: a line for tables.
+        whole: whether only whole numbers make sense.
+    """
+
+    low: float
+    high: float
+    default: float | None
+    what: str
+    whole: bool = False
+
+
+FACTORS: Mapping[str, Factor] = {
+    "mass_percent": Factor(-60.0, 150.0, 0.0, "mass, the yaw inertia with it"),
+    "yaw_inertia_percent": Factor(-60.0, 150.0, 0.0, "yaw inertia, on top of what the mass brings"),
+    "cg_shift_m": Factor(-2.0, 2.0, 0.0, "centre of gravity, forward"),
+    "front_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the front tyres"),
+    "rear_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the rear tyres"),
+    "tyre_peak_percent": Factor(-60.0, 100.0, 0.0, "peak force of all tyres, at the same stiffness"),
+    "friction": Factor(0.05, 1.5, None, "peak friction of the road"),
+    "friction_estimate_error": Factor(-1.0, 1.0, None, "what the controller is told, less the friction; without it, nothing"),
+    "speed_km_h": Factor(5.0, 400.0, None, "speed"),
+    "steering_wheel_angle_deg": Factor(0.5, 1_500.0, None, "amplitude at the steering wheel"),
+    "steering_percent": Factor(1.0, 500.0, 100.0, "of the scenario's own amplitude at that speed"),
+    "rear_lag_s": Factor(0.002, 1.0, None, "lag of the rear actuator"),
+    "delay_samples": Factor(0.0, 20.0, 1.0, "samples from computing a command to its acting", whole=True),
+    "speed_noise_m_s": Factor(0.0, 10.0, 0.0, "standard deviation of the measured speed"),
+    "front_angle_noise_deg": Factor(0.0, 5.0, 0.0, "standard deviation of the measured front angle"),
+    "yaw_rate_noise_deg_s": Factor(0.0, 20.0, 0.0, "standard deviation of the measured yaw rate"),
+}
+NOISE = ("speed_noise_m_s", "front_angle_noise_deg", "yaw_rate_noise_deg_s")
+"""In the order of the noise array of `codegen.sil.batch`."""
+
+_Number = Annotated[float, BeforeValidator(check_number)]
+_Pair = Annotated[list[_Number], Field(min_length=2, max_length=2)]
+
+
+class Values(Section):
+    """How one factor varies: evenly between two ends, by a truncated normal distribution, or over given values.
+
+    In a factorial design `uniform` needs `points`, and there is no `normal`.
+    """
+
+    uniform: _Pair | None = None
+    normal: _Pair | None = None
+    within: _Pair | None = None
+    values: Annotated[list[_Number], Field(min_length=1, max_length=MAX_POINTS)] | None = None
+    points: int | None = Field(default=None, ge=2, le=MAX_POINTS)
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if sum(kind is not None for kind in (self.uniform, self.normal, self.values)) != 1:
+            raise ValueError("give exactly one of uniform, normal and values")
+        if self.uniform is not None and self.uniform[0] >= self.uniform[1]:
+            raise ValueError("uniform needs the lower end first; swap them, or give values")
+        if (self.normal is None) != (self.within is None):
+            raise ValueError("normal = [mean, deviation] goes with within = [low, high]; give both or neither")
+        if self.normal is not None and self.within is not None:
+            _check_normal(self.normal, self.within)
+        if self.points is not None and self.uniform is None:
+            raise ValueError("points goes with uniform; remove it")
+        return self
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """The smallest and the largest value that can come."""
+        ends = self.values or self.uniform or self.within
+        assert ends is not None  # exactly one is given
+        return min(ends), max(ends)
+
+    @property
+    def levels(self) -> list[float] | None:
+        """The values of a factorial design; None where it has none."""
+        if self.values is not None:
+            return self.values
+        if self.uniform is not None and self.points is not None:
+            low, high = self.uniform
+            return [low + (high - low) * k / (self.points - 1) for k in range(self.points)]
+        return None
+
+
+def _check_normal(normal: list[float], within: list[float]) -> None:
+    mean, deviation = normal
+    if deviation <= 0.0:
+        raise ValueError("normal needs a deviation above zero; for one value give that alone")
+    if within[0] >= within[1]:
+        raise ValueError("within needs the lower end first; swap them")
+    # So far out a window is a slip in the unit.
+    if not (within[0] < mean + 4.0 * deviation and within[1] > mean - 4.0 * deviation):
+        raise ValueError("within lies more than 4 deviations from the mean; check the unit")
+
+
+def _as_values(value: object) -> object:
+    if isinstance(value, list):
+        return {"values": value}
+    if isinstance(value, dict):
+        return value
+    return {"values": [check_number(value)]}
+
+
+def _checked_factors(factors: dict[str, Values]) -> dict[str, Values]:
+    for key, values in factors.items():
+        if key not in FACTORS:
+            raise ValueError(f"there is no factor {key!r}; {suggestion(key, FACTORS)[2:] or 'known: ' + ', '.join(FACTORS)}")
+        factor, (low, high) = FACTORS[key], values.extremes
+        if not (factor.low <= low and high <= factor.high):
+            raise ValueError(
+                f"{key} reaches from {low:g} to {high:g}, outside {factor.low:g} to {factor.high:g}; check the unit"
+            )
+        if factor.whole and (values.values is None or any(value != round(value) for value in values.values)):
+            raise ValueError(f"{key} takes whole numbers; list them as values")
+    if "steering_wheel_angle_deg" in factors and "steering_percent" in factors:
+        raise ValueError("steering_wheel_angle_deg and steering_percent both set the amplitude; remove one of them")
+    return factors
+
+
+class Spec(Section):
+    """The whole of `sweep.toml`."""
+
+    schema_version: Literal[1] = 1
+    design: Literal["monte-carlo", "factorial"] = "monte-carlo"
+    samples: int | None = Field(default=None, ge=1, le=MAX_SAMPLES)
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    scenarios: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(default_factory=lambda: ["step-steer"])
+    lead_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
+    length_s: Annotated[float, Range(1.0, 600.0, "s")] | None = None
+    controllers: Annotated[dict[Annotated[str, AfterValidator(check_name)], str], Field(min_length=1, max_length=20)]
+    factors: Annotated[dict[str, Annotated[Values, BeforeValidator(_as_values)]], AfterValidator(_checked_factors)] = Field(
+        default_factory=dict
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(set(self.scenarios)) != len(self.scenarios):
+            raise ValueError("scenarios names one twice; remove it")
+        if self.controllers.get(PASSIVE):
+            raise ValueError(f'controllers.{PASSIVE} is the car with its rear wheels straight; write {PASSIVE} = ""')
+        if not any(self.controllers.values()):
+            raise ValueError("controllers names no build; add one, for the car is that of the first")
+        if any(not folder for name, folder in self.controllers.items() if name != PASSIVE):
+            raise ValueError("controllers has a name without a folder; name one made by codegen build")
+        if self.design == "monte-carlo":
+            if self.samples is None:
+                raise ValueError("samples is missing; a monte-carlo design needs it")
+        else:
+            if self.samples is not None:
+                raise ValueError("samples does not go with a factorial design, whose values make it; remove it")
+            for key, values in self.factors.items():
+                if values.levels is None:
+                    raise ValueError(f"factors.{key} has no levels for a factorial design; give values, or uniform with points")
+            if self.sample_count > MAX_SAMPLES:
+                raise ValueError(f"the values combine to {self.sample_count} samples; at most {MAX_SAMPLES} are taken")
+        return self
+
+    @property
+    def sample_count(self) -> int:
+        """Cars and roads."""
+        if self.samples is not None:
+            return self.samples
+        return math.prod(len(values.levels or []) for values in self.factors.values())
+
+    @property
+    def run_count(self) -> int:
+        """Samples by scenarios by controllers."""
+        return self.sample_count * len(self.scenarios) * len(self.controllers)
+
+    def digest(self) -> str:
+        """SHA-256 of what it says, in hexadecimal digits; comments and order of keys do not count."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load(path: Path) -> Spec:
+    """Read and check a `sweep.toml`. Raises ConfigError with the file and the key."""
+    try:
+        if path.exists() and not path.is_file():
+            raise ConfigError("not a file", where=path, remedy="name a sweep.toml")
+        if path.stat().st_size > MAX_BYTES:
+            raise ConfigError(f"over {MAX_BYTES >> 20} MiB", where=path, remedy="name a sweep.toml")
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(f"cannot be read ({reason})", where=path, remedy="check the path") from None
+    return parse(parse_toml(text, path, ConfigError), path)
+
+
+def parse(data: Mapping[str, Any], where: object) -> Spec:
+    """Check a mapping as read from TOML; `where` is what messages name as the place. Raises ConfigError."""
+    try:
+        return Spec.model_validate(dict(data))
+    except ValidationError as error:
+        raise _first_fault(error, where) from None
+
+
+def _first_fault(error: ValidationError, where: object) -> CodegenError:
+    # A misspelt key explains a value that seems missing, so it is told first.
+    fault = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    parts = [str(part) for part in fault["loc"] if isinstance(part, int) or not part.startswith("function-")]
+    place = f"{where}: {'.'.join(parts)}" if parts else str(where)
+    if fault["type"] == "extra_forbidden":
+        known = Values.model_fields if parts[:1] == ["factors"] else Spec.model_fields
+        remedy = suggestion(parts[-1], known).lstrip("; ") or f"known here: {', '.join(known)}"
+        return ConfigError("unknown key", where=place, remedy=remedy)
+    if fault["type"] == "missing":
+        return ConfigError("this key is missing", where=place, remedy="add it")
+    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {shown(fault['input'])})"
+    what, _, remedy = message.partition("; ")
+    return ConfigError(what, where=place, remedy=remedy or "mend the value")

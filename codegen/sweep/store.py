@@ -1,0 +1,274 @@
+"""Results on disk: a part for each chunk while the campaign runs, one Parquet file when it is done.
+
+The file says in its metadata what it depends on. No clock, host or path: equal campaigns give equal bytes, with the same
+versions of the packages.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import importlib.util
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen import __version__
+from codegen.errors import CodegenError
+from codegen.files import write_atomically
+from codegen.interrupts import deferred
+from codegen.sweep.chunk import Table
+from codegen.sweep.plan import Plan
+
+WHOLE = ("run", "sample")
+YES_NO = ("settled", "meets_fmvss_126")
+NAMES = ("scenario", "controller")
+ROWS_PER_GROUP = 2**16
+"""About: of the finished file, so that a reader needs little memory."""
+
+FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
+
+
+def require_pyarrow() -> None:
+    """Raise CodegenError where pyarrow is missing."""
+    if importlib.util.find_spec("pyarrow") is None:
+        raise CodegenError("pyarrow is missing", where="codegen sweep", remedy='pip install "ars-codegen[sweep]"')
+
+
+def facts_text(plan: Plan) -> str:
+    """What the results depend on, as it stands in `campaign.json`."""
+    facts = {**plan.facts(), "tools": {"codegen": __version__, "numpy": np.__version__}}
+    return json.dumps(facts, indent=1) + "\n"
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder where it is missing. Raises CodegenError."""
+    if (folder.exists() or folder.is_symlink()) and not folder.is_dir():
+        raise CodegenError("not a folder", where=folder, remedy="name a folder for the campaign")
+    with _Writable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def open_folder(folder: Path, plan: Plan) -> set[int]:
+    """The folder of a campaign, there and locked; returns the chunks that it has already.
+
+    Raises:
+        CodegenError: it holds another campaign, or files of somebody else's.
+    """
+    text = facts_text(plan)
+    facts = folder / FACTS
+    if facts.is_file():
+        if facts.read_text(encoding="utf-8") != text:
+            raise CodegenError(
+                f"it holds another campaign: {_differing(facts, plan)} changed since",
+                where=folder,
+                remedy="name another folder with -o, or remove this one",
+            )
+    elif any(folder.iterdir()):
+        raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
+    else:
+        write_atomically(facts, text.encode())
+    if (folder / RUNS).is_file():
+        _check_finished(folder / RUNS, plan)
+        shutil.rmtree(folder / PARTS, ignore_errors=True)
+        return set(range(plan.chunk_count))
+    with _Writable(folder):
+        (folder / PARTS).mkdir(exist_ok=True)
+    return {chunk for chunk in range(plan.chunk_count) if _is_whole(part_path(folder, chunk))}
+
+
+def check_same(folder: Path, plan: Plan) -> None:
+    """Refuse a folder that is not of this campaign. Raises CodegenError."""
+    facts = folder / FACTS
+    if not facts.is_file():
+        raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
+    if facts.read_text(encoding="utf-8") != facts_text(plan):
+        raise CodegenError(
+            f"it holds another campaign: {_differing(facts, plan)} changed since",
+            where=folder,
+            remedy="drive it with the spec and the builds that it was made of",
+        )
+
+
+def _check_finished(path: Path, plan: Plan) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            whole = file.metadata.num_rows == plan.spec.run_count
+    except (OSError, pa.ArrowException):
+        whole = False
+    if not whole:
+        raise CodegenError("it is damaged", where=path, remedy="remove it, and run the same command again")
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a part can be read; one that a dying disk left behind is driven again."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path):
+            return True
+    except (OSError, pa.ArrowException):
+        return False
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Alone in a folder: a second campaign there would take the first one's files from under it.
+
+    The lock ends with the process, however that ends. Raises CodegenError.
+    """
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({error.strerror})", where=folder, remedy="check the path and its rights") from None
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise CodegenError(
+                "another codegen sweep is at work in it", where=folder, remedy="wait for it, or name another folder"
+            ) from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def _differing(path: Path, plan: Plan) -> str:
+    """Names of the facts that are not those of the plan."""
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return f"{path.name} has been"
+    facts = json.loads(facts_text(plan))
+    names = [name for name in facts if not isinstance(there, dict) or there.get(name) != facts[name]]
+    return f"{', '.join(names) or 'something'} {'have' if len(names) > 1 else 'has'}"
+
+
+class _Writable:
+    """Tells an OSError as the user's."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __enter__(self) -> None:
+        """Nothing to do."""
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, OSError):
+            raise CodegenError(
+                f"cannot be written ({error.strerror})", where=self.folder, remedy="check the path and its rights"
+            ) from None
+
+
+def part_path(folder: Path, chunk: int) -> Path:
+    """Of the part of a chunk."""
+    return folder / PARTS / f"{chunk:08d}.parquet"
+
+
+def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
+    """Write the part of a chunk, whole or not at all. Raises CodegenError."""
+    import pyarrow.parquet as pq
+
+    content = io.BytesIO()
+    pq.write_table(to_arrow(table, plan), content, compression="zstd")
+    write_atomically(part_path(folder, chunk), content.getvalue())
+
+
+def to_arrow(table: Table, plan: Plan) -> Any:
+    """A table with the types of the file: names as dictionaries, yes and no as such, null for what a run does not have."""
+    import pyarrow as pa
+
+    names = {
+        "scenario": [profile.name for profile in plan.profiles],
+        "controller": [controller.name for controller in plan.controllers],
+    }
+    columns = {}
+    for name, values in table.items():
+        if name in WHOLE:
+            columns[name] = pa.array(values.astype(np.int64))
+        elif name in NAMES:
+            columns[name] = pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int8)), pa.array(names[name]))
+        elif name in YES_NO:
+            columns[name] = pa.array(values == 1.0, mask=np.isnan(values))
+        else:
+            columns[name] = pa.array(values, mask=np.isnan(values))
+    return pa.table(columns).replace_schema_metadata({"campaign": facts_text(plan)})
+
+
+def merge(folder: Path, plan: Plan) -> Path:
+    """Make one file of all parts, in the order of the runs, and remove them. Memory: one group of rows.
+
+    Returns the path. Raises CodegenError: a part is damaged, or it cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    target = folder / RUNS
+    if target.is_file():
+        return target
+    temporary = folder / f".{RUNS}.tmp"
+    try:
+        with _Writable(folder), deferred() as stop_if_asked:
+            writer = None
+            waiting: list[Any] = []
+            rows = 0
+            for chunk in range(plan.chunk_count):
+                stop_if_asked()
+                waiting.append(_part(folder, chunk))
+                rows += waiting[-1].num_rows
+                if rows >= ROWS_PER_GROUP or chunk == plan.chunk_count - 1:
+                    group = pa.concat_tables(waiting).unify_dictionaries()
+                    writer = pq.ParquetWriter(temporary, group.schema, compression="zstd") if writer is None else writer
+                    writer.write_table(group, row_group_size=rows)
+                    waiting, rows = [], 0
+            if writer is not None:
+                writer.close()
+            os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
+    return target
+
+
+def _part(folder: Path, chunk: int) -> Any:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = part_path(folder, chunk)
+    try:
+        return pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise CodegenError(
+            f"it cannot be read ({error})", where=path, remedy="remove it, and run the same command again"
+        ) from None
+
+
+def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[dict[str, npt.NDArray[Any]]]:
+    """The finished file group of rows by group: column to values; NaN for null, names as text, yes and no as 1 and 0."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        for group in range(file.num_row_groups):
+            table = file.read_row_group(group, columns=None if columns is None else list(columns))
+            yield {name: _values(name, table.column(name)) for name in table.column_names}
+
+
+def _values(name: str, column: Any) -> npt.NDArray[Any]:
+    if name in WHOLE:
+        return np.asarray(column.to_numpy())
+    if name in NAMES:
+        return np.asarray(column.to_pylist())
+    if name in YES_NO:
+        column = column.cast("int8").cast("float64")
+    return np.asarray(column.cast("float64").to_numpy(zero_copy_only=False), dtype=np.float64)

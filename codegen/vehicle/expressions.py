@@ -1,0 +1,94 @@
+"""What the models of the car are made of: a model of CasADi functions, and the tyre's formula as an expression.
+
+The quantities of a tyre may be numbers or symbols of CasADi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from codegen.vehicle.tyre import MagicFormulaTyre
+
+
+@dataclass(frozen=True)
+class Model:
+    """A dynamic model x' = f(x, u), y = h(x, u) with its Jacobians, as CasADi functions of column vectors.
+
+    Attributes:
+        name: also the name of the C function.
+        states, inputs, outputs: the names of the elements of x, u and y, in order, SI units.
+        derivative: (x, u) -> x'.
+        jacobian: (x, u) -> (df/dx, df/du).
+        output: (x, u) -> y, where the model has outputs beside its states.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    derivative: Any
+    jacobian: Any
+    output: Any | None
+
+
+def is_zero(value: Any) -> bool:
+    """Whether a quantity of a car is the number zero; a symbol is not."""
+    return isinstance(value, int | float) and value == 0.0
+
+
+def curve_argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
+    """X: the slip angle as the formula's curve takes it."""
+    return tyre.stiffness_factor * (slip - tyre.horizontal_shift)
+
+
+def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
+    """The formula's curve, from -1 to 1."""
+    return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
+
+
+def shaped_force(tyre: MagicFormulaTyre, shape: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel from the value of its curve."""
+    relative: Any = tyre.peak_factor
+    if not is_zero(tyre.peak_load_sensitivity):
+        relative = ca.fmax(tyre.peak_factor + tyre.peak_load_sensitivity * (load / tyre.static_load - 1.0), 0.0)
+    return friction * relative * load * shape + tyre.vertical_shift
+
+
+def magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
+    return shaped_force(tyre, curve(tyre, curve_argument(tyre, slip)), load, friction)
+
+
+def clamp(value: Any, limit: Any) -> Any:
+    """The value, kept within plus and minus the limit."""
+    return ca.fmin(ca.fmax(value, -limit), limit)
+
+
+def make_model(
+    name: str,
+    names: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
+    x: Any,
+    u: Any,
+    derivative: Any,
+    output: Any | None,
+) -> Model:
+    """The model of these expressions over the symbols x and u; `names` of states, inputs and outputs."""
+    states, inputs, outputs = names
+    return Model(
+        name=name,
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        derivative=ca.Function(f"{name}_derivative", [x, u], [derivative], ["x", "u"], ["dx"]),
+        jacobian=ca.Function(
+            f"{name}_jacobian",
+            [x, u],
+            [ca.densify(ca.jacobian(derivative, x)), ca.densify(ca.jacobian(derivative, u))],
+            ["x", "u"],
+            ["dfdx", "dfdu"],
+        ),
+        output=None if output is None else ca.Function(f"{name}_output", [x, u], [output], ["x", "u"], ["y"]),
+    )

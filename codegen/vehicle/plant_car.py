@@ -1,0 +1,130 @@
+"""The car as the two-track plant knows it: one set of quantities, as numbers of a configuration or as symbols.
+
+Every quantity that stays as it is while the car drives is here, in SI; what the plant makes of them is in `dynamics`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, fields
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
+
+FloatArray = npt.NDArray[np.float64]
+
+_TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name != "nominal_friction")
+"""What the plant takes of a tyre: the nominal friction has gone into the stiffness factor."""
+
+
+@dataclass(frozen=True)
+class Chassis:
+    """Mass, geometry and actuators. Each a number, or a symbol of CasADi.
+
+    Attributes:
+        mass: kg. yaw_inertia: kg m^2.
+        cg_to_front_axle, cg_to_rear_axle, track: m.
+        load_transfer_front, load_transfer_rear: load that moves from the inner to the outer wheel, N for each m/s^2.
+        steering_ratio: angle of the steering wheel over that of the front wheels.
+        steering_lag: s. steering_rate_max: rad/s, of the steering wheel.
+        rear_lag: s. rear_rate_max: rad/s. rear_angle_max: rad.
+        relaxation_length: m; zero for tyres without one.
+    """
+
+    mass: Any
+    yaw_inertia: Any
+    cg_to_front_axle: Any
+    cg_to_rear_axle: Any
+    track: Any
+    load_transfer_front: Any
+    load_transfer_rear: Any
+    steering_ratio: Any
+    steering_lag: Any
+    steering_rate_max: Any
+    rear_lag: Any
+    rear_rate_max: Any
+    rear_angle_max: Any
+    relaxation_length: Any
+
+
+_CHASSIS = tuple(field.name for field in fields(Chassis))
+
+PLANT_PARAMETERS = (*_CHASSIS, *(f"{axle}_{name}" for axle in ("front", "rear") for name in _TYRE))
+"""Names of what makes one car of the plant another, in order: those of `Chassis`, then `front_` and `rear_` with the factors of
+`tyre.MagicFormulaTyre`. SI units."""
+
+
+@dataclass(frozen=True)
+class PlantCar:
+    """A car: its chassis and the tyre of each axle, with numbers or with symbols."""
+
+    chassis: Chassis
+    front: MagicFormulaTyre
+    rear: MagicFormulaTyre
+
+    @classmethod
+    def from_config(cls, config: Config) -> PlantCar:
+        """The car of a configuration, in numbers."""
+        vehicle, steering, actuator = config.vehicle, config.steering, config.rear_actuator
+        transfer_front, transfer_rear = load_transfer_per_lateral_acceleration(config)
+        load_front, load_rear = static_wheel_loads(config)
+        friction = config.road.friction
+        return cls(
+            Chassis(
+                mass=vehicle.mass_kg,
+                yaw_inertia=vehicle.yaw_inertia_kg_m2,
+                cg_to_front_axle=vehicle.cg_to_front_axle_m,
+                cg_to_rear_axle=vehicle.cg_to_rear_axle_m,
+                track=vehicle.track_m,
+                load_transfer_front=transfer_front,
+                load_transfer_rear=transfer_rear,
+                steering_ratio=steering.ratio,
+                steering_lag=steering.lag_s,
+                steering_rate_max=math.radians(steering.wheel_rate_max_deg_s),
+                rear_lag=actuator.lag_s,
+                rear_rate_max=math.radians(actuator.rate_max_deg_s),
+                rear_angle_max=actuator.angle_max,
+                relaxation_length=config.plant.relaxation_length_m,
+            ),
+            MagicFormulaTyre.from_config(config.tyre.front, load_front, friction),
+            MagicFormulaTyre.from_config(config.tyre.rear, load_rear, friction),
+        )
+
+    @classmethod
+    def from_symbols(cls, parameters: Any) -> PlantCar:
+        """The car whose quantities are the elements of a column of symbols, in the order of PLANT_PARAMETERS."""
+        symbols = {name: parameters[index] for index, name in enumerate(PLANT_PARAMETERS)}
+        front, rear = (
+            MagicFormulaTyre(**{name: symbols[f"{axle}_{name}"] for name in _TYRE}, nominal_friction=math.nan)
+            for axle in ("front", "rear")
+        )
+        return cls(Chassis(**{name: symbols[name] for name in _CHASSIS}), front, rear)
+
+
+def plant_parameters(config: Config) -> FloatArray:
+    """The car of a configuration as a row (k,) of numbers in the order of PLANT_PARAMETERS, SI units."""
+    car = PlantCar.from_config(config)
+    tyres = (getattr(tyre, name) for tyre in (car.front, car.rear) for name in _TYRE)
+    return np.array([*astuple(car.chassis), *tyres], dtype=np.float64)
+
+
+def plant_symbols() -> Any:
+    """A column of symbols, one for each of PLANT_PARAMETERS."""
+    return ca.vertcat(*(ca.SX.sym(name) for name in PLANT_PARAMETERS))
+
+
+def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
+    """Load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
+
+    "moment-balance": rho m h / w and (1 - rho) m h / w, so that w (dFz_f + dFz_r) = m ay h. "paper": as printed, half of it.
+    """
+    vehicle = config.vehicle
+    total = vehicle.mass_kg * vehicle.cg_height_m / vehicle.track_m
+    if config.plant.load_transfer == "paper":
+        total *= 0.5
+    return vehicle.front_roll_share * total, (1.0 - vehicle.front_roll_share) * total

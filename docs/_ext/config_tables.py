@@ -1,0 +1,284 @@
+"""The tables of `ars.toml` as Markdown: every key with type, range, unit, default and meaning, from the models."""
+
+from __future__ import annotations
+
+import json
+import re
+import types
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from annotated_types import Ge, Le
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from codegen.config import Config, preset_text
+from codegen.sections import Breakpoints, Range, RangeOrZero
+
+MEANINGS = {
+    "schema_version": "of this file's format",
+    "vehicle.mass_kg": "m, laden as driven",
+    "vehicle.yaw_inertia_kg_m2": "Iz, about the vertical axis through the centre of gravity",
+    "vehicle.cg_to_front_axle_m": "lf",
+    "vehicle.cg_to_rear_axle_m": "lr",
+    "road.gravity_m_s2": "g",
+    "tyre.shape_factor_c": "C",
+    "tyre.curvature_factor_e": "E",
+    "tyre.peak_factor_p1": "p1: peak friction at the static load, as a share of that of the road",
+    "tyre.peak_load_sensitivity_p2": "p2: how it changes with the load",
+    "tyre.stiffness_factor_b_per_rad": "B, in place of the cornering stiffness",
+    "limits.sideslip_max_deg": "bound on |β|",
+    "limits.lateral_acceleration_max_g": "bound on |ay|",
+    "limits.slip_departure_percent": "how far the tyre may depart from its own tangent at zero: this bounds the slip angles",
+    "cases.rear_steering": "whether the rear wheels steer",
+    "cases.sideslip_weight_per_s2": "λ of the objective",
+    "cases.passive_safe": "leave out the turns that the car could not do without its rear steering",
+    "cases.tyre_model": "of the steady turn: linear single-track car, or four loaded wheels with the whole Magic Formula",
+    "grid.speed_min_km_h": "first breakpoint",
+    "grid.speed_max_km_h": "last breakpoint",
+    "grid.speed_points": "number of breakpoints",
+    "grid.speed_breakpoints_km_h": "a list of breakpoints, in place of the three keys above",
+    "grid.front_angle_max_deg": "last breakpoint",
+    "grid.front_angle_points": "number of breakpoints",
+    "grid.front_angle_breakpoints_deg": "a list of breakpoints, in place of the three keys above",
+    "rear_actuator.angle_max_deg": "what the actuator can",
+    "rear_actuator.rate_max_deg_s": "what the actuator can",
+    "controller.kind": "which control law: see [Controllers](controllers.md)",
+    "controller.sampling_time_s": "the task's period, and that of all three messages",
+    "controller.proportional_gain_s": "Kp of kind `pi`: rad of rear angle for each rad/s of yaw-rate error",
+    "controller.integral_gain": "Ki of kind `pi`: rad of rear angle for each rad of integrated error",
+    "controller.inputs.speed_max_km_h": "either direction",
+    "controller.inputs.front_angle_max_deg": "either side",
+    "controller.inputs.yaw_rate_max_deg_s": "either side",
+    "controller.inputs.rear_angle_max_deg": "either side",
+    "controller.inputs.friction_max": "of an estimate",
+    "controller.fail_safe.hold_above_km_h": "the rear angle is held from this speed on",
+    "controller.fail_safe.rate_at_standstill_deg_s": "of the ramp to zero",
+    "controller.fail_safe.rate_at_hold_speed_deg_s": "of the ramp just below that speed; between them on a straight line",
+    "controller.tracking.lead_max_deg": "bound of that",
+    "controller.tracking.trim_time_s": "time constant of that",
+    "controller.tracking.schedule.speed_km_h": "breakpoints of the gains; at most 32",
+    "controller.tracking.schedule.proportional_gain_s": "Kp at each of them",
+    "controller.tracking.schedule.integral_gain": "Ki at each of them",
+    "controller.tracking.schedule.gain_margin_db": "what `codegen tune` found, the worst of the family; for people",
+    "controller.tracking.schedule.phase_margin_deg": "the same",
+    "controller.tracking.schedule.sensitivity": "the same: the peak of the sensitivity",
+    "tuning.speed_km_h": "where the gains are designed",
+    "tuning.actuator_lag_s": "of the rear actuator",
+    "tuning.mass_percent": "deviations of mass and yaw inertia",
+    "tuning.relaxation_length_m": "of all tyres",
+    "tuning.phase_margin_deg": "what every member keeps",
+    "tuning.sensitivity_max": "the largest peak of the sensitivity that a member may have",
+    "controller.disable_speed_km_h": "standby below, once control has begun",
+    "sensors.speed": "noise: standard deviation; resolution: step between values, 0 for none; delay: samples of the controller",
+    "sensors.front_angle": "the same, at the road wheels",
+    "sensors.yaw_rate": "the same, of the gyroscope",
+    "sensors.rear_angle": "the same, of the actuator",
+    "controller.enable_speed_km_h": "control begins; in reverse it never does",
+    "controller.tracking.grip_recovery_m_s3": "how fast it is forgotten in a turn",
+    "controller.tracking.grip_recovery_idle_m_s3": "the same where less than half of that grip is asked for",
+    "controller.rear_rate_max_deg_s": 'limit on the rate of the command, or `"off"` as in the paper',
+    "limits.rear_angle_max_deg": "bound on |δr| in the map; what the actuator can stands in `[rear_actuator]`",
+    "limiter.opposite_phase_speed_km_h": "breakpoints of the next key",
+    "limiter.opposite_phase_lateral_acceleration_m_s2": "for `from-car`",
+    "plant.sampling_time_s": "the plant's step; the controller's sampling time is a whole multiple",
+    "can.bitrate_kbit_s": "for those who set a bus up; `vcan` has none",
+    "can.message.name": "in the DBC",
+    "can.message.byte_order": "of the signals",
+    "can.message.crc_name": "name in the DBC of the CRC in byte 0",
+    "can.message.counter_name": "name in the DBC of the counter in the low nibble of byte 1",
+    "can.message.data_id": "of the E2E protection; not given: that of the message's `id`",
+    "can.message.cycle_time_ms": "that of `controller.sampling_time_s`, and nothing else",
+    "can.rear_steer_command.status": "`ars_status_t`",
+    "signal.name": "in the DBC",
+    "signal.start_bit": "as in a DBC",
+    "signal.length": "bits",
+    "signal.factor": "value = factor * code + offset, SI unit",
+    "signal.offset": "SI unit",
+    "signal.signed": "whether the code is; its lowest then stands for “not available”, else its highest",
+    "budgets.lookup_instructions_max": "of `ars_map_yaw_rate_on_road`",
+    "budgets.reference_instructions_max": "of `ars_map_reference`: a look-up with the rear angle",
+    "budgets.step_instructions_max": "of `ars_controller_step`, without the limiter",
+    "budgets.limiter_instructions_max": "of `ars_limiter_step`",
+    "budgets.task_instructions_max": "of one period: two frames received, the step, one frame sent",
+    "budgets.task_stack_bytes_max": "the deepest stack of that",
+    "budgets.state_bytes_max": "memory of one controller",
+    "budgets.flash_bytes_max": "code and constants of all objects together",
+}
+"""Keys that the comments of the presets leave to their names. `message`, `signal` and the like stand for each of their kind."""
+
+SHARED = (
+    (re.compile(r"^tyre\.(front|rear)\."), "tyre."),
+    (re.compile(r"^cases\.[^.]+\."), "cases."),
+    (re.compile(r"^can\.(vehicle_motion|vehicle_conditions|rear_steer_command)\."), "can.message."),
+)
+TABLE = re.compile(r"^\[+([\w.-]+)\]+\s*(?:#.*)?$")
+KEY = re.compile(r"""^(?P<key>\w+)\s*=\s*(?:"[^"]*"|\{[^}]*\}|\[[^\]]*\]|[^#"]*?)\s*(?:\#\s*(?P<comment>.*))?$""")
+
+
+def _shared(path: str) -> str:
+    for pattern, name in SHARED:
+        path = pattern.sub(name, path)
+    return path
+
+
+def comments() -> dict[str, str]:
+    """What the presets say of each key: full path (`tyre.mass_kg`) -> comment. The paper's preset goes before the other."""
+    found: dict[str, str] = {}
+    for preset in ("paper", "recommended"):
+        table = ""
+        for line in preset_text(preset).splitlines():
+            if header := TABLE.match(line):
+                table = f"{header[1]}."
+            elif (key := KEY.match(line)) and key["comment"]:
+                path = f"{table}{key['key']}"
+                found.setdefault(path, key["comment"].strip())
+                found.setdefault(_shared(path), key["comment"].strip())
+    return found
+
+
+def meaning(path: str, said: dict[str, str]) -> str:
+    """A few words of the key at `path`; raises LookupError where there are none, so that no key is left without."""
+    for name in (path, _shared(path)):
+        if name in MEANINGS:
+            return MEANINGS[name]
+        if name in said:
+            return said[name]
+    raise LookupError(f"ars.toml: nothing is said of {path}; add it to MEANINGS in {__name__}.py")
+
+
+def _number(value: float) -> str:
+    return f"{value:.10g}"
+
+
+def _between(metadata: tuple[Any, ...]) -> str:
+    """The range that annotations give, with its unit; empty where there is none."""
+    for one in metadata:
+        if isinstance(one, Range):
+            unit = f" {one.unit.split(' (')[0].split(' for ')[0]}" if one.unit and not one.unit.startswith("(") else ""
+            zero = ", or 0" if isinstance(one, RangeOrZero) else ""
+            return f"{_number(one.low)} to {_number(one.high)}{unit}{zero}"
+        if isinstance(one, Breakpoints):
+            return f"increasing, {_number(one.low)} to {_number(one.high)} {one.unit}"
+        if isinstance(one, FieldInfo) and one.metadata:
+            return _between(tuple(one.metadata))
+    low, high = (next((getattr(one, side) for one in metadata if hasattr(one, side)), None) for side in ("ge", "le"))
+    assert all(isinstance(one, Ge | Le) for one in metadata if hasattr(one, "ge") or hasattr(one, "le"))
+    return "" if low is None or high is None else f"{_number(low)} to {_number(high)}"
+
+
+def described(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
+    """A type with its range, in words. Raises TypeError for one that is not known here."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return described(arguments[0], (*arguments[1:], *metadata))
+    if origin in (Union, types.UnionType):
+        parts = [described(one, metadata) for one in arguments if one is not type(None)]
+        return ", or ".join(dict.fromkeys(parts))
+    if origin is Literal:
+        return " or ".join(f"`{json.dumps(one)}`" for one in arguments)
+    within = _between(metadata)
+    if origin is list:
+        inner = described(arguments[0])
+        return f"list of numbers, {within}" if within else f"list, each a {inner}"
+    names = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text, a name of the DBC"}
+    if annotation not in names:
+        raise TypeError(f"no words for {annotation!r}")
+    return f"{names[annotation]}, {within}" if within else names[annotation]
+
+
+def _default(field: FieldInfo) -> str:
+    value = field.get_default(call_default_factory=True)
+    if value is PydanticUndefined:
+        return "*needed*"
+    if value is None:
+        return "–"
+    if isinstance(value, BaseModel):
+        return ", ".join(f"`{key} = {json.dumps(one)}`" for key, one in value.model_dump().items())
+    if isinstance(value, float):
+        return f"`{_number(value)}`"
+    return f"`{json.dumps(value)}`"
+
+
+def _section_of(annotation: Any) -> type[BaseModel] | None:
+    """The model that an annotation stands for, also as `Model | None`."""
+    candidates = [annotation, *get_args(annotation)]
+    return next((one for one in candidates if isinstance(one, type) and issubclass(one, BaseModel)), None)
+
+
+def _is_inline(model: type[BaseModel]) -> bool:
+    """Whether a model is written as an inline table: a signal or a sensor."""
+    return any(base.__name__ in ("Signal", "Sensor") for base in model.__mro__)
+
+
+def _rows(model: type[BaseModel], path: str, said: dict[str, str]) -> Iterator[tuple[str, FieldInfo, str]]:
+    for key, field in model.model_fields.items():
+        section = _section_of(field.annotation)
+        if section is None or _is_inline(section):
+            yield key, field, meaning(f"{path}{key}", said)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("[cases.", "\\[cases.")
+
+
+def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:
+    lines = ["| key | type and range | default | meaning |", "|---|---|---|---|"]
+    return [*lines, *(f"| {' | '.join(_cell(one) for one in row)} |" for row in rows), ""]
+
+
+def _plain_docstring(model: type[BaseModel]) -> str:
+    text = " ".join((model.__doc__ or "").split())
+    return re.sub(r"(?<!`)\b(\w+_\w+)\b(?!`)", r"`\1`", text)
+
+
+def sections(model: type[BaseModel] = Config, path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Every table with its name in the file, in the file's order; `cases.NAME` and the tyre of an axle once."""
+    yield path.rstrip("."), model
+    for key, field in model.model_fields.items():
+        name = "cases.NAME" if path + key == "cases" else path + key
+        section = _section_of(field.annotation) or (_section_of(get_args(field.annotation)[1]) if key == "cases" else None)
+        if section is None or _is_inline(section) or name == "tyre.rear":
+            continue
+        if len(section.model_fields) and section.__name__ == "Tyres":
+            yield from sections(section.model_fields["front"].annotation, "tyre.front.")  # type: ignore[arg-type]
+        else:
+            yield from sections(section, f"{name}.")
+
+
+def inline_tables() -> Iterator[tuple[str, type[BaseModel]]]:
+    """The inline tables: a name for each kind, and its model."""
+    from codegen.can_sections import RealSignal, Signal
+
+    yield "A signal that is a number of its own", Signal
+    yield "A signal that is a physical value", RealSignal
+
+
+def markdown() -> str:
+    """The whole reference, a heading for each table."""
+    said, lines = comments(), []
+    for name, model in sections():
+        rows = [
+            (f"`{key}`", _typed(field), _default(field), text)
+            for key, field, text in _rows(model, f"{name}." if name else "", said)
+        ]
+        if not rows:
+            continue
+        title = {"": "Top level", "tyre.front": "`[tyre.front]` and `[tyre.rear]`"}.get(name, f"`[{name}]`")
+        lines += [f"## {title}", "", *([] if not name else [_plain_docstring(model), ""]), *_table(rows)]
+    for title, model in inline_tables():
+        rows = [
+            (f"`{key}`", described(field.annotation, tuple(field.metadata)), _default(field), MEANINGS[f"signal.{key}"])
+            for key, field in model.model_fields.items()
+        ]
+        lines += [f"## {title}", "", _plain_docstring(model), "", *_table(rows)]
+    return "\n".join(lines)
+
+
+def _typed(field: FieldInfo) -> str:
+    section = _section_of(field.annotation)
+    if section is None:
+        return described(field.annotation, tuple(field.metadata))
+    keys = (f"`{key}`: {described(one.annotation, tuple(one.metadata))}" for key, one in section.model_fields.items())
+    return "inline table" if section.__name__.endswith("Signal") else f"inline table; {'; '.join(keys)}"

@@ -1,0 +1,300 @@
+"""Drawings that explain: signs, the way of the data, the law, the status. Drawn by code, as all figures are."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, WHITE, new_figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FILL = "#EAF3FA"
+"""Ground of a box that holds a thing of this project."""
+PLAIN = "#F4F4F4"
+
+
+def _bare(axes: Axes, width: float, height: float) -> None:
+    axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal")
+    axes.set_axis_off()
+
+
+def _box(axes: Axes, x: float, y: float, text: str, size: tuple[float, float] = (2.3, 0.9), **given: Any) -> None:
+    """A box around its middle (x, y)."""
+    from matplotlib.patches import FancyBboxPatch
+
+    width, height = size
+    look = {"facecolor": FILL, "edgecolor": BLUE, "linewidth": 1.1} | given
+    corner = (x - width / 2, y - height / 2)
+    axes.add_patch(FancyBboxPatch(corner, width, height, boxstyle="round,pad=0,rounding_size=0.12", **look))
+    axes.text(x, y, text, ha="center", va="center", linespacing=1.35)
+
+
+def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], **given: Any) -> None:
+    look = {"color": BLACK, "linewidth": 1.2, "arrowstyle": "-|>", "connectionstyle": "arc3,rad=0"} | given
+    colour, line = look.pop("color"), look.pop("linewidth")
+    axes.annotate(
+        "", end, start, arrowprops={**look, "color": colour, "lw": line, "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 11}
+    )
+
+
+def _polyline(axes: Axes, *points: tuple[float, float], **given: Any) -> None:
+    """A line round corners with an arrow at its end."""
+    xs, ys = zip(*points[:-1], strict=True)
+    axes.plot(xs, ys, color=given.get("color", BLACK), linewidth=1.2, linestyle=given.get("linestyle", "-"))
+    _arrow(axes, points[-2], points[-1], **given)
+
+
+# --- signs -------------------------------------------------------------------------------------------------------------
+
+
+def _turned(angle: float, length: float) -> tuple[float, float]:
+    """A vector of that length at `angle` rad from forward (up), positive to the left."""
+    return -length * math.sin(angle), length * math.cos(angle)
+
+
+def _wheel(axes: Axes, x: float, y: float, angle: float) -> None:
+    from matplotlib.patches import FancyBboxPatch
+    from matplotlib.transforms import Affine2D
+
+    patch = FancyBboxPatch(
+        (-0.13, -0.42), 0.26, 0.84, boxstyle="round,pad=0,rounding_size=0.1", facecolor="#555555", edgecolor=BLACK
+    )
+    patch.set_transform(Affine2D().rotate(angle).translate(x, y) + axes.transData)
+    axes.add_patch(patch)
+
+
+def _angle(axes: Axes, at: tuple[float, float], span: tuple[float, float], radius: float, text: str, colour: str) -> None:
+    """An arc from the first to the second angle (rad from forward, positive to the left), an arrow at its end."""
+    points = [
+        (
+            at[0] + _turned(span[0] + k / 24 * (span[1] - span[0]), radius)[0],
+            at[1] + _turned(span[0] + k / 24 * (span[1] - span[0]), radius)[1],
+        )
+        for k in range(25)
+    ]
+    xs, ys = zip(*points, strict=True)
+    axes.plot(xs[:-1], ys[:-1], color=colour, linewidth=1.3)
+    _arrow(axes, points[-3], points[-1], color=colour)
+    # Beside the middle of the arc; a steer angle's beyond its end, where no other arrow is.
+    steered = text.startswith(r"$\delta")
+    away = _turned(span[1] + 0.22, radius) if steered else _turned(0.5 * (span[0] + span[1]), radius + 0.28)
+    axes.text(at[0] + away[0], at[1] + away[1], text, color=colour, ha="center", va="center", fontsize=11)
+
+
+def _ray(axes: Axes, at: tuple[float, float], angle: float, length: float, colour: str, dashed: bool = False) -> None:
+    x, y = _turned(angle, length)
+    if dashed:
+        axes.plot([at[0], at[0] + x], [at[1], at[1] + y], color=colour, linewidth=1.0, linestyle="--")
+    else:
+        _arrow(axes, at, (at[0] + x, at[1] + y), color=colour, linewidth=1.7)
+
+
+def signs() -> Figure:
+    """The single-track car from above with every angle positive, and what the sign of the rear angle means."""
+    with style():
+        figure = new_figure(7.4, 5.2)
+        left, right = figure.subplots(1, 2, width_ratios=(1.55, 1.0))
+        _draw_signs(left)
+        _draw_phases(right)
+    return figure
+
+
+def _draw_signs(axes: Axes) -> None:
+    _bare(axes, 6.6, 7.4)
+    x, front, centre, rear = 3.3, 5.6, 3.55, 1.5
+    axes.plot([x, x], [rear, front], color=GREY, linewidth=5.0, solid_capstyle="round", zorder=0)
+    delta_f, delta_r, beta = math.radians(34), math.radians(22), math.radians(16)
+    for y, delta, name in ((front, delta_f, r"$\delta_f$"), (rear, delta_r, r"$\delta_r$")):
+        _wheel(axes, x, y, delta)
+        _ray(axes, (x, y), 0.0, 1.5, GREY, dashed=True)
+        _ray(axes, (x, y), delta, 1.6, BLUE, dashed=True)
+        _angle(axes, (x, y), (0.0, delta), 1.2, name, BLUE)
+    travel = math.radians(22)
+    _ray(axes, (x, front), travel, 1.75, GREEN)
+    axes.annotate(
+        r"$\alpha_f$ = direction of travel" + "\n" + r"less steer angle: here $\alpha_f<0$",
+        (x - 0.76, front + 1.38),
+        (4.0, 6.75),
+        color=GREEN,
+        arrowprops={"arrowstyle": "-", "color": GREEN, "lw": 0.8},
+        va="center",
+    )
+    _arrow(axes, (x, front), (x - 1.35, front - 0.75), color=VERMILION, linewidth=1.9)
+    axes.text(x - 1.5, front - 0.8, r"$F_{yf}>0$", color=VERMILION, ha="right", va="center", fontsize=11)
+    axes.plot(x, centre, "o", color=BLACK, markersize=7)
+    _ray(axes, (x, centre), beta, 1.55, GREEN)
+    axes.text(x - 0.62, centre + 1.4, "$v$", color=GREEN, ha="right", fontsize=11)
+    _angle(axes, (x, centre), (0.0, beta), 0.85, "", GREEN)
+    axes.text(x + 0.12, centre + 0.72, r"$\beta$", color=GREEN, fontsize=11)
+    _angle(axes, (x, centre), (math.radians(-120), math.radians(-35)), 0.75, "$r$", PURPLE)
+    for y, name, other in ((0.5 * (front + centre), "$l_f$", front), (0.5 * (rear + centre), "$l_r$", rear)):
+        axes.annotate("", (5.35, other), (5.35, centre), arrowprops={"arrowstyle": "<->", "color": GREY, "lw": 0.9})
+        axes.text(5.5, y, name, color=GREY, va="center", fontsize=11)
+    _arrow(axes, (1.4, 0.9), (1.4, 2.0))
+    _arrow(axes, (1.4, 0.9), (0.3, 0.9))
+    axes.text(1.5, 2.0, "$x$ forward", va="top")
+    axes.text(0.3, 0.7, "$y$ left", va="top")
+    axes.set_title("Every angle here is positive, but the slip angles", loc="center")
+
+
+def _draw_phases(axes: Axes) -> None:
+    _bare(axes, 4.2, 7.4)
+    kinds = (
+        (5.4, -16.0, r"$\delta_r<0$: opposite phase", "the car turns more", VERMILION, 0.55),
+        (1.55, 16.0, r"$\delta_r>0$: in phase", "the car turns less", BLUE, 0.16),
+    )
+    for y, angle, title, text, colour, bend in kinds:
+        _wheel(axes, 2.6, y + 0.8, math.radians(22))
+        _wheel(axes, 2.6, y - 0.8, math.radians(angle))
+        axes.plot([2.6, 2.6], [y - 0.8, y + 0.8], color=GREY, linewidth=5.0, zorder=0)
+        _arrow(axes, (2.05, y), (0.9, y + 1.1), color=colour, linewidth=2.2, connectionstyle=f"arc3,rad={bend}")
+        axes.text(2.1, y + 1.72, title, color=colour, ha="center", fontsize=10.5)
+        axes.text(2.1, y - 1.55, text, color=colour, ha="center")
+
+
+# --- the way of the data -----------------------------------------------------------------------------------------------
+
+
+def data_flow() -> Figure:
+    """From the data of a car to C, and to all that runs that same C."""
+    with style():
+        figure = new_figure(7.4, 4.9)
+        axes = figure.subplots()
+        _bare(axes, 14.5, 9.2)
+        tall = (2.9, 1.15)
+        _box(axes, 1.65, 8.2, "ars.toml\ncar, tyres, limits", tall, facecolor=PLAIN, edgecolor=GREY)
+        _box(axes, 1.65, 5.6, ".tir, .mat, .csv\nof your own", tall, facecolor=PLAIN, edgecolor=GREY)
+        _box(axes, 6.0, 8.2, "codegen solve\noptimal map", tall)
+        _box(axes, 6.0, 5.6, "map.npz\nwith its configuration", tall, facecolor=PLAIN, edgecolor=GREY)
+        _box(axes, 10.4, 8.2, "codegen tune\ngains over speed", tall)
+        _box(axes, 10.4, 5.6, "codegen build\nC, DBC, A2L, CMake", tall)
+        _arrow(axes, (3.1, 8.2), (4.55, 8.2))
+        _arrow(axes, (6.0, 7.62), (6.0, 6.18))
+        _arrow(axes, (3.1, 5.6), (4.55, 5.6))
+        axes.text(3.82, 5.78, "import", ha="center", va="bottom", fontsize=8)
+        _polyline(axes, (7.0, 6.18), (7.0, 6.9), (10.0, 6.9), (10.0, 7.62), color=GREY)
+        _polyline(axes, (10.8, 7.62), (10.8, 7.2), (7.2, 7.2), (7.2, 6.18), color=GREY)
+        _arrow(axes, (7.45, 5.6), (8.95, 5.6))
+        uses = (
+            ("codegen sil\nin one process", BLUE),
+            ("codegen hil\non a CAN bus", BLUE),
+            ("codegen firmware\nCortex-M, QEMU", BLUE),
+            ("codegen fmu\nother simulators", BLUE),
+            ("your ECU\nproject", VERMILION),
+        )
+        axes.plot([1.35, 12.65], [3.9, 3.9], color=BLACK, linewidth=1.2)
+        _polyline(axes, (10.4, 5.02), (10.4, 3.9))
+        for index, (text, colour) in enumerate(uses):
+            x = 1.35 + 2.825 * index
+            _arrow(axes, (x, 3.9), (x, 3.0))
+            own = {"facecolor": "#FCEEE5"} if colour == VERMILION else {}
+            _box(axes, x, 2.4, text, (2.6, 1.15), edgecolor=colour, **own)
+        axes.text(7.0, 4.08, "the same C in all of them", ha="center", va="bottom", color=GREY)
+        _box(
+            axes,
+            7.0,
+            0.55,
+            "codegen verify: compiles, analyses, emulates, counts, proves, fuzzes",
+            (9.2, 0.8),
+            edgecolor=GREEN,
+            facecolor="#E9F6F1",
+        )
+        _polyline(axes, (12.1, 5.6), (14.3, 5.6), (14.3, 0.55), (11.6, 0.55), color=GREEN)
+        axes.plot([11.85, 12.2], [5.6, 5.6], color=GREEN, linewidth=1.2)
+    return figure
+
+
+# --- the control law ---------------------------------------------------------------------------------------------------
+
+
+def tracking_law() -> Figure:
+    """Signal flow of kind "tracking"."""
+    with style():
+        figure = new_figure(7.4, 3.7)
+        axes = figure.subplots()
+        _bare(axes, 14.0, 6.9)
+        size = (2.5, 1.1)
+        _box(axes, 3.3, 5.7, "map\nyaw rate, rear angle", (2.9, 1.1))
+        _box(axes, 7.0, 3.6, "reference model", size)
+        _box(axes, 7.0, 1.5, r"grip", (1.5, 0.9))
+        _box(axes, 9.95, 2.55, "PI over speed,\nbounded", (2.2, 1.1))
+        _box(axes, 12.6, 5.7, "limiter", (1.5, 1.1))
+        axes.text(0.05, 5.7, r"$v_x,\ \delta_f$", va="center")
+        _arrow(axes, (0.95, 5.7), (1.85, 5.7))
+        _arrow(axes, (4.75, 5.7), (11.0, 5.7), color=BLUE)
+        axes.text(8.4, 5.85, r"feedforward $\delta_{r,\mathrm{ff}}$", color=BLUE, ha="center", va="bottom")
+        _polyline(axes, (5.4, 5.7), (5.4, 3.8), (5.75, 3.8), color=BLUE)
+        _polyline(axes, (3.3, 5.15), (3.3, 3.4), (5.75, 3.4))
+        axes.text(4.5, 3.3, "trim to the map", ha="center", va="top", fontsize=8)
+        axes.plot(11.2, 5.7, "o", color=BLACK, markersize=13, markerfacecolor=WHITE)
+        axes.text(11.2, 5.7, "+", ha="center", va="center")
+        _arrow(axes, (11.4, 5.7), (11.85, 5.7))
+        _arrow(axes, (13.35, 5.7), (13.95, 5.7))
+        axes.text(13.6, 5.95, r"$\delta_r$", ha="center", va="bottom")
+        _polyline(axes, (8.25, 3.6), (8.5, 3.6), (8.5, 2.75), (8.85, 2.75))
+        axes.text(8.42, 4.0, r"$r_\mathrm{ref}$", va="bottom")
+        _polyline(axes, (0.95, 0.4), (8.5, 0.4), (8.5, 2.35), (8.85, 2.35))
+        axes.text(0.05, 0.4, "$r$", va="center")
+        _polyline(axes, (11.05, 2.55), (11.2, 2.55), (11.2, 5.5), color=VERMILION)
+        axes.text(11.35, 3.6, "feedback, against\nthe turn free", color=VERMILION, va="center", fontsize=8)
+        _arrow(axes, (7.0, 0.4), (7.0, 1.05))
+        _arrow(axes, (7.0, 1.95), (7.0, 3.05))
+        _polyline(axes, (6.25, 1.5), (2.6, 1.5), (2.6, 5.15))
+        axes.text(4.5, 1.6, "friction to go by", ha="center", va="bottom", fontsize=8)
+    return figure
+
+
+# --- the status --------------------------------------------------------------------------------------------------------
+
+
+def status_machine() -> Figure:
+    """What `status` may become from one step to the next."""
+    with style():
+        figure = new_figure(7.4, 4.5)
+        axes = figure.subplots()
+        _bare(axes, 14.0, 8.5)
+        size = (2.9, 1.15)
+        _box(axes, 2.2, 6.6, "STANDBY 2\nrear angle to zero", size)
+        _box(axes, 8.0, 6.6, "TRACKING 0\nfollows the reference", (3.3, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
+        _box(axes, 12.3, 6.6, "LIMITED 1\nat a limit", (2.5, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
+        _box(axes, 8.0, 2.7, "DEGRADED 3\nholds the last command", (3.5, 1.15), edgecolor=ORANGE, facecolor="#FDF3E1")
+        _box(axes, 2.2, 2.7, "FAIL_SAFE 4\nholds, or ramps to zero", (3.3, 1.15), edgecolor=VERMILION, facecolor="#FCEEE5")
+        axes.plot(0.35, 8.05, "o", color=BLACK, markersize=7)
+        _arrow(axes, (0.45, 7.98), (1.1, 7.22))
+        axes.text(0.65, 8.1, "init", va="center")
+        _arrow(axes, (3.7, 6.85), (6.3, 6.85))
+        axes.text(5.0, 7.0, "from the\nenable speed on", ha="center", va="bottom", fontsize=8)
+        _arrow(axes, (6.3, 6.35), (3.7, 6.35))
+        axes.text(5.0, 6.2, "below the\ndisable speed", ha="center", va="top", fontsize=8)
+        _arrow(axes, (9.7, 6.8), (11.0, 6.8))
+        _arrow(axes, (11.0, 6.4), (9.7, 6.4))
+        axes.add_patch(_frame(0.45, 5.2, 13.3, 2.35))
+        axes.text(10.6, 7.75, "samples are good", ha="center", color=GREY)
+        _arrow(axes, (7.4, 5.2), (7.4, 3.3), color=ORANGE)
+        axes.text(7.25, 4.25, "a sample is lost\nor not plausible", ha="right", va="center", fontsize=8)
+        _arrow(axes, (8.6, 3.3), (8.6, 5.2))
+        axes.text(8.75, 4.25, "a good sample", va="center", fontsize=8)
+        _arrow(axes, (6.2, 2.7), (3.9, 2.7), color=VERMILION)
+        axes.text(5.05, 2.55, "lost for longer,\nor implausible\nfor too long", ha="center", va="top", fontsize=8)
+        _arrow(axes, (2.2, 3.3), (2.2, 5.2))
+        axes.text(2.35, 4.25, "enough good\nsamples in a row", va="center", fontsize=8)
+        axes.text(
+            7.0,
+            0.55,
+            "Which of the three good states follows is judged anew at each sample; the command never jumps.",
+            ha="center",
+            color=GREY,
+            fontsize=8.5,
+        )
+    return figure
+
+
+def _frame(x: float, y: float, width: float, height: float) -> Any:
+    from matplotlib.patches import FancyBboxPatch
+
+    return FancyBboxPatch(
+        (x, y), width, height, boxstyle="round,pad=0,rounding_size=0.2", facecolor="none", edgecolor=GREY, linestyle="--"
+    )

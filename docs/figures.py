@@ -1,0 +1,267 @@
+"""The figures of the guide: all are drawn from the code, the committed maps and runs of the committed builds.
+
+`python docs/figures.py FOLDER` draws them into a folder; the guide does so when it is built. Same code, same bytes.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+if __name__ == "__main__":
+    sys.path[:0] = [str(ROOT), str(ROOT / "docs/_ext")]
+
+import frame_layout  # noqa: E402
+import sketches  # noqa: E402
+
+from codegen import config as configuration  # noqa: E402
+from codegen.config import KM_H  # noqa: E402
+from codegen.design.margins import gains_of, nominal_margins  # noqa: E402
+from codegen.files import write_atomically  # noqa: E402
+from codegen.refmap import map as npz  # noqa: E402
+from codegen.refmap.extend import extend  # noqa: E402
+from codegen.refmap.problem import SteadyTurnProblem  # noqa: E402
+from codegen.refmap.solve import solve_case  # noqa: E402
+from codegen.refmap.total import RULE_TEXT, Rule  # noqa: E402
+from codegen.report import style as look  # noqa: E402
+from codegen.report.plots import front_angle_cut_figure, map_figure, run_figure, tyre_figure  # noqa: E402
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAP = ROOT / "generated/4ws2.npz"
+BUILD, RECOMMENDED = ROOT / "generated/4ws2", ROOT / "generated/4ws2-tracking"
+WIDTH = 7.4
+"""inches of a figure over the whole width of a page."""
+
+
+@functools.cache
+def _map() -> npz.ReferenceMap:
+    return npz.load(MAP)
+
+
+@functools.cache
+def _recommended() -> configuration.Config:
+    config = npz.load(RECOMMENDED.with_suffix(".npz")).config
+    assert config is not None
+    return config
+
+
+def tyre() -> Figure:
+    """The tyre's force over slip, its tangent, its linear range."""
+    return tyre_figure(configuration.preset())
+
+
+def reference_map() -> Figure:
+    """The committed map: yaw rate, sideslip, rear angle, and what binds."""
+    return map_figure(_map(), "The 4WS-2 map")
+
+
+def cut() -> Figure:
+    """The three cases of the paper over speed at 4 deg."""
+    paper = configuration.preset()
+    maps = {name: solve_case(paper, case) for name, case in (("FWS", "fws"), ("4WS-1", "4ws-1"), ("4WS-2", "4ws-2"))}
+    return front_angle_cut_figure(maps, math.radians(4.0))
+
+
+def step() -> Figure:
+    """The paper's step steer: both kinds of controller, and the passive car."""
+    from codegen.sil.software import load
+    from hil_sim.runs import run
+    from hil_sim.scenarios import find
+
+    paper, tracking = load(BUILD), load(RECOMMENDED)
+    scenario = find("step-steer", paper.config)
+    runs = {
+        "C1": run(paper, scenario),
+        "C1 tracking": run(tracking, find("step-steer", tracking.config)),
+        "passive": run(paper, scenario, controlled=False),
+    }
+    return run_figure(runs, "Step steer at 42.5 km/h: the paper's PI and the recommended controller", window=(9.8, 12.5))
+
+
+def choice(speed_km_h: float = 43.35, front_angle_deg: float = 4.0) -> Figure:
+    """One operating point of the optimisation: the objective, and how much of each bound is used, over the rear angle."""
+    paper = configuration.preset()
+    problem = SteadyTurnProblem.from_config(paper, paper.case("4ws-2"))
+    car, speed, front = problem.car, np.array(speed_km_h * KM_H), math.radians(front_angle_deg)
+    rear = np.radians(np.linspace(-4.5, 3.0, 601))
+    yaw_rate = car.yaw_gain(speed) * (front - rear)
+    sideslip = rear + yaw_rate * car.sideslip_per_yaw_rate(speed)
+    acceleration = np.abs(speed * yaw_rate)
+    used = {
+        "sideslip": (np.abs(sideslip) / problem.sideslip_max, look.PURPLE),
+        "lateral acceleration": (acceleration / problem.lateral_acceleration_max, look.GREEN),
+        "front slip": (acceleration * car.front_slip_per_lateral_acceleration / problem.front_slip_max, look.VERMILION),
+        "rear slip": (acceleration * car.rear_slip_per_lateral_acceleration / problem.rear_slip_max, look.ORANGE),
+        "rear angle": (np.abs(rear) / problem.rear_angle_max, look.BLUE),
+    }
+    allowed = np.all([share <= 1.0 for share, _ in used.values()], axis=0)
+    degrees = np.degrees(rear)
+    with look.style():
+        figure = look.new_figure(WIDTH, 5.6)
+        above, below = figure.subplots(2, 1, sharex=True)
+        for weight, colour in ((100.0, look.VERMILION), (3000.0, look.BLUE)):
+            objective = -(yaw_rate**2) + weight * sideslip**2
+            best = int(np.argmin(np.where(allowed, objective, np.inf)))
+            above.plot(degrees, objective, color=colour, label=rf"$\lambda$ = {weight:g} s$^{{-2}}$")
+            above.plot(degrees[best], objective[best], "o", color=colour, markersize=7)
+            place = f"{np.degrees(yaw_rate[best]):.1f} deg/s\nat {degrees[best]:.2f} deg"
+            side = {"ha": "right", "xytext": (-8, 8)} if weight < 1000.0 else {"ha": "left", "xytext": (6, -24)}
+            at = (degrees[best], objective[best])
+            above.annotate(place, at, textcoords="offset points", color=colour, **side)
+        above.set(ylabel=r"Objective $-r^2+\lambda\beta^2$", ylim=(-0.5, 1.5))
+        above.legend(loc="upper right")
+        above.set_title(rf"Front angle {front_angle_deg:g} deg at {speed_km_h:g} km/h")
+        for name, (share, colour) in used.items():
+            below.plot(degrees, share, color=colour, label=name, linestyle="--" if name == "rear slip" else "-")
+        below.axhline(1.0, color=look.BLACK, linewidth=0.9)
+        below.set(ylabel="Share of the bound used", xlabel=f"Rear angle {look.REAR_ANGLE} (deg)", ylim=(0.0, 1.6))
+        below.legend(loc="upper right", ncols=2)
+        for axes in (above, below):
+            axes.fill_between(degrees, *axes.get_ylim(), where=~allowed, color=look.INFEASIBLE_FACE, linewidth=0.0, zorder=0)
+            axes.set_xlim(degrees[0], degrees[-1])
+            axes.grid(True)
+    return figure
+
+
+def rules() -> Figure:
+    """Where each cell of the total map comes from."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    total = extend(_map(), configuration.preset())
+    colours = {Rule.ZERO: "#BDBDBD", Rule.SOLVED: "#9ECAE1", Rule.HOLD: look.ORANGE, Rule.PASSIVE_SLOPE: look.GREEN}
+    words = {**RULE_TEXT, Rule.ZERO: "linear, from zero at zero speed and at zero front angle"}
+    kinds = list(colours)
+    table = np.array([[kinds.index(Rule(letter)) for letter in row] for row in total.rule])
+    # What lies between two breakpoints shows the rule of the upper one; the first cells rise from zero.
+    between = table[1:, 1:].copy()
+    between[0, :], between[:, 0] = kinds.index(Rule.ZERO), kinds.index(Rule.ZERO)
+    with look.style():
+        figure = look.new_figure(WIDTH, 4.4)
+        axes = figure.subplots()
+        speed, angle = total.speed / KM_H, np.degrees(total.front_angle)
+        shades = ListedColormap([colours[kind] for kind in kinds])
+        axes.pcolormesh(speed, angle, between.T, cmap=shades, vmin=-0.5, vmax=len(kinds) - 0.5, shading="flat", rasterized=True)
+        axes.set(xlabel=look.SPEED_LABEL, ylabel=look.FRONT_ANGLE_LABEL, xlim=(0.0, speed[-1]), ylim=(0.0, angle[-1]))
+        figure.legend(
+            handles=[Patch(color=colours[kind], label=words[kind]) for kind in kinds], loc="outside lower center", ncols=1
+        )
+        axes.set_title("Where the total map comes from")
+    return figure
+
+
+def margins() -> Figure:
+    """Gain and phase margin over speed of the configured car, and of the worst of the family where the gains were designed."""
+    recommended, paper = _recommended(), configuration.preset()
+    schedule = recommended.controller.tracking.schedule
+    assert schedule is not None
+    speed_km_h = np.geomspace(15.0, 180.0, 120)
+    speed = speed_km_h * KM_H
+    constant = [np.full(speed.shape, gain) for gain in (paper.controller.proportional_gain_s, paper.controller.integral_gain)]
+    lines = (
+        ("kind pi, the paper's fixed gains", look.VERMILION, nominal_margins(paper, speed, *constant)),
+        ("kind tracking, scheduled", look.BLUE, nominal_margins(recommended, speed, *gains_of(schedule)(speed))),
+    )
+    tuning = recommended.tuning
+    sides = (
+        ("Gain margin (dB)", "gain_margin_db", tuning.gain_margin_db, 6.0, schedule.gain_margin_db),
+        ("Phase margin (deg)", "phase_margin_deg", tuning.phase_margin_deg, 30.0, schedule.phase_margin_deg),
+    )
+    with look.style():
+        figure = look.new_figure(WIDTH, 3.6)
+        for axes, (label, field, demand, warning, worst) in zip(figure.subplots(1, 2), sides, strict=True):
+            for name, colour, found in lines:
+                axes.plot(speed_km_h, getattr(found, field), color=colour, label=f"{name}: the car itself")
+            axes.plot(
+                schedule.speed_km_h,
+                worst,
+                "v",
+                color=look.BLUE,
+                markerfacecolor=look.WHITE,
+                label="worst of the family, designed",
+            )
+            axes.axhline(demand, color=look.GREEN, linestyle="--", linewidth=1.1, label="asked of every member")
+            axes.axhline(warning, color=look.GREY, linestyle=":", linewidth=1.1, label="a build warns below")
+            axes.set(xlabel=look.SPEED_LABEL, ylabel=label, xlim=(speed_km_h[0], speed_km_h[-1]), ylim=(0.0, None))
+            axes.grid(True)
+        handles = axes.get_legend_handles_labels()[0]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def bounds() -> Figure:
+    """What bounds the command over speed: the limiter, and the ramp of the fail-safe."""
+    from codegen.sil.software import load
+
+    parameters = load(RECOMMENDED).parameters()  # owns the memory of the limiter's
+    limiter = parameters.limiter
+    fail_safe = _recommended().controller.fail_safe
+    speeds, angles = (np.array(list(values)) for values in (limiter.opposite_phase_speed, limiter.opposite_phase_max))
+    speed = np.linspace(0.0, 160.0, 641)
+    opposite = np.degrees(np.interp(speed * KM_H, speeds, angles))
+    share = np.minimum(speed / fail_safe.hold_above_km_h, 1.0)
+    rate = fail_safe.rate_at_standstill_deg_s + share * (
+        fail_safe.rate_at_hold_speed_deg_s - fail_safe.rate_at_standstill_deg_s
+    )
+    rate[speed >= fail_safe.hold_above_km_h] = 0.0
+    with look.style():
+        figure = look.new_figure(WIDTH, 3.3)
+        left, right = figure.subplots(1, 2)
+        largest = math.degrees(limiter.rear_angle_max)
+        left.fill_between(speed, -opposite, largest, color=look.SKY, alpha=0.35, linewidth=0.0)
+        left.plot(speed, -opposite, color=look.BLUE)
+        left.axhline(largest, color=look.BLUE)
+        left.axhline(0.0, color=look.GREY, linewidth=0.8)
+        left.text(8.0, 1.6, "in phase: the whole angle,\nonce the front wheels are turned", color=look.BLUE)
+        left.text(78.0, -2.9, "opposite phase:\nless at speed", color=look.BLUE)
+        left.set(title="The limiter, in a left turn", xlabel=look.SPEED_LABEL, ylabel=f"Rear angle {look.REAR_ANGLE} (deg)")
+        right.plot(speed, rate, color=look.VERMILION)
+        right.text(fail_safe.hold_above_km_h + 4.0, 0.2, "held", color=look.VERMILION)
+        right.set(title="The fail-safe's ramp to zero", xlabel=look.SPEED_LABEL, ylabel="Rate (deg/s)", ylim=(0.0, None))
+        for axes in (left, right):
+            axes.set_xlim(speed[0], speed[-1])
+            axes.grid(True)
+    return figure
+
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "signs": sketches.signs,
+    "dataflow": sketches.data_flow,
+    "status": sketches.status_machine,
+    "frames": functools.partial(frame_layout.frames, RECOMMENDED / "ars.dbc"),
+    "tracking-law": sketches.tracking_law,
+    "tyre": tyre,
+    "choice": choice,
+    "map": reference_map,
+    "cut": cut,
+    "rules": rules,
+    "margins": margins,
+    "bounds": bounds,
+    "step": step,
+}
+
+
+def draw_all(folder: Path) -> list[Path]:
+    """Draw every figure into a folder; what is there already and the same is left alone."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, draw in FIGURES.items():
+        path, content = folder / f"{name}.png", look.to_png(draw())
+        if not path.is_file() or path.read_bytes() != content:
+            write_atomically(path, content)
+        written.append(path)
+    return written
+
+
+if __name__ == "__main__":
+    for drawn in draw_all(Path(sys.argv[1])):
+        print(drawn)

@@ -1,0 +1,141 @@
+"""`codegen sweep` as its user types it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.sweep.conftest import ROOT, write_spec
+
+from .conftest import Answer, Run
+
+
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spec(tmp_path_factory.mktemp("spec"), samples=8)
+
+
+@pytest.fixture
+def driven(run: Run, spec: Path) -> tuple[Path, Answer]:
+    """Driven once; afterwards it is only told again."""
+    folder = spec.parent / "out"
+    return folder, run("sweep", "--spec", spec, "-o", folder)
+
+
+def test_a_campaign(driven: tuple[Path, Answer], spec: Path) -> None:
+    folder, answer = driven
+    assert answer.code == 0, answer
+    assert f"{folder}/runs.parquet: 48 runs, 8 samples" in answer.out
+    assert f"codegen sweep --spec {spec} -o {folder} --replay " in answer.out
+    assert "codegen sweep --spec sweep.toml --replay " in (folder / "summary.md").read_text()
+    assert {path.name for path in folder.iterdir()} >= {
+        "campaign.json",
+        "runs.parquet",
+        "summary.json",
+        "summary.md",
+        "overshoot.png",
+        "sideslip.png",
+    }
+    assert json.loads((folder / "summary.json").read_text())["runs"] == 48
+
+
+def test_the_same_again_as_json_changes_no_byte(driven: tuple[Path, Answer], run: Run, spec: Path) -> None:
+    folder, _ = driven
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    answer = run("sweep", "--spec", spec, "-o", folder, "--json")
+    assert answer.code == 0
+    told = json.loads(answer.out)
+    assert told["runs"] == 48
+    assert set(told["scenarios"]) == {"step-steer", "sine-with-dwell"}
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_run_of_another_campaign_is_not_driven(driven: tuple[Path, Answer], run: Run, tmp_path: Path) -> None:
+    answer = run("sweep", "--spec", write_spec(tmp_path, samples=9), "-o", driven[0], "--replay", 1)
+    assert answer.code == 2
+    assert "it holds another campaign: spec, runs have changed since" in answer.err
+
+
+def test_an_edited_build_is_told(run: Run, spec: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "generated/4ws2", tmp_path / "mine")
+    source = tmp_path / "mine/src/ars_controller.c"
+    source.write_text(source.read_text() + "/* mine */\n")
+    own = tmp_path / "sweep.toml"
+    own.write_text(spec.read_text().replace(f'{ROOT}/generated/4ws2"', 'mine"'))
+    answer = run("sweep", "--spec", own, "-o", tmp_path / "out")
+    assert answer.code == 0, answer
+    assert "mine/src/ars_controller.c was changed after the build" in answer.err
+
+
+def test_two_scenarios_of_one_name_are_refused(run: Run, tmp_path: Path) -> None:
+    for file, base in (("a.toml", "step-steer"), ("b.toml", "sine-with-dwell")):
+        (tmp_path / file).write_text(f'name = "mine"\nbase = "{base}"\n')
+    path = write_spec(tmp_path, samples=8)
+    path.write_text(path.read_text().replace('["step-steer", "sine-with-dwell"]', '["a.toml", "b.toml"]'))
+    answer = run("sweep", "--spec", path, "-o", tmp_path / "out")
+    assert answer.code == 2
+    assert "two of them are called 'mine'" in answer.err
+
+
+def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
+    folder, _ = driven
+    worst = json.loads((folder / "summary.json").read_text())["scenarios"]["step-steer"]["pi"]["worst"]["overshoot_percent"][0]
+    plot, record = tmp_path / "run.png", tmp_path / "run.csv"
+    answer = run("sweep", "--spec", spec, "--replay", worst["run"], "--plot", plot, "--run", record, "--json")
+    assert answer.code == 0, answer
+    told = json.loads(answer.out)
+    assert (told["scenario"], told["controller"]) == ("step-steer", "pi")
+    assert told["overshoot_percent"] == worst["value"]
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert record.read_text().startswith("time_s,")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "-o: no folder is named"),
+        (("-o", "OUT", "--replay", 1), "no campaign is there"),
+        (("--workers", 2, "--replay", 1), "--workers: it does not go with --replay"),
+        (("--replay", 48), "there is no run 48; 0 to 47"),
+        (("-o", "OUT", "--plot", "run.png"), "--plot: it does not go with a campaign"),
+        (("-o", "OUT", "--scheduler", "tcp://127.0.0.1:9", "--workers", 2), "--workers: the cluster has its own workers"),
+        (("-o", "OUT", "--scheduler", "tcp://127.0.0.1:9"), "no Dask scheduler answers"),
+        (("-o", "OUT", "--scheduler", "nonsense"), "'nonsense' is no address"),
+        (("--replay", 1, "--run", "run.txt"), "no format for a run"),
+        (("--replay", 1, "--plot", "run.jpg"), "run.jpg"),
+    ],
+)
+def test_what_is_refused(run: Run, spec: Path, tmp_path: Path, arguments: tuple[object, ...], told: str) -> None:
+    given = [str(tmp_path / "out") if argument == "OUT" else argument for argument in arguments]
+    answer = run("sweep", "--spec", spec, *given)
+    assert answer.code == 2
+    assert told in answer.err
+    assert answer.err.strip().count("\n") == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('generated/4ws2"', 'generated/none"', "none"),
+        ('"step-steer", ', '"step-stear", ', "sweep.toml: scenarios: there is no scenario 'step-stear'"),
+        ('"step-steer", ', '"ramp-steer", ', "has no figures for a campaign"),
+        ('"step-steer", ', '"ecu-loss", ', "has no figures for a campaign"),
+        ("length_s = 3.9", "length_s = 3.0", "length_s: 3 s are too short for the figures of sine-with-dwell"),
+        ("mass_percent = {", "cg_shift_m = 1.6\nmass_percent = {", "bring the centre of gravity to an axle"),
+        ("[40, 110]", "[5, 110]", "beyond steering.front_angle_stop_deg"),
+    ],
+)
+def test_a_spec_that_cannot_be_driven(run: Run, tmp_path: Path, old: str, new: str, told: str) -> None:
+    path = write_spec(tmp_path, samples=8)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    answer = run("sweep", "--spec", path, "-o", tmp_path / "out")
+    assert answer.code == 2, answer
+    assert told in answer.err
+    assert answer.err.strip().count("\n") == 0
+    assert not (tmp_path / "out").exists()

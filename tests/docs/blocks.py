@@ -1,0 +1,133 @@
+"""The blocks of code of README and guide: found, and run as a reader would.
+
+A block is what stands between two fences. What is done with it goes by its language:
+
+| language | |
+|---|---|
+| `console` | lines after `$ ` are run; the lines below are what the command prints, `...` standing for anything left out |
+| `sh` | every line is run |
+| `python` | is run as a program of its own |
+| `toml`, `c`, ... after `<!-- file: NAME -->` | is written to that file |
+| `toml` after `<!-- into: NAME -->` | its keys are put into that ars.toml, which has to stay valid |
+| `c` | without a mark: each name of the generated C that it speaks of has to be in a header |
+| `text` | is not run: what a file or a screen shows |
+
+A fence without a language, in README, is `console` where a line starts with `$ `, else `sh`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md")))
+
+FENCE = re.compile(r"^(?P<indent> *)(?P<ticks>`{3,})(?P<language>[^\s`]*)\s*(?P<rest>.*)$")
+MARK = re.compile(r"^<!-- (?P<name>file|into): (?P<value>\S+) -->$")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: page, line of its first fence, language, text, and the mark before it (`file` or `into`, and a name)."""
+
+    page: str
+    line: int
+    language: str
+    text: str
+    mark: tuple[str, str] | None = None
+
+    @property
+    def place(self) -> str:
+        """Page and line."""
+        return f"{self.page}:{self.line}"
+
+    @property
+    def needs_vcan(self) -> bool:
+        """Whether it is run where there is a vcan0: it names one."""
+        return "vcan0" in self.text and self.language in ("console", "sh", "python")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a block with what the page shows of its output; None where it shows nothing."""
+
+    text: str
+    shown: str | None = None
+
+    @property
+    def plain(self) -> str:
+        """Without the comment behind it."""
+        return re.sub(r"\s+#\s.*$", "", self.text).strip()
+
+
+@dataclass
+class _Open:
+    """A command whose lines are still being read."""
+
+    lines: list[str]
+    shown: list[str] = field(default_factory=list)
+
+
+def blocks(page: str) -> list[Block]:
+    """All blocks of a page, in order; directives of Sphinx (`{figure}` and the like) are none."""
+    found: list[Block] = []
+    lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
+    number = 0
+    while number < len(lines):
+        fence = FENCE.match(lines[number])
+        number += 1
+        if fence is None:
+            continue
+        start = number
+        close = fence["indent"] + fence["ticks"]
+        while number < len(lines) and lines[number].rstrip() != close:
+            number += 1
+        assert number < len(lines), f"{page}:{start}: the block is not closed"
+        body = [line.removeprefix(fence["indent"]) for line in lines[start:number]]
+        number += 1
+        if not fence["language"].startswith("{"):
+            found.append(Block(page, start, _language(fence["language"], body), "\n".join(body), _mark(lines, start - 2)))
+    return found
+
+
+def _language(named: str, body: list[str]) -> str:
+    return named or ("console" if any(line.startswith("$ ") for line in body) else "sh")
+
+
+def _mark(lines: list[str], before: int) -> tuple[str, str] | None:
+    while before >= 0 and not lines[before].strip():
+        before -= 1
+    mark = MARK.match(lines[before].strip()) if before >= 0 else None
+    return None if mark is None else (mark["name"], mark["value"])
+
+
+def commands(block: Block) -> list[Command]:
+    """The commands of a `console` or `sh` block; a backslash at the end of a line joins the next one."""
+    console, found, going = block.language == "console", [], False
+    for line in block.text.splitlines():
+        if going:
+            found[-1].lines.append(line)
+        elif console and line.startswith("$ "):
+            found.append(_Open([line[2:]]))
+        elif console:
+            assert found, f"{block.place}: output stands before the first command"
+            found[-1].shown.append(line)
+            continue
+        elif line.strip() and not line.lstrip().startswith("#"):
+            found.append(_Open([line]))
+        else:
+            continue
+        going = line.endswith("\\")
+    return [Command("\n".join(one.lines), "\n".join(one.shown).strip("\n") or None) for one in found]
+
+
+def matches(shown: str, printed: str) -> bool:
+    """Whether a page shows what was printed; `...` stands for anything, lines too. Blanks at ends of lines do not count."""
+    parts = [re.escape(part) for part in _trimmed(shown).split("...")]
+    return re.fullmatch(".*?".join(parts), _trimmed(printed), re.DOTALL) is not None
+
+
+def _trimmed(text: str) -> str:
+    return "\n".join(line.rstrip() for line in text.strip().splitlines())

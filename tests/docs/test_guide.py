@@ -1,0 +1,153 @@
+"""The guide as it is built: without a warning, whole, without a network, and the same each time."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from tests.docs.blocks import PAGES, ROOT
+
+pytest.importorskip("sphinx", reason="the guide needs the extra docs")
+
+LOADS = {"script": "src", "img": "src", "source": "srcset", "iframe": "src", "video": "src", "audio": "src", "object": "data"}
+"""Elements that load something, and the attribute that says what; `link` is judged by its `rel`."""
+
+
+@dataclass
+class Page:
+    """What a page of HTML refers to."""
+
+    links: list[str] = field(default_factory=list)
+    loads: list[str] = field(default_factory=list)
+    images: list[tuple[str, str]] = field(default_factory=list)
+    anchors: set[str] = field(default_factory=set)
+    text: str = ""
+
+
+class _Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.page = Page()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        if "id" in given:
+            self.page.anchors.add(given["id"])
+        if tag == "a" and "href" in given:
+            self.page.links.append(given["href"])
+        if tag == "img":
+            self.page.images.append((given.get("src", ""), given.get("alt", "")))
+        if tag == "link" and not {"next", "prev", "search", "canonical", "index"} & set(given.get("rel", "").split()):
+            self.page.loads.append(given.get("href", ""))
+        if tag in LOADS and LOADS[tag] in given:
+            self.page.loads.append(given[LOADS[tag]])
+
+
+def read(path: Path) -> Page:
+    reader = _Reader()
+    reader.page.text = path.read_text(encoding="utf-8")
+    reader.feed(reader.page.text)
+    return reader.page
+
+
+def build(target: Path) -> Path:
+    """The guide in a folder; warnings are errors."""
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-E", "-b", "html", "-d", target / "doctrees"]
+    environment = os.environ | {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+    done = subprocess.run(
+        [*command, ROOT / "docs", target / "html"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=target.parent,
+        env=environment,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return target / "html"
+
+
+@pytest.fixture(scope="module")
+def guide(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("guide") / "one")
+
+
+@pytest.fixture(scope="module")
+def pages(guide: Path) -> dict[str, Page]:
+    return {path.name: read(path) for path in sorted(guide.glob("*.html"))}
+
+
+def inside(page: Page) -> Iterator[tuple[str, str]]:
+    """The links to pages of the guide: file ("" for the same) and anchor."""
+    for link in page.links:
+        parts = urlsplit(link)
+        if not parts.scheme and not parts.netloc:
+            yield unquote(parts.path), unquote(parts.fragment)
+
+
+def test_every_source_is_a_page(pages: dict[str, Page]) -> None:
+    sources = [Path(page).stem for page in PAGES if page.startswith("docs/")]
+    assert sources
+    assert [name for name in sources if f"{name}.html" not in pages] == []
+
+
+def test_each_page_is_two_clicks_from_the_index_at_the_most(pages: dict[str, Page]) -> None:
+    reached, front = {"index.html"}, {"index.html"}
+    for _ in range(2):
+        front = {path for name in front for path, _ in inside(pages[name]) if path in pages} - reached
+        reached |= front
+    assert set(pages) - reached == {"search.html"}  # behind the field for searching
+
+
+def test_links_between_pages_arrive(pages: dict[str, Page], guide: Path) -> None:
+    dead = []
+    for name, page in pages.items():
+        for path, anchor in inside(page):
+            target = path or name
+            if target in pages:
+                if anchor and anchor not in pages[target].anchors:
+                    dead.append(f"{name}: {target}#{anchor}")
+            elif not (guide / target).exists():
+                dead.append(f"{name}: {target}")
+    assert dead == []
+
+
+def test_nothing_is_loaded_from_a_network(pages: dict[str, Page], guide: Path) -> None:
+    loaded = {(name, what) for name, page in pages.items() for what in page.loads}
+    assert loaded
+    assert [(name, what) for name, what in loaded if urlsplit(what).scheme not in ("", "data") or what.startswith("//")] == []
+    assert [what for _, what in loaded if not what.startswith("data:") and not (guide / urlsplit(what).path).is_file()] == []
+    for style in guide.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert "url(http" not in text.replace('"', "").replace("'", ""), style
+        assert "@import" not in text, style
+
+
+def test_each_picture_has_words_in_its_place(pages: dict[str, Page]) -> None:
+    images = [(name, *image) for name, page in pages.items() for image in page.images]
+    assert any("_images/" in source for _, source, _ in images)
+    # Shorter ones would be a file's name or a single noun.
+    assert [(name, source) for name, source, words in images if len(words) < 20] == []
+
+
+def test_formulae_are_there_without_a_script(pages: dict[str, Page]) -> None:
+    assert pages["theory-map.html"].text.count("<math ") > 20
+    for name, page in pages.items():
+        assert "mathjax" not in page.text.lower().replace("mathjax_ignore", ""), name
+        assert "merror" not in page.text, name
+
+
+def test_the_same_sources_give_the_same_guide(guide: Path, tmp_path: Path) -> None:
+    def hashes(folder: Path) -> dict[str, str]:
+        files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != ".buildinfo")
+        return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+    assert hashes(build(tmp_path / "two")) == hashes(guide)

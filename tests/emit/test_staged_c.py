@@ -1,0 +1,170 @@
+"""A CasADi function in stages and for lanes: right against the CasADi machine, each stage only what changes there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from codegen.config import parse
+from codegen.emit.staged_c import Stage, staged_body
+from codegen.sil.compile import compile_library
+from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters, two_track_of_parameters
+
+LANES = 4
+SIZES = {"p": 3, "u": 2, "x": 2}
+STAGES = {"car": ["p"], "step": ["u"], "rate": ["x"]}
+
+
+def symbols() -> dict[str, Any]:
+    return {name: ca.SX.sym(name, size) for name, size in SIZES.items()}
+
+
+def everything() -> Any:
+    """Each operation that the plant has, over arguments of all stages."""
+    v = symbols()
+    p, u, x = v["p"], v["u"], v["x"]
+    slow = p[0] * p[1] + 2.0
+    per_step = ca.fmax(u[0] / p[0], -slow) * p[2]
+    results = ca.vertcat(
+        x[0] / p[0] + u[1] / slow,
+        ca.sin(p[1] * ca.atan(x[0] / per_step)) + ca.cos(x[1]) * slow,
+        ca.fmin(x[1] / (u[0] * u[0] + 1.0), 0.3) - (-x[0]) / 3.0,
+        per_step,
+        slow,
+        p[2],
+        5.0,
+        x[0] / x[1],
+    )
+    return ca.Function("everything", [p, u, x], [results], ["p", "u", "x"], ["y"])
+
+
+def compiled(function: Any, stages: Sequence[Stage]) -> Any:
+    """A library with `void at(const double *p, const double *u, const double *x, double *y)`, rows of LANES numbers each."""
+    arguments = ", ".join(f"const row_t *{name}" for name in function.name_in())
+    results = ", ".join(f"row_t *{name}" for name in function.name_out())
+    held = [f"    row_t held_{stage.name}[{max(stage.held, 1)}];" for stage in stages]
+    loops = [
+        line
+        for stage in stages
+        for line in ("    for (lane = 0; lane < LANES; lane++) {", *stage.body, "    }", f"    (void)held_{stage.name};")
+    ]
+    header = [
+        f"enum {{ LANES = {LANES} }};",
+        "typedef struct { double at[LANES]; } row_t;",
+        f"void at({arguments}, {results});",
+    ]
+    source = [
+        '#include "at.h"',
+        "#include <math.h>",
+        f"void at({arguments}, {results})",
+        "{",
+        *held,
+        "    int lane;",
+        *loops,
+        "}",
+    ]
+    sources = {"at.h": "\n".join(header) + "\n", "at.c": "\n".join(source) + "\n"}
+    return compile_library("staged", sources, ["at.h"], include_folders=(".",))
+
+
+def evaluated(library: Any, function: Any, values: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+    """Results (rows, LANES) of arguments (rows, LANES)."""
+    result = np.empty((function.numel_out(0), LANES))
+    ffi = library.ffi
+    given = [ffi.from_buffer("row_t[]", np.ascontiguousarray(values[name])) for name in function.name_in()]
+    library.lib.at(*given, ffi.from_buffer("row_t[]", result, require_writable=True))
+    return result
+
+
+def machine(function: Any, values: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+    columns = [function(*(values[name][:, lane] for name in function.name_in())) for lane in range(LANES)]
+    return np.hstack([np.array(column) for column in columns])
+
+
+def test_the_casadi_machine_s_results_in_every_lane() -> None:
+    function = everything()
+    stages = staged_body(function, STAGES)
+    library = compiled(function, stages)
+    generator = np.random.default_rng(2)
+    for _ in range(20):
+        values = {name: generator.uniform(0.2, 3.0, (size, LANES)) for name, size in SIZES.items()}
+        # A reciprocal and a product round twice where a division rounds once; a dozen operations follow.
+        np.testing.assert_allclose(evaluated(library, function, values), machine(function, values), rtol=2e-15, atol=2e-15)
+
+
+def test_each_stage_reads_its_arguments_and_what_is_held() -> None:
+    car, step, rate = staged_body(everything(), STAGES)
+    assert set(re.findall(r"\b(\w+)\[", "".join(car.body))) == {"p", "held_car", "at"}
+    assert "x[" not in "".join(step.body)
+    assert set(re.findall(r"\bheld_\w+", "".join(rate.body))) == {"held_car", "held_step"}
+    for stage in (car, step):
+        stored = re.findall(rf"held_{stage.name}\[(\d+)\]\.at\[lane\] =", "".join(stage.body))
+        assert sorted(map(int, stored)) == list(range(stage.held))
+    assert rate.held == 0
+
+
+def test_no_division_by_what_an_earlier_stage_knows() -> None:
+    *_, rate = staged_body(everything(), STAGES)
+    divisions = [line for line in rate.body if " / " in line]
+    assert len(divisions) == 2, "by three, which the compiler knows, and by another number of the same stage"
+    assert "held_" not in "".join(divisions)
+
+
+def depths(stage: Stage) -> list[int]:
+    """The number of calls before each call of the library, in the order of the lines."""
+    depth: dict[str, int] = {}
+    found = []
+    for line in stage.body:
+        match = re.match(r" *const double (t\d+) = (.*);", line)
+        if match is None:
+            continue
+        before = max((depth[name] for name in re.findall(r"\bt\d+\b", match[2])), default=0)
+        call = re.match(r"(sin|cos|atan)\(", match[2]) is not None
+        depth[match[1]] = before + call
+        if call:
+            found.append(before)
+    return found
+
+
+def test_calls_that_do_not_wait_for_each_other_stand_together() -> None:
+    """In the plant: the slips of all wheels, then the inner and the outer arc tangent of each, then the sines."""
+    config = parse({}, "test")
+    model = two_track_of_parameters(config)
+    *_, rate = staged_body(model.derivative, {"car": ["p"], "input": ["u"], "state": ["x"]})
+    found = depths(rate)
+    assert found == sorted(found)
+    assert [found.count(depth) for depth in range(4)][1:] == [4, 4, 4]
+
+
+def test_the_plant_in_stages_is_the_plant() -> None:
+    config = parse({"plant": {"relaxation_length_m": 0.6}}, "test")
+    function = two_track_of_parameters(config).derivative
+    stages = staged_body(function, {"car": ["p"], "input": ["u"], "state": ["x"]})
+    library = compiled(function, stages)
+    generator = np.random.default_rng(3)
+    values = {
+        "p": plant_parameters(config)[:, np.newaxis] * generator.uniform(0.8, 1.2, (len(PLANT_PARAMETERS), LANES)),
+        "u": np.array([[20.0], [0.5], [0.02], [0.9], [100.0]]) * generator.uniform(0.8, 1.2, (5, LANES)),
+        "x": generator.uniform(-0.05, 0.05, (11, LANES)),
+    }
+    found, wanted = evaluated(library, function, values), machine(function, values)
+    # Forces of some kN are summed up, in the same order: a few units in the last place of the largest.
+    np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("stages", [{"car": ["p"], "rate": ["x"]}, {"all": ["p", "u", "x", "x"]}, {"all": ["p", "u", "y"]}])
+def test_stages_that_do_not_name_each_argument_once(stages: dict[str, list[str]]) -> None:
+    with pytest.raises(ValueError, match="do not name each of p, u, x once"):
+        staged_body(everything(), stages)
+
+
+def test_an_operation_without_a_form_in_c() -> None:
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match="no C form"):
+        staged_body(ca.Function("f", [x], [ca.exp(x)], ["x"], ["y"]), {"all": ["x"]})

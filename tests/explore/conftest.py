@@ -1,0 +1,96 @@
+"""Explorations of small maps: of the paper's PI and of the recommended controller."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from codegen.config import Config, parse
+from codegen.explore.explorer import Explorer
+from codegen.explore.server import ExploreServer
+from codegen.explore.toml_file import Target, preset_bases
+from codegen.refmap import map as npz
+
+GENERATED = Path(__file__).resolve().parents[2] / "generated"
+CASE = "4ws-2"
+KINDS = {"pi": "4ws2", "tracking": "4ws2-tracking"}
+
+
+def small(kind: str) -> Config:
+    """The committed map's configuration on a grid that is solved and compiled in no time."""
+    config = npz.load(GENERATED / f"{KINDS[kind]}.npz").config
+    assert config is not None
+    data = config.model_dump(mode="json")
+    data["grid"] |= {"speed_points": 21, "front_angle_points": 25}
+    return parse(data, "test")
+
+
+@pytest.fixture(scope="session")
+def pi() -> Explorer:
+    return Explorer(small("pi"), CASE, "small")
+
+
+@pytest.fixture(scope="session")
+def tracking() -> Explorer:
+    return Explorer(small("tracking"), CASE, "small")
+
+
+@dataclass
+class Answer:
+    """What came back."""
+
+    status: int
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def data(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass
+class Client:
+    """Speaks plain HTTP to a server, and says what it is told to say."""
+
+    server: ExploreServer
+
+    def ask(self, method: str, path: str, body: bytes | None = None, **headers: str | None) -> Answer:
+        """One request; a header of None is left out."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=60)
+        try:
+            connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            given = {"Host": f"127.0.0.1:{self.server.server_port}"}
+            given |= {name.replace("_", "-"): value for name, value in headers.items()}  # type: ignore[misc]
+            if body is not None:
+                given.setdefault("Content-Length", str(len(body)))
+            for name, value in given.items():
+                if value is not None:
+                    connection.putheader(name, value)
+            connection.endheaders(body)
+            answer = connection.getresponse()
+            return Answer(answer.status, dict(answer.getheaders()), answer.read())
+        finally:
+            connection.close()
+
+    def post(self, path: str, data: object, **headers: str | None) -> Answer:
+        """As the page does it."""
+        usual = {"Content_Type": "application/json", "X_Explore_Key": self.server.key}
+        return self.ask("POST", path, json.dumps(data).encode(), **(usual | headers))
+
+
+@pytest.fixture
+def client(pi: Explorer, tmp_path: Path) -> Iterator[Client]:
+    """A server whose button writes to `tmp_path`."""
+    with ExploreServer(pi, Target(tmp_path / "ars.toml", preset_bases())) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield Client(server)
+        server.shutdown()
+        thread.join()

@@ -1,0 +1,196 @@
+"""FMUs under test, and one face for instances of both versions of the standard."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from ctypes import c_int
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy import fmi2, fmi3
+from fmpy.model_description import ModelDescription
+
+from codegen.export.fmu.export import Fmu, make_fmu
+from codegen.export.fmu.standard import Version
+from codegen.export.fmu.variables import What
+from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
+from codegen.sil.software import RECORD_COLUMNS, Software, load
+from hil_sim.scenarios import find
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDS = {"pi": ROOT / "generated" / "4ws2", "tracking": ROOT / "generated" / "4ws2-tracking"}
+STEP, SAMPLE, STEPS_PER_SAMPLE = 0.001, 0.01, 10
+
+FROM_SIL = {
+    "speed": "speed_m_s",
+    "steering_wheel_command": "steering_wheel_command_rad",
+    "friction": "friction",
+    "yaw_moment": "yaw_moment_n_m",
+    "inhibit": "inhibit",
+}
+"""Columns of a scenario and the inputs that they are; friction_estimate apart."""
+
+OUTPUTS = tuple(name for name in RECORD_COLUMNS if name not in ("time_s", "speed_m_s"))
+"""Columns of a run that a loop computes."""
+
+
+@functools.cache
+def software(kind: str) -> Software:
+    """The SIL of a committed build."""
+    return load(BUILDS[kind])
+
+
+@functools.cache
+def inputs(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
+    """Rows of the scenario, one a plant step; `held`: those at the samples, each for a whole sample."""
+    rows = find(scenario).inputs(software(kind).config)
+    return np.repeat(rows[::STEPS_PER_SAMPLE], STEPS_PER_SAMPLE, axis=0) if held else rows
+
+
+@functools.cache
+def recorded(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
+    """What the SIL makes of it, columns RECORD_COLUMNS."""
+    return ClosedLoop(software(kind)).run(inputs(kind, scenario, held=held))
+
+
+def column(record: np.ndarray, name: str) -> np.ndarray:
+    return record[:, RECORD_COLUMNS.index(name)]
+
+
+def loop_inputs(row: Iterable[float]) -> dict[str, float]:
+    """A row of a scenario as the inputs of a loop."""
+    given = dict(zip(INPUT_COLUMNS, row, strict=True))
+    estimate = given.pop("friction_estimate")
+    known = bool(np.isfinite(estimate))
+    named = {FROM_SIL[name]: float(value) for name, value in given.items()}
+    return {**named, "friction_estimate_available": float(known), **({"friction_estimate": estimate} if known else {})}
+
+
+@dataclass(frozen=True)
+class Made:
+    """An FMU in a file, and unpacked."""
+
+    fmu: Fmu
+    path: Path
+    folder: Path
+    description: ModelDescription
+
+    @property
+    def version(self) -> Version:
+        return "3" if self.description.fmiVersion.startswith("3") else "2"
+
+
+def make(folder: Path, kind: str, what: What, version: Version) -> Made:
+    return pack_at(folder, f"{kind}-{what}-{version}", make_fmu(BUILDS[kind], what, version))
+
+
+def pack_at(folder: Path, name: str, fmu: Fmu) -> Made:
+    """In a file of that name, and unpacked beside it."""
+    path = folder / f"{name}.fmu"
+    path.write_bytes(fmu.content)
+    unpacked = fmpy.extract(str(path), str(folder / name))
+    return Made(fmu, path, Path(unpacked), fmpy.read_model_description(str(path)))
+
+
+class Slave:
+    """One instance. What it logs is in `messages`."""
+
+    def __init__(self, made: Made, name: str = "one") -> None:
+        self.messages: list[str] = []
+        self.made = made
+        self.time = 0.0
+        description = made.description
+        self.variables = {variable.name: variable for variable in description.modelVariables}
+        given = {
+            "unzipDirectory": str(made.folder),
+            "modelIdentifier": description.coSimulation.modelIdentifier,
+            "instanceName": name,
+            "guid": description.guid if made.version == "2" else description.instantiationToken,
+        }
+        self.fmu: Any
+        if made.version == "2":
+            self.fmu = fmi2.FMU2Slave(**given)
+            callbacks = fmi2.fmi2CallbackFunctions()
+            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *given: self.messages.append(given[-1].decode()))
+            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+            self.fmu.instantiate(callbacks=callbacks)
+        else:
+            self.fmu = fmi3.FMU3Slave(**given)
+            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: self.messages.append(given[-1].decode()))
+
+    def start(self, values: Mapping[str, float] | None = None, start: float = 0.0, stop: float | None = None) -> Slave:
+        """Through the initialization."""
+        self.set(values or {})
+        if self.made.version == "2":
+            self.fmu.setupExperiment(startTime=start, stopTime=stop)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=start, stopTime=stop)
+        self.fmu.exitInitializationMode()
+        self.time = start
+        return self
+
+    def _access(self, direction: str, kind: str) -> Any:
+        if kind == "Enumeration":
+            kind = "Integer" if self.made.version == "2" else "Int64"
+        return getattr(self.fmu, direction + kind)
+
+    def set(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            variable = self.variables[name]
+            typed = bool(value) if variable.type == "Boolean" else int(value) if "Int" in variable.type else value
+            self._access("set", variable.type)([variable.valueReference], [typed])
+
+    def get(self, name: str) -> float:
+        variable = self.variables[name]
+        return float(self._access("get", variable.type)([variable.valueReference])[0])
+
+    def row(self, names: Iterable[str] = OUTPUTS) -> list[float]:
+        return [self.get(name) for name in names]
+
+    def step(self, size: float, time: float | None = None) -> None:
+        self.fmu.doStep(self.time if time is None else time, size)
+        self.time += size
+
+    def state(self) -> Any:
+        return self.fmu.getFMUState()
+
+    def restore(self, state: Any, time: float) -> None:
+        self.fmu.setFMUState(state)
+        self.time = time
+
+    def to_bytes(self, state: Any) -> bytes:
+        return bytes(self.fmu.serializeFMUState(state))
+
+    def from_bytes(self, content: bytes) -> Any:
+        return self.fmu.deserializeFMUState(content)
+
+    def free_state(self, state: Any) -> None:
+        self.fmu.freeFMUState(state)
+
+    def close(self) -> None:
+        self.fmu.freeInstance()
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """A function of the standard as it is, without fmpy's own check of what it returns."""
+        function = self.fmu.dll[f"fmi{self.made.version}{name}"]  # a face of its own, without types of arguments
+        function.restype = c_int
+        return int(function(*arguments))
+
+
+def drive(slave: Slave, rows: np.ndarray, size: float, names: Iterable[str] = OUTPUTS) -> np.ndarray:
+    """Outputs at each sample of the controller, the inputs of that time set, as the SIL records them."""
+    names = tuple(names)
+    per_step = round(size / STEP)
+    seen = []
+    for k in range(0, len(rows), per_step):
+        slave.set(loop_inputs(rows[k]))
+        if k % STEPS_PER_SAMPLE == 0:
+            seen.append(slave.row(names))
+        slave.step(size)
+    return np.array(seen)

@@ -1,0 +1,185 @@
+"""A run as MF4, Parquet and CSV: read back by other readers, bit for bit, with names, units and the texts of the status."""
+
+from __future__ import annotations
+
+import csv
+import json
+import struct
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen.errors import CodegenError
+from codegen.export.runs import COLUMNS, FORMATS, check_formats, save
+from codegen.sil.software import RECORD_COLUMNS, Status
+
+SUFFIX_OF_UNIT = {"s": "_s", "m/s": "_m_s", "m/s^2": "_m_s2", "rad": "_rad", "rad/s": "_rad_s", "": ""}
+AWKWARD = [-0.0, 5e-324, -2.2250738585072014e-308, 1.7976931348623157e308, np.inf, -np.inf, np.nan, 0.1, 1 / 3, 1e16 + 2]
+SAMPLES = 3000
+
+
+def needs(package: str) -> pytest.MarkDecorator:
+    return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} (extra tools) is not installed")
+
+
+ALL = [pytest.param(".mf4", marks=needs("asammdf")), pytest.param(".parquet", marks=needs("pyarrow")), ".csv"]
+
+
+@pytest.fixture(scope="module")
+def record() -> np.ndarray:
+    """Numbers that a careless format loses, each in each column; every status."""
+    record = np.random.default_rng(7).normal(size=(SAMPLES, len(RECORD_COLUMNS)))
+    record[:, 0] = 0.01 * np.arange(SAMPLES)
+    for column in range(1, len(RECORD_COLUMNS) - 1):
+        record[column : column + len(AWKWARD), column] = AWKWARD
+    record[:, -1] = np.arange(SAMPLES) % len(Status)
+    return record
+
+
+def same_bits(found: Any, wanted: np.ndarray) -> bool:
+    found = np.asarray(found)
+    return found.dtype == np.float64 and found.tobytes() == np.ascontiguousarray(wanted).tobytes()
+
+
+def test_each_column_of_a_run_is_described() -> None:
+    assert tuple(column.name for column in COLUMNS) == RECORD_COLUMNS
+    for column in COLUMNS:
+        assert column.name.endswith(SUFFIX_OF_UNIT[column.unit])
+        assert column.meaning
+
+
+def test_mf4_by_asammdf(record: np.ndarray, tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    save(record, tmp_path / "run.mf4")
+    with asammdf.MDF(tmp_path / "run.mf4") as run:
+        assert run.version == "4.10"
+        assert run.start_time == datetime(2000, 1, 1, tzinfo=UTC)
+        (group,) = run.groups
+        assert [channel.name for channel in group.channels] == list(RECORD_COLUMNS)
+        assert run.masters_db == {0: 0}
+        for number, column in enumerate(COLUMNS):
+            signal = run.get(column.name, raw=True)
+            assert (signal.unit, signal.comment) == (column.unit, column.meaning)
+            assert same_bits(signal.timestamps, record[:, 0])
+            if column.name != "status":
+                assert same_bits(signal.samples, record[:, number])
+        assert run.get("status", raw=True).samples.tolist() == record[:, -1].tolist()
+        names = [Status(int(value)).name for value in record[:, -1]]
+        assert [text.decode() for text in run.get("status").samples] == names
+
+
+def test_mf4_by_its_bytes(record: np.ndarray, tmp_path: Path) -> None:
+    """Without asammdf, which wrote it: the packed blocks of ASAM MDF 4.1, DZBLOCK with zip type 1, hold the rows of the run."""
+    pytest.importorskip("asammdf")
+    save(record, tmp_path / "run.mf4")
+    content, rows, place = (tmp_path / "run.mf4").read_bytes(), b"", 0
+    assert content.startswith(b"MDF     4.10    ")
+    while (place := content.find(b"##DZ", place)) >= 0:
+        kind, zip_type, _, width, size, packed = struct.unpack_from("<2sBBIQQ", content, place + 24)
+        assert (kind, zip_type) == (b"DT", 1)
+        plain = np.frombuffer(zlib.decompress(content[place + 48 : place + 48 + packed]), np.uint8)
+        whole = size // width * width
+        rows += plain[:whole].reshape(width, -1).T.tobytes() + plain[whole:].tobytes()
+        place += 48
+    wanted = np.zeros(SAMPLES, [(name, "<f8") for name in RECORD_COLUMNS[:-1]] + [("status", "u1")])
+    for number, name in enumerate(RECORD_COLUMNS):
+        wanted[name] = record[:, number]
+    assert rows == wanted.tobytes()
+
+
+def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    save(record, tmp_path / "run.parquet")
+    table = parquet.read_table(tmp_path / "run.parquet")
+    assert table.column_names == list(RECORD_COLUMNS)
+    assert [column.null_count for column in table.columns] == [0] * len(RECORD_COLUMNS)  # NaN is a number here
+    for number, name in enumerate(RECORD_COLUMNS[:-1]):
+        assert same_bits(table.column(name).to_numpy(), record[:, number])
+    assert str(table.schema.field("status").type) == "uint8"
+    assert table.column("status").to_pylist() == record[:, -1].tolist()
+    described = json.loads(table.schema.metadata[b"columns"])
+    assert list(described) == list(RECORD_COLUMNS)
+    for column in COLUMNS:
+        assert (described[column.name]["unit"], described[column.name]["description"]) == (column.unit, column.meaning)
+    assert described["status"]["values"] == {"0": "TRACKING", "1": "LIMITED", "2": "STANDBY", "3": "DEGRADED", "4": "FAIL_SAFE"}
+    assert table.schema.metadata[b"made_by"].startswith(b"ars-codegen ")
+
+
+def test_csv_by_the_standard_library(record: np.ndarray, tmp_path: Path) -> None:
+    save(record, tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(newline="", encoding="ascii") as file:
+        head, *rows = csv.reader(file)
+    assert head == list(RECORD_COLUMNS)
+    assert same_bits(np.array(rows)[:, :-1].astype(np.float64), record[:, :-1])
+    assert [row[-1] for row in rows] == [str(int(value)) for value in record[:, -1]]
+
+
+@pytest.fixture
+def other_day(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Another time, time zone, user and host."""
+
+    def change() -> None:
+        real = time.time
+        monkeypatch.setattr(time, "time", lambda: real() + 86_400.0)
+        for name, value in {"TZ": "UTC+5", "USER": "somebody", "LOGNAME": "somebody", "HOSTNAME": "elsewhere"}.items():
+            monkeypatch.setenv(name, value)
+        time.tzset()
+
+    monkeypatch.setenv("TZ", "Pacific/Auckland")
+    time.tzset()
+    yield change  # type: ignore[misc]
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_equal_runs_give_equal_bytes(
+    record: np.ndarray, tmp_path: Path, suffix: str, other_day: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(record, tmp_path / f"one{suffix}")
+    other_day()
+    (tmp_path / "folder").mkdir()
+    monkeypatch.chdir(tmp_path / "folder")
+    save(record.copy(order="F"), Path(f"other{suffix}"))
+    content = Path(f"other{suffix}").read_bytes()
+    assert content == (tmp_path / f"one{suffix}").read_bytes()
+    assert str(tmp_path).encode() not in content
+
+
+def test_capitals_are_the_same_extension(record: np.ndarray, tmp_path: Path) -> None:
+    save(record, tmp_path / "RUN.CSV")
+    save(record, tmp_path / "run.csv")
+    assert (tmp_path / "RUN.CSV").read_bytes() == (tmp_path / "run.csv").read_bytes()
+
+
+@pytest.mark.parametrize(("package", "suffix"), [("asammdf", ".mf4"), ("pyarrow", ".parquet")])
+def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch, package: str, suffix: str) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(
+        CodegenError, match=rf'{package}, which writes {suffix}, is missing; pip install "ars-codegen\[tools\]"'
+    ):
+        check_formats((Path(f"run{suffix}"),))
+    check_formats([Path(f"run{other}") for other in FORMATS if other == ".csv"])
+
+
+@pytest.mark.parametrize("name", ["run", "run.mdf", "run.xlsx", ".mf4"])
+def test_an_ending_without_a_format(record: np.ndarray, tmp_path: Path, name: str) -> None:
+    with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.csv"):
+        save(record, tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_what_cannot_be_written_leaves_nothing(record: np.ndarray, tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"run{suffix}").mkdir()
+    with pytest.raises(CodegenError, match="cannot be written"):
+        save(record, tmp_path / f"run{suffix}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"run{suffix}"]

@@ -1,0 +1,139 @@
+"""The map on the plant's own steady turns: against a dense search, against IPOPT, and driven in closed loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.dense_search import DenseSearch
+from benchmarks.nonlinear_map import SAME, nonlinear, random_car, random_cells
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.refmap import ipopt
+from codegen.refmap.map import Binding, ReferenceMap
+from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.problem import breakpoints
+from codegen.refmap.solve import solve_case
+from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
+from codegen.sil.software import RECORD_COLUMNS, compile_build
+from codegen.vehicle.tyre import AxleTyres
+from tests.refmap.cars import CASE
+
+PAPER = configuration.preset()
+CASES = ("fws", "4ws-1", "4ws-2")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_against_a_dense_search(seed: int) -> None:
+    """Another car for each seed; the benchmark does 2,000 cells. The tolerance is what is asked, far above what is seen."""
+    rng = np.random.default_rng(100 + seed)
+    config = random_car(rng)
+    case = config.cases[CASE]
+    turns, search = NonlinearTurns.from_config(config, case), DenseSearch.of(config, case)
+    speed, front_angle = random_cells(turns, config, rng, 3)
+    found = turns.at(speed, front_angle)
+    for index in range(3):
+        best = search.best(float(speed[index]), float(front_angle[index]))
+        assert best.feasible == found.feasible[index], (config, speed[index], front_angle[index], best, found.margin[index])
+        if best.feasible:
+            assert abs(best.yaw_rate - found.yaw_rate[index]) < SAME
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_against_ipopt(case: str) -> None:
+    config = nonlinear(PAPER, case)
+    turns = NonlinearTurns.from_config(config, config.case(case))
+    speed, front_angle = (axis[::20] for axis in breakpoints(config))
+    ours = turns.solve(speed, front_angle)
+    peer = ipopt.solve(config, turns.problem, speed, front_angle, None, "magic-formula")
+    assert np.array_equal(ours.feasible, peer.feasible)
+    assert ours.feasible.sum() > 5
+    # IPOPT ends within 1e-12 of its scaled variables.
+    assert np.nanmax(np.abs(ours.yaw_rate - peer.yaw_rate)) < 1e-9
+
+
+def made(case: str = "4ws-2") -> ReferenceMap:
+    return solve_case(nonlinear(PAPER, case), case)
+
+
+def test_slip_bounds_bind_and_are_kept_on_the_plant() -> None:
+    """What the linear map lacks: the plant in steady state, at each optimum, by its own derivatives and slip outputs."""
+    from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
+
+    found = made()
+    model, tyres = two_track(PAPER), AxleTyres.from_config(PAPER)
+    assert model.output is not None
+    cells = np.argwhere(found.feasible)[::23]
+    assert found.sideslip is not None
+    assert found.rear_angle is not None
+    largest = np.zeros(2)
+    for i, j in cells:
+        x, u = np.zeros(len(PLANT_STATES)), np.zeros(len(PLANT_INPUTS))
+        speed = found.speed[i]
+        x[PLANT_STATES.index("lateral_speed")] = speed * math.tan(found.sideslip[i, j])
+        x[PLANT_STATES.index("yaw_rate")] = found.yaw_rate[i, j]
+        x[PLANT_STATES.index("steering_wheel_angle")] = found.front_angle[j] * PAPER.steering.ratio
+        x[PLANT_STATES.index("rear_angle")] = found.rear_angle[i, j]
+        u[PLANT_INPUTS.index("speed")], u[PLANT_INPUTS.index("friction")] = speed, PAPER.road.friction
+        rate, told = np.asarray(model.derivative(x, u)).ravel(), np.asarray(model.output(x, u)).ravel()
+        assert np.abs(rate[:2]).max() < 1e-8  # m/s^2, rad/s^2: forces of 10 kN to rounding
+        slips = np.abs(told[-2:])
+        assert (slips <= np.array([tyres.front_slip_bound, tyres.rear_slip_bound]) * (1.0 + 1e-9)).all()
+        largest = np.maximum(largest, slips)
+    assert (largest > 0.99 * np.array([tyres.front_slip_bound, tyres.rear_slip_bound])).all()
+    assert found.active is not None
+    assert (found.active[found.feasible] & (Binding.SLIP_FRONT | Binding.SLIP_REAR)).any()
+
+
+def steady_slips(reference_map: ReferenceMap, config: Config, speed: float, front_angle: float) -> np.ndarray:
+    """Largest front and rear slip (rad) in steady state of the paper's controller on a map: turned in slowly, then held."""
+    folder = build(reference_map, config, BuildOptions("test"), BuildInputs("test.npz", "0" * 64, "map"))
+    software = compile_build(folder.files, folder.manifest)
+    time = np.arange(0.0, 30.0, config.plant.sampling_time_s)
+    inputs = np.zeros((time.size, len(INPUT_COLUMNS)))
+    inputs[:, INPUT_COLUMNS.index("speed")] = speed
+    wheel = front_angle * config.steering.ratio * np.clip(time / 10.0, 0.0, 1.0)
+    inputs[:, INPUT_COLUMNS.index("steering_wheel_command")] = wheel
+    inputs[:, INPUT_COLUMNS.index("friction")] = config.road.friction
+    inputs[:, INPUT_COLUMNS.index("friction_estimate")] = math.nan
+    record = ClosedLoop(software).run(inputs)[-200:]
+    assert np.ptp(record[:, RECORD_COLUMNS.index("yaw_rate_rad_s")]) < 1e-4  # rad/s: settled
+    columns = [RECORD_COLUMNS.index(name) for name in ("slip_front_rad", "slip_rear_rad")]
+    return np.asarray(np.abs(record[:, columns]).max(axis=0))
+
+
+SLIP_SHARE = 0.01
+"""By which a driven car may exceed its bound: on the breakpoints driven here the table is exact, and what is left is single
+precision and the residue of the settling."""
+
+
+@pytest.mark.parametrize(("row", "share"), [(22, 0.99), (40, 0.95), (60, 0.95), (90, 0.9)])
+def test_closed_loop_keeps_the_slip_bounds_in_steady_state(row: int, share: float) -> None:
+    """On breakpoints near where the map ends; the linear map, on the same plant, exceeds its bound."""
+    tyres = AxleTyres.from_config(PAPER)
+    bounds = np.array([tyres.front_slip_bound, tyres.rear_slip_bound])
+    found, config = made(), nonlinear(PAPER, "4ws-2")
+    last = int(np.flatnonzero(found.feasible[row])[-1])
+    column = int(share * last)
+    speed, front_angle = float(found.speed[row]), float(found.front_angle[column])
+    slips = steady_slips(found, config, speed, front_angle)
+    assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
+
+
+def test_the_linear_map_exceeds_them() -> None:
+    tyres = AxleTyres.from_config(PAPER)
+    linear = solve_case(PAPER, "4ws-2")
+    last = int(np.flatnonzero(linear.feasible[22])[-1])
+    slips = steady_slips(linear, PAPER, float(linear.speed[22]), float(linear.front_angle[last]))
+    over = (slips / np.array([tyres.front_slip_bound, tyres.rear_slip_bound])).max()
+    assert 1.10 < over < 1.25
+
+
+def test_the_file_says_how_it_was_solved() -> None:
+    found = made()
+    assert found.meta["configuration"]["cases"]["4ws-2"]["tyre_model"] == "magic-formula"
+    assert found.meta["method"] != "exact"
+    assert "tyre_model" not in solve_case(PAPER, "4ws-2").meta["configuration"]["cases"]["4ws-2"]

@@ -1,0 +1,162 @@
+"""What must hold of a map that calibration changes in memory.
+
+Each check takes a build whose calibration can be written, finds it as it was built, and raises AssertionError where it does not
+hold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.sil.calibrated import AXES, Calibrated
+
+RANGES = {
+    "yaw_rate_table": (0.0, 10.0),
+    "rear_angle_table": (-0.5, 0.5),
+    "speed_breakpoints": (0.0, 150.0),
+    "front_angle_breakpoints": (0.0, 1.2),
+}
+"""rad/s, rad, m/s, rad: the contract of a reference map, docs/interface.md."""
+ALL_MAX = 500
+"""Numbers of a table of which each is tried."""
+
+
+def check_each_number_of_the_tables(built: Calibrated) -> None:
+    """Each may be as small and as large as its range, and no smaller or larger by a bit, nor NaN. Of a large table, those at
+    its edges and some inside."""
+    for name in ("yaw_rate_table", "rear_angle_table"):
+        if name not in built.arrays:
+            continue
+        numbers = built.arrays[name].reshape(-1)
+        low, high = (np.float32(bound) for bound in RANGES[name])
+        below, above = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
+        for k in _cells(built.arrays[name].shape):
+            kept = numbers[k]
+            for value, wanted in ((low, True), (high, True), (below, False), (above, False), (np.nan, False)):
+                numbers[k] = value
+                assert built.is_valid() == wanted, (name, k, value)
+            numbers[k] = kept
+
+
+def _cells(shape: tuple[int, ...]) -> list[int]:
+    """Places in a table, (layers, rows, columns), taken flat."""
+    places = np.arange(int(np.prod(shape))).reshape(shape)
+    if places.size <= ALL_MAX:
+        return [int(place) for place in places.ravel()]
+    inside = np.random.default_rng(5).choice(places.ravel(), 40, replace=False)
+    edges = [places[:, ::9, 0], places[:, ::9, -1], places[:, 0, ::9], places[:, -1, ::9], places[:, -1, -1], inside]
+    return [int(place) for place in np.unique(np.concatenate([each.ravel() for each in edges]))]
+
+
+def check_each_breakpoint_is_above_the_one_before(built: Calibrated) -> None:
+    """Two in one place, a NaN and one out of range are refused, wherever they stand, and a first one above zero. Moved as a
+    whole, an axis keeps its kind: with half the steps it is valid, up to its range and not beyond."""
+    for name in AXES:
+        points = built.arrays[f"{name}_breakpoints"]
+        kept, (low, high) = points.copy(), RANGES[f"{name}_breakpoints"]
+        for k in range(points.size):
+            wrong = [np.nan, np.float32(high) * np.float32(1.01), np.float32(low) - np.float32(0.01)]
+            for value in wrong + ([points[k - 1]] if k else []):
+                points[k] = value
+                assert not built.is_valid(), (name, k, value)
+                points[...] = kept
+        points[0] = np.float32(1e-6)
+        assert not built.is_valid(), name
+        points[...] = kept
+        if built.axis(name).has_first_cell:  # of no width: the core begins at zero too, and is even
+            points[1:] = np.linspace(0.0, float(kept[-1]), points.size - 1, dtype=np.float32)
+            assert not built.is_valid(), name
+            points[...] = kept
+        for scale, wanted in ((0.5, True), (high / kept[-1], True), (1.001 * high / kept[-1], False)):
+            points[...] = np.minimum(np.float32(scale) * kept, np.float32(high)) if wanted else np.float32(scale) * kept
+            assert built.is_valid() == wanted, (name, scale)
+            points[...] = kept
+
+
+def check_even_axes_stay_even(built: Calibrated) -> None:
+    """Inside an even core a breakpoint may be off by less than a hundredth of a step; a core that ends elsewhere has other
+    steps. An uneven axis is free. The margin of half a percent of that is for roundings: of 0.6 rad in steps of 0.1 deg, and of
+    33 m/s in steps of 1 km/h, they are some hundred-thousandths of a step."""
+    for name in AXES:
+        axis, points = built.axis(name), built.arrays[f"{name}_breakpoints"]
+        for k in range(1, points.size - 1):
+            inside = axis.even and axis.core_start < k < axis.core_end
+            kept, step = points[k], axis.step if axis.even else 0.0
+            for share, wanted in ((0.00995, True), (-0.00995, True), (0.01005, False), (-0.01005, False)):
+                if inside:
+                    points[k] = kept + np.float32(share * step)
+                    assert built.is_valid() == wanted, (name, k, share)
+            if not axis.even:
+                points[k] = np.float32(0.5) * (points[k - 1] + kept)
+                assert built.is_valid(), (name, k)
+            points[k] = kept
+        for end in (axis.core_start, axis.core_end) if axis.even else ():
+            kept = points[end]
+            points[end] += np.float32(0.02 * axis.step if end else 0.0)
+            assert built.is_valid() == (end == 0), (name, end)
+            points[end] = kept
+
+
+def check_even_to_the_bit(built: Calibrated) -> None:
+    """Off by just a hundredth of a step, in the C's own numbers, is still even: to both sides."""
+    axis, points = built.axis("front_angle"), built.arrays["front_angle_breakpoints"]
+    if not axis.even:
+        return
+    kept, cells = points.copy(), axis.core_end - axis.core_start
+    first = np.float32(0.125 if axis.core_start else 0.0)
+    last = np.float32(0.5)
+    while True:  # for one end in some hundreds, no rounding is in the way
+        last = np.nextafter(last, np.float32(1.0))
+        step = (last - first) / np.float32(cells)
+        tolerance = np.float32(0.01) * step
+        places = [first + (step + off) for off in (tolerance, -tolerance)]
+        if [(place - first) - step for place in places] == [tolerance, -tolerance]:
+            break
+    points[axis.core_start : axis.core_end + 1] = first + step * np.arange(cells + 1, dtype=np.float32)
+    points[axis.core_end] = last
+    points[axis.core_end + 1 :] = last + np.float32(0.1)
+    for place in places:
+        points[axis.core_start + 1] = place
+        assert built.is_valid()
+    points[axis.core_start + 1] = np.nextafter(places[0], np.float32(1.0))
+    assert not built.is_valid()
+    points[...] = kept
+
+
+def check_the_lookup_takes_what_stands_there(built: Calibrated) -> None:
+    """With other numbers and other breakpoints of the same kind, the C has the bits of the reference with the same ones."""
+    rng = np.random.default_rng(7)
+    for _ in range(5):
+        built.restored()
+        built.arrays["yaw_rate_table"][...] = rng.uniform(0.0, 0.3, built.arrays["yaw_rate_table"].shape)
+        for name in AXES:
+            points = built.arrays[f"{name}_breakpoints"]
+            points[...] = np.float32(rng.uniform(0.5, 1.2)) * points
+            if built.axis(name).has_last_cell:
+                points[-1] = points[-2] + np.float32(rng.uniform(0.2, 1.0)) * (points[-1] - points[-2])
+        assert built.is_valid()
+        lookup = built.lookup
+        speed = rng.uniform(0.0, 1.2 * float(lookup.speed_axis.top), 400).astype(np.float32)
+        angle = rng.uniform(-1.2, 1.2, 400).astype(np.float32) * lookup.front_axis.top
+        for axis, values in ((lookup.speed_axis, speed), (lookup.front_axis, angle)):
+            values[: axis.table.size] = axis.table
+        wanted = lookup(speed, angle)
+        found = [built.library.lib.ars_map_yaw_rate(*pair) for pair in zip(speed.tolist(), angle.tolist(), strict=True)]
+        np.testing.assert_array_equal(np.array(found, dtype=np.float32), wanted)
+
+
+def check_parameters_judge_the_map_too(built: Calibrated) -> None:
+    """`ars_parameters_valid` says what `ars_map_valid` says, where the parameters are valid: see `Calibrated.is_valid`."""
+    assert built.is_valid()
+    built.arrays["yaw_rate_table"].reshape(-1)[0] = np.nan
+    assert not built.is_valid()
+
+
+CHECKS = (
+    check_each_number_of_the_tables,
+    check_each_breakpoint_is_above_the_one_before,
+    check_even_axes_stay_even,
+    check_even_to_the_bit,
+    check_parameters_judge_the_map_too,
+    check_the_lookup_takes_what_stands_there,
+)

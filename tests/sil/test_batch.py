@@ -1,0 +1,374 @@
+"""Many closed loops at once against the single run, and each of them in any company the same bits."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from codegen.config import Config, Kind, parse
+from codegen.sil import batch
+from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
+from codegen.sil.batch_sources import LANES, batch_sources
+from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
+from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
+from codegen.sil.vector import ISAS, compiler_offers, machine_runs
+from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
+from tests.sil import builds
+
+FloatArray = npt.NDArray[np.float64]
+HERE = [isa for isa in ISAS if machine_runs(isa) and compiler_offers(isa)]
+KINDS: tuple[Kind, ...] = ("pi", "tracking")
+SAMPLES, STEPS = 250, 10
+SPIN = 0.2
+"""rad of sideslip; a car that gets there grows what differs."""
+SIDESLIP = RECORD_COLUMNS.index("sideslip_rad")
+
+
+@functools.cache
+def batch_of(kind: Kind, isa: Isa) -> BatchSoftware:
+    folder = builds.of_kind(kind).folder
+    return compile_batch(folder.files, folder.manifest, isa=isa)
+
+
+@pytest.fixture(params=ISAS)
+def isa(request: pytest.FixtureRequest) -> Isa:
+    """Each level of vector instructions that this machine and its compiler have."""
+    if request.param not in HERE:
+        pytest.skip(f"{request.param} is not to be had here")
+    level: Isa = request.param
+    return level
+
+
+@pytest.fixture(scope="module")
+def best() -> BatchSoftware:
+    return batch_of("pi", HERE[0])
+
+
+def profile(speed: float = 20.0, samples: int = SAMPLES, **columns: Any) -> FloatArray:
+    values = {"speed": speed, "friction": 0.9, "friction_estimate": math.nan, **columns}
+    rows = [np.broadcast_to(np.asarray(values.get(name, 0.0), dtype=float), samples * STEPS) for name in INPUT_COLUMNS]
+    return np.ascontiguousarray(np.stack(rows, axis=1))
+
+
+TIME = np.arange(SAMPLES * STEPS) * 1e-3
+
+
+def sine_with_dwell(frequency: float = 0.7, pause: float = 0.5, start: float = 0.3) -> FloatArray:
+    """FMVSS 126, S7.9: one period, its second peak held."""
+    peak = start + 0.75 / frequency
+    length = 1.0 / frequency + pause
+    held = np.clip(TIME - peak, 0.0, pause)
+    angle = np.sin(2.0 * np.pi * frequency * (TIME - start - held))
+    result: FloatArray = np.where(np.abs(TIME - start - 0.5 * length) > 0.5 * length, 0.0, angle)
+    return result
+
+
+PROFILES = {
+    "step steer": profile(steering_wheel_command=np.where(TIME < 0.5, 0.0, 1.0)),
+    "sine with dwell": profile(steering_wheel_command=sine_with_dwell()),
+    "all that acts": profile(
+        speed=20.0 + 5.0 * np.sin(TIME),
+        steering_wheel_command=0.6 * np.sin(2.0 * TIME),
+        friction=np.where(TIME < 1.0, 0.9, 0.6),
+        yaw_moment=np.where((TIME > 0.2) & (TIME < 0.4), 2000.0, 0.0),
+        inhibit=(TIME > 0.8) & (TIME < 1.0),
+    ),
+}
+
+
+def random_car(generator: np.random.Generator, base: Config, **plant: float) -> Config:
+    """A car near the one of a configuration that differs in every quantity of the plant, and is stable."""
+    data = base.model_dump()
+    for key in ("mass_kg", "yaw_inertia_kg_m2", "cg_height_m", "track_m", "front_roll_share"):
+        data["vehicle"][key] *= generator.uniform(0.85, 1.15)
+    data["vehicle"]["cg_to_front_axle_m"] *= generator.uniform(0.9, 1.0)
+    data["vehicle"]["cg_to_rear_axle_m"] *= generator.uniform(1.0, 1.1)
+    for axle in ("front", "rear"):
+        tyre = data["tyre"][axle]
+        tyre["cornering_stiffness_n_per_rad"] *= generator.uniform(0.9, 1.0) if axle == "front" else generator.uniform(1.0, 1.1)
+        tyre["shape_factor_c"] = generator.uniform(1.2, 1.5)
+        tyre["curvature_factor_e"] = generator.uniform(-1.5, 0.3)
+        tyre["peak_load_sensitivity_p2"] = generator.uniform(-0.2, 0.0)
+        tyre["horizontal_shift_deg"] = generator.uniform(-0.1, 0.1)
+        tyre["vertical_shift_n"] = generator.uniform(-30.0, 30.0)
+    data["rear_actuator"]["lag_s"] = generator.uniform(0.02, 0.08)
+    data["steering"]["lag_s"] = generator.uniform(0.005, 0.05)
+    data["steering"]["ratio"] *= generator.uniform(0.9, 1.1)
+    data["plant"].update(plant)
+    return Config.model_validate(data)
+
+
+@functools.cache
+def cars(kind: Kind) -> tuple[Config, ...]:
+    generator = np.random.default_rng(8)
+    return tuple(random_car(generator, builds.CONFIGS[kind]) for _ in range(3))
+
+
+@functools.cache
+def single(kind: Kind, car: str) -> Software:
+    """The build of a kind with the plant of a car (JSON)."""
+    folder = builds.of_kind(kind).folder
+    return compile_build(folder.files, folder.manifest, parse(json.loads(car), "test"), flags=builds.QUICK_FLAGS)
+
+
+def single_run(kind: Kind, car: Config, scenario: FloatArray, **options: Any) -> FloatArray:
+    return ClosedLoop(single(kind, car.to_json()), LoopOptions(**options)).run(scenario).T
+
+
+def rows(*configs: Config) -> FloatArray:
+    return np.array([plant_parameters(config) for config in configs])
+
+
+def require_equal(found: FloatArray, wanted: FloatArray, bound: float = batch.DIFFERENCE_MAX) -> None:
+    """Two recordings (12, samples) agree; status and time to the bit."""
+    assert np.abs(wanted[SIDESLIP]).max() < SPIN, "a car that spins proves nothing"
+    for name, column, expected in zip(RECORD_COLUMNS, found, wanted, strict=True):
+        if name in ("time_s", "status"):
+            assert np.array_equal(column, expected), name
+        assert np.abs(column - expected).max() <= bound, name
+
+
+def check_cars(software: BatchSoftware, kind: Kind, name: str) -> None:
+    """Three cars side by side, each with a delay of its own, one of them passive."""
+    delays, controlled = (0, 2, 1), (True, True, False)
+    lanes = Lanes(rows(*cars(kind)), delay_samples=np.array(delays), controlled=np.array(controlled))
+    record = software.run(PROFILES[name], lanes)
+    for index, car in enumerate(cars(kind)):
+        options = {"delay_samples": delays[index], "controlled": controlled[index]}
+        require_equal(record[:, :, index], single_run(kind, car, PROFILES[name], **options))
+
+
+@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_run_is_the_single_run_of_its_car(isa: Isa, kind: Kind, name: str) -> None:
+    check_cars(batch_of(kind, isa), kind, name)
+
+
+def test_tyres_with_a_relaxation_length(isa: Isa) -> None:
+    generator = np.random.default_rng(3)
+    soft, stiff = (random_car(generator, builds.CONFIG, relaxation_length_m=length) for length in (0.6, 0.25))
+    folder = builds.paper().folder
+    software = compile_batch(folder.files, folder.manifest, soft, isa=isa)
+    record = software.run(PROFILES["step steer"], Lanes(rows(soft, stiff)))
+    for index, car in enumerate((soft, stiff)):
+        require_equal(record[:, :, index], single_run("pi", car, PROFILES["step steer"]))
+
+
+def test_a_build_in_double_precision(isa: Isa) -> None:
+    built = builds.paper("double")
+    software = compile_batch(built.folder.files, built.folder.manifest, isa=isa)
+    record = software.run(PROFILES["sine with dwell"], Lanes(rows(builds.CONFIG)))
+    require_equal(record[:, :, 0], ClosedLoop(built.software).run(PROFILES["sine with dwell"]).T)
+
+
+def test_factors_and_friction_are_those_of_another_scenario(best: BatchSoftware) -> None:
+    """A constant friction is replaced; one that changes is scaled by the run's over the configuration's."""
+    lanes = Lanes(rows(builds.CONFIG), speed_factor=1.25, wheel_factor=-0.7, friction=0.75, friction_estimate=0.8)
+    for name, of_road in (("step steer", lambda friction: 0.75), ("all that acts", lambda friction: 0.75 * friction / 0.9)):
+        scenario = PROFILES[name].copy()
+        scenario[:, 0] *= 1.25
+        scenario[:, 1] *= -0.7
+        scenario[:, 2] = of_road(scenario[:, 2])
+        scenario[:, 3] = 0.8
+        require_equal(best.run(PROFILES[name], lanes)[:, :, 0], single_run("pi", builds.CONFIG, scenario))
+
+
+def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
+    """Yaw rate and command with noise (samples, 3) on what is measured, the loop in Python."""
+    software = builds.paper().software
+    controller, lib = software.controller(), software.compiled.lib
+    plant, acting, output = (software.ffi.new(f"plant_{name}_t *") for name in ("state", "input", "output"))
+    found = []
+    for sample, added in enumerate(noise):
+        steps = scenario[sample * STEPS : (sample + 1) * STEPS]
+        speed, wheel, friction, _, moment, _ = steps[0]
+        acting[0] = (speed, wheel, 0.0, friction, moment)
+        lib.plant_output(plant, acting, output)
+        measured = np.array([speed, output.front_angle, plant.yaw_rate]) + added
+        command = controller.step(Measurement(measured[0], measured[1], measured[2], plant.rear_angle)).rear_angle
+        found.append((plant.yaw_rate, command))
+        for speed, wheel, friction, _, moment, _ in steps:
+            acting[0] = (speed, wheel, command, friction, moment)
+            lib.plant_step(plant, acting, 1e-3)
+    return np.array(found).T
+
+
+def check_noise(software: BatchSoftware) -> None:
+    """Every lane with noise of its own."""
+    noise = np.random.default_rng(4).normal(0.0, [[[0.1], [1e-3], [5e-3]]], (SAMPLES, 3, LANES + 1))
+    lanes = Lanes(np.repeat(rows(builds.CONFIG), LANES + 1, axis=0), noise=noise)
+    record = software.run(PROFILES["step steer"], lanes, columns=["yaw_rate_rad_s", "rear_angle_command_rad"])
+    for run in (0, 3, LANES):
+        wanted = stepped(PROFILES["step steer"], noise[:, :, run])
+        assert np.abs(record[:, :, run] - wanted).max() <= batch.DIFFERENCE_MAX
+
+
+def test_noise_is_on_what_the_controller_reads(best: BatchSoftware) -> None:
+    check_noise(best)
+
+
+def test_a_flipped_rounding_stays_within_its_bound(best: BatchSoftware) -> None:
+    """One unit in the last place of single precision, on front angle and yaw rate of one sample in the middle of the turn."""
+    noise = np.zeros((SAMPLES, 3, 3))
+    noise[80, 1, 1] = noise[80, 2, 2] = float(np.spacing(np.float32(0.5)))
+    lanes = Lanes(np.repeat(rows(builds.CONFIG), 3, axis=0), wheel_factor=0.2, noise=noise)
+    record = best.run(PROFILES["step steer"], lanes)
+    for run in (1, 2):
+        difference = np.abs(record[1:, :, run] - record[1:, :, 0]).max()
+        assert 0.0 < difference <= batch.DIFFERENCE_MAX_FLIPPED
+
+
+def mixed(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
+    """Runs that differ in everything; some spin, one has no numbers at all."""
+    generator = np.random.default_rng(5)
+    values = rows(*cars("pi"))[generator.integers(0, 3, count)] * generator.uniform(0.9, 1.1, (count, 1))
+    values[:, PLANT_PARAMETERS.index("relaxation_length")] = 0.0
+    values[count // 3, PLANT_PARAMETERS.index("mass")] = math.nan
+    lanes = Lanes(
+        values,
+        speed_factor=generator.uniform(0.5, 2.5, count),
+        wheel_factor=generator.uniform(-4.0, 4.0, count),
+        friction=generator.uniform(0.2, 1.0, count),
+        friction_estimate=generator.choice([math.nan, 0.5], count),
+        delay_samples=generator.integers(0, 101, count),
+        controlled=generator.random(count) < 0.8,
+        noise=generator.normal(0.0, 1e-3, (SAMPLES, 3, count)),
+    )
+    return lanes, np.arange(count)
+
+
+def chosen(lanes: Lanes, index: Any) -> Lanes:
+    """Some runs, in an order of their own."""
+    fields = ("cars", "speed_factor", "wheel_factor", "friction", "friction_estimate", "delay_samples", "controlled")
+    picked: Mapping[str, Any] = {name: np.asarray(getattr(lanes, name))[index] for name in fields}
+    assert lanes.noise is not None
+    return Lanes(**picked, noise=lanes.noise[:, :, index])
+
+
+def test_a_run_has_the_same_bits_in_any_company(isa: Isa) -> None:
+    software = batch_of("pi", isa)
+    count = 3 * LANES + 3
+    lanes, every = mixed(count)
+    whole = software.run(PROFILES["sine with dwell"], lanes)
+    assert np.isnan(whole[3, -1, count // 3]), "the run without a mass has no yaw rate"
+    assert np.isfinite(np.delete(whole, count // 3, axis=2)).all(), "and harms no other"
+    assert np.nanmax(np.abs(whole[SIDESLIP])) > 2.0 * SPIN, "some spin"
+    shuffled = np.random.default_rng(6).permutation(every)
+    for index in (every[::-1], shuffled, every[:1], every[5 : 5 + LANES], every[2 : 3 + LANES], every[-7:]):
+        part = software.run(PROFILES["sine with dwell"], chosen(lanes, index))
+        assert part.tobytes() == np.ascontiguousarray(whole[:, :, index]).tobytes()
+
+
+def test_calls_side_by_side_give_the_same_bits(best: BatchSoftware) -> None:
+    lanes, _ = mixed(4 * LANES)
+    wanted = best.run(PROFILES["step steer"], lanes).tobytes()
+    with ThreadPoolExecutor(4) as threads:
+        records = list(threads.map(lambda _: best.run(PROFILES["step steer"], lanes).tobytes(), range(8)))
+    assert set(records) == {wanted}
+
+
+def test_only_the_columns_that_are_asked_for(best: BatchSoftware) -> None:
+    lanes, _ = mixed(LANES + 2)
+    whole = best.run(PROFILES["step steer"], lanes)
+    for columns in (["yaw_rate_rad_s"], ["status", "slip_rear_rad", "time_s"], [*RECORD_COLUMNS][::-1], []):
+        part = best.run(PROFILES["step steer"], lanes, columns=columns)
+        wanted = whole[[RECORD_COLUMNS.index(name) for name in columns]]
+        assert part.tobytes() == wanted.tobytes()
+        assert part.shape == (len(columns), SAMPLES, LANES + 2)
+
+
+def test_parameters_of_the_controller(best: BatchSoftware) -> None:
+    """Without gains the rear wheels stay straight."""
+    parameters = best.parameters(proportional_gain=0.0, integral_gain=0.0)
+    record = best.run(PROFILES["step steer"], Lanes(rows(builds.CONFIG)), parameters, ["rear_angle_rad", "yaw_rate_rad_s"])
+    assert not record[0].any()
+    assert record[1].any()
+
+
+def test_no_run_and_no_sample(best: BatchSoftware) -> None:
+    assert best.run(PROFILES["step steer"], Lanes(rows(builds.CONFIG)[:0])).shape == (12, SAMPLES, 0)
+    assert best.run(profile(samples=0), Lanes(rows(builds.CONFIG))).shape == (12, 0, 1)
+
+
+ONE = rows(builds.CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "lanes", "columns", "text"),
+    [
+        (profile(speed=0.0), Lanes(ONE), ["status"], "speed must be above zero"),
+        (profile(speed=math.nan), Lanes(ONE), ["status"], "speed must be above zero"),
+        (profile()[:-1], Lanes(ONE), ["status"], "shape"),
+        (profile()[:, :5], Lanes(ONE), ["status"], "shape"),
+        (profile(), Lanes(ONE[:, 1:]), ["status"], "cars of shape"),
+        (profile(), Lanes(ONE, speed_factor=-1.0), ["status"], "factors must be above zero"),
+        (profile(), Lanes(ONE, delay_samples=101), ["status"], "0 to 100"),
+        (profile(), Lanes(ONE, delay_samples=-1), ["status"], "0 to 100"),
+        (profile(), Lanes(ONE, wheel_factor=np.ones(3)), ["status"], "broadcast"),
+        (profile(), Lanes(ONE, noise=np.zeros((SAMPLES, 3, 2))), ["status"], "noise of shape"),
+        (profile(), Lanes(ONE), ["yaw rate"], "no column"),
+        (
+            profile(),
+            Lanes(np.where(np.array(PLANT_PARAMETERS) == "relaxation_length", 0.5, ONE)),
+            ["status"],
+            "relaxation length",
+        ),
+    ],
+)
+def test_what_cannot_be_run_is_refused(
+    best: BatchSoftware, scenario: FloatArray, lanes: Lanes, columns: list[str], text: str
+) -> None:
+    with pytest.raises(ValueError, match=text):
+        best.run(scenario, lanes, columns=columns)
+
+
+FAULTS = {
+    "weights of Runge-Kutta": ("batch_plant.c", "(2.0 * k2[i].at[lane])", "(2.001 * k2[i].at[lane])"),
+    "factor of the friction": ("batch_plant.c", "input->friction * self->friction_factor.at[lane]", "input->friction"),
+    "moment from outside": ("batch_plant.c", ".at[lane] = input->yaw_moment;", ".at[lane] = 0.0;"),
+    "a controller for all": ("batch.c", "&self->controller[lane], parameters", "&self->controller[0], parameters"),
+    "delay": ("batch.c", "sample + DELAY_SLOTS - delay", "sample + DELAY_SLOTS - (delay / 2u)"),
+    "noise of another signal": ("batch.c", "runs, sample, 1u, run", "runs, sample, 2u, run"),
+    "noise of another run": ("batch.c", "runs, sample, 2u, run", "runs, sample, 2u, 0u"),
+    "friction estimate": ("batch.c", "runs->friction_estimate[run];", "runs->friction_estimate[self->first];"),
+    "inhibit": ("batch.c", "(input->inhibit > 0.0)", "(input->inhibit > 2.0)"),
+    "row of another block": ("batch.c", "((size_t)sample * runs->count) + self->first", "((size_t)sample * runs->count)"),
+}
+
+
+def check_everything(software: BatchSoftware) -> None:
+    """The checks above."""
+    for name in PROFILES:
+        check_cars(software, "pi", name)
+    check_noise(software)
+    test_factors_and_friction_are_those_of_another_scenario(software)
+    lanes, every = mixed(2 * LANES)
+    whole = software.run(PROFILES["step steer"], lanes)
+    assert software.run(PROFILES["step steer"], chosen(lanes, every[::-1])).tobytes() == whole[:, :, ::-1].tobytes()
+
+
+def test_nothing_planted_passes(best: BatchSoftware) -> None:
+    check_everything(best)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_planted_in_the_batch_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One place of its C changed."""
+    file, old, new = FAULTS[fault]
+    sources = batch_sources(builds.CONFIG, "ars", "single")
+    text = sources[f"batch/{file}"].decode("ascii")
+    assert text.count(old) == 1
+    planted = {**sources, f"batch/{file}": text.replace(old, new).encode("ascii")}
+    monkeypatch.setattr(batch, "batch_sources", lambda *_: planted)
+    folder = builds.paper().folder
+    software = compile_batch(folder.files, folder.manifest, isa="none")
+    with pytest.raises(AssertionError):
+        check_everything(software)

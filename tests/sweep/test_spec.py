@@ -1,0 +1,111 @@
+"""`sweep.toml`: what is taken, and one clear line for what is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from codegen.errors import ConfigError
+from codegen.sweep.spec import FACTORS, load, parse
+
+GOOD: dict[str, Any] = {"samples": 10, "controllers": {"pi": "build"}}
+
+
+def changed(**tables: Any) -> dict[str, Any]:
+    return {**GOOD, **tables}
+
+
+def test_a_small_one_is_enough() -> None:
+    spec = parse(GOOD, "sweep.toml")
+    assert (spec.design, spec.seed, spec.scenarios, spec.sample_count, spec.run_count) == (
+        "monte-carlo",
+        0,
+        ["step-steer"],
+        10,
+        10,
+    )
+
+
+def test_runs_are_samples_by_scenarios_by_controllers() -> None:
+    spec = parse(
+        changed(scenarios=["step-steer", "sine-with-dwell"], controllers={"pi": "a", "tracking": "b", "passive": ""}),
+        "sweep.toml",
+    )
+    assert spec.run_count == 10 * 2 * 3
+
+
+def test_a_factorial_design_counts_its_combinations() -> None:
+    factors = {"friction": [0.4, 0.6], "mass_percent": {"uniform": [-20, 20], "points": 5}, "delay_samples": 1}
+    spec = parse({"design": "factorial", "controllers": {"pi": "a"}, "factors": factors}, "sweep.toml")
+    assert spec.sample_count == 2 * 5
+    assert spec.factors["mass_percent"].levels == [-20.0, -10.0, 0.0, 10.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("tables", "told"),
+    [
+        ({"sampels": 5}, "sampels: unknown key; did you mean 'samples'?"),
+        ({"samples": 0}, "samples: Input should be greater than or equal to 1 (not 0)"),
+        ({"samples": None}, "samples is missing; a monte-carlo design needs it"),
+        ({"samples": True}, "samples: "),
+        ({"design": "random"}, "design: "),
+        ({"scenarios": []}, "scenarios: "),
+        ({"scenarios": ["step-steer", "step-steer"]}, "names one twice"),
+        ({"controllers": {}}, "controllers: "),
+        ({"controllers": {"passive": ""}}, "controllers names no build"),
+        ({"controllers": {"passive": "build"}}, 'write passive = ""'),
+        ({"controllers": {"pi": "a", "own": ""}}, "a name without a folder"),
+        ({"controllers": {"a b": "build"}}, "cannot stand in C"),
+        ({"factors": {"mass_percnt": [1.0]}}, "there is no factor 'mass_percnt'; did you mean 'mass_percent'?"),
+        ({"factors": {"friction": [90]}}, "outside 0.05 to 1.5; check the unit"),
+        ({"factors": {"friction": []}}, "factors.friction.values: "),
+        ({"factors": {"friction": True}}, "a number is needed, not True"),
+        ({"factors": {"friction": {"uniform": [0.9, 0.4]}}}, "uniform needs the lower end first"),
+        ({"factors": {"friction": {"uniform": [0.4, 0.9], "values": [0.4]}}}, "exactly one of uniform, normal and values"),
+        ({"factors": {"friction": {"normal": [0.8, 0.1]}}}, "goes with within"),
+        ({"factors": {"friction": {"normal": [0.8, 0.0], "within": [0.4, 1.0]}}}, "a deviation above zero"),
+        ({"factors": {"friction": {"normal": [0.8, 0.01], "within": [0.1, 0.2]}}}, "more than 4 deviations from the mean"),
+        ({"factors": {"delay_samples": {"uniform": [0, 3]}}}, "delay_samples takes whole numbers"),
+        ({"factors": {"delay_samples": [0.5]}}, "delay_samples takes whole numbers"),
+        ({"factors": {"steering_percent": 50, "steering_wheel_angle_deg": 20}}, "both set the amplitude"),
+        ({"design": "factorial"}, "samples does not go with a factorial design"),
+        (
+            {"design": "factorial", "samples": None, "factors": {"friction": {"uniform": [0.4, 0.9]}}},
+            "no levels for a factorial design",
+        ),
+    ],
+)
+def test_what_is_refused(tables: dict[str, Any], told: str) -> None:
+    data = {key: value for key, value in changed(**tables).items() if value is not None}
+    with pytest.raises(ConfigError) as caught:
+        parse(data, "sweep.toml")
+    assert told in str(caught.value)
+    assert str(caught.value).startswith("sweep.toml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"samples = ", b"a" * 2_000_000])
+def test_files_that_are_none(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "sweep.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"sweep\.toml"):
+        load(path)
+
+
+def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "none.toml"):
+        with pytest.raises(ConfigError, match=path.name):
+            load(path)
+
+
+def test_the_order_of_keys_does_not_count() -> None:
+    one = parse({"samples": 3, "controllers": {"pi": "a"}}, "x")
+    other = parse({"controllers": {"pi": "a"}, "samples": 3}, "x")
+    assert one.digest() == other.digest()
+    assert one.digest() != parse({"samples": 4, "controllers": {"pi": "a"}}, "x").digest()
+
+
+def test_every_factor_says_what_it_is() -> None:
+    assert all(factor.what and factor.low < factor.high for factor in FACTORS.values())

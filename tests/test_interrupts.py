@@ -1,0 +1,70 @@
+"""Signals that come at bad moments."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+import pytest
+
+from codegen import interrupts
+from codegen.sil import toolchain
+
+
+@pytest.fixture(autouse=True)
+def restored() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_a_second_ctrl_c_does_not_cut_short_what_the_first_one_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(interrupts.time, "monotonic", lambda: now)
+    signal.signal(signal.SIGINT, interrupts.raise_once())
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
+    now += interrupts.IMPATIENCE
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_inside_of_what_swallows_comes_after_it() -> None:
+    """As in CasADi's operators: `except:` around all they do."""
+    came: list[int] = []
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        raise SystemExit(number)
+
+    interrupts.take({signal.SIGTERM: handler})
+    inside = {"__name__": interrupts.SWALLOWING[0], "raise_signal": lambda: signal.raise_signal(signal.SIGTERM), "came": came}
+    exec("def swallow():\n    try: raise_signal()\n    except: pass\n    return list(came)\n", inside)
+    assert inside["swallow"]() == []  # type: ignore[operator]
+    with pytest.raises(SystemExit):
+        signal.pause()  # until the timer, whose handler raises
+    assert came == [signal.SIGTERM]
+
+
+def test_the_module_that_swallows_is_the_one_that_casadi_has() -> None:
+    import casadi
+
+    assert casadi.SX.__module__ in interrupts.SWALLOWING
+
+
+def test_a_signal_elsewhere_comes_at_once() -> None:
+    interrupts.take({signal.SIGINT: interrupts.raise_once()})
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_compiler_that_is_killed_leaves_its_files_where_they_are_swept_up(tmp_path: Path) -> None:
+    tells = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
+    assert toolchain.run(tells, tmp_path).stdout.strip() == str(tmp_path)

@@ -1,0 +1,120 @@
+"""What holds for any packets: no crash, no write where none is allowed, nothing invalid for the controller to run on.
+
+`Slave` looks after each packet; here are the packets. Both need a fault that they find: see the tests.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from tests.xcp.slave import CALIBRATION, COMMANDS, ERRORS, MEASUREMENTS, Slave, dword, packet, word
+
+NUMBERS = (0.0, -0.0, 1e-30, 0.05, 1.0, 12.0, 100.0, 1e9, -1.0, float("nan"), float("inf"), -float("inf"))
+CALIBRATED = ("rear_angle_max", "enable_speed", "speeds", "table")
+Random = np.random.Generator
+
+
+def _address(rng: Random, places: dict[str, int]) -> int:
+    """Inside, at the edges, just beyond them, or anywhere."""
+    base, size = [(CALIBRATION, places["size"]), (MEASUREMENTS, places["measurements"])][rng.integers(2)]
+    near = (rng.integers(-8, 9), size + rng.integers(-8, 9), rng.integers(size), rng.integers(2**32) - base)
+    return int(base + near[rng.integers(4)]) % 2**32
+
+
+def _shaped(rng: Random, places: dict[str, int], name: str) -> bytes:
+    """A command with arguments that mean something, or nearly."""
+    small = [int(value) for value in rng.choice([0, 0, 0, 1, 1, 2, 3, 7, 8, 255], 7)]
+    if name in ("SET_MTA", "SHORT_UPLOAD"):
+        return packet(name, int(rng.integers(9)), 0, int(rng.random() < 0.05), dword(_address(rng, places)))
+    if name == "DOWNLOAD":
+        number = struct.pack("<f", rng.choice(NUMBERS)) if rng.random() < 0.5 else rng.bytes(4)
+        return packet(name, int(rng.choice([1, 2, 4, 4, 4, 6, 7])), number, rng.bytes(2))
+    if name == "BUILD_CHECKSUM":
+        return packet(name, 0, 0, 0, dword(int(rng.choice([0, 1, 100, places["size"], 2**32 - 1]))))
+    if name == "WRITE_DAQ":
+        return packet(name, 0xFF, int(rng.integers(9)), 0, dword(_address(rng, places)))
+    if name == "SET_DAQ_LIST_MODE":
+        mode = int(rng.choice([0, 0x10, 0x02]))
+        return packet(name, mode, word(small[0]), word(int(rng.random() < 0.05)), int(rng.integers(4)), 0)
+    if name in ("START_STOP_DAQ_LIST", "GET_DAQ_LIST_MODE"):
+        return packet(name, small[0], word(small[1]))
+    if name == "SET_CAL_PAGE":
+        return packet(name, int(rng.choice([1, 2, 3, 3, 0x83, 4, 0])), int(rng.random() < 0.1), int(rng.integers(3)))
+    return packet(name, *small)
+
+
+def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
+    """The whole way to a list of measurements that runs."""
+    stamped = bool(rng.integers(2))
+    lists, odts, entries = (int(rng.choice([2, 2, 2, 2, 2, more])) for more in (9, 33, 8))
+    packets = [packet("FREE_DAQ"), packet("ALLOC_DAQ", 0, word(lists)), packet("ALLOC_ODT", 0, word(0), odts)]
+    packets.append(packet("ALLOC_ODT", 0, word(1), 1))
+    packets += [packet("ALLOC_ODT_ENTRY", 0, word(0), odt, entries) for odt in range(min(odts, 3))]
+    for odt in range(min(odts, 3)):
+        packets.append(packet("SET_DAQ_PTR", 0, word(0), odt, 0))
+        at = MEASUREMENTS + int(rng.integers(places["measurements"]))
+        packets += [packet("WRITE_DAQ", 0xFF, int(rng.integers(1, 5)), 0, dword(at)) for _ in range(entries)]
+    if rng.random() < 0.1:
+        del packets[-1]
+    packets.append(packet("SET_DAQ_LIST_MODE", 0x10 * stamped, word(0), word(0), int(rng.integers(1, 3)), 0))
+    packets.append(packet("START_STOP_DAQ_LIST", int(rng.integers(1, 3)), word(0)))
+    packets.append(packet("START_STOP_SYNCH", 1))
+    return packets if rng.random() < 0.9 else [packets[k] for k in rng.permutation(len(packets))]
+
+
+def _calibration(rng: Random, places: dict[str, int]) -> list[bytes]:
+    """Numbers written where they matter, on the page in use or beside it, and pages switched."""
+    packets = [packet("SET_CAL_PAGE", int(rng.integers(1, 4)), 0, int(rng.integers(2)))]
+    for _ in range(3):
+        at = CALIBRATION + places[str(rng.choice(CALIBRATED))]
+        packets.append(packet("SET_MTA", 0, 0, 0, dword(at)))
+        packets.append(packet("DOWNLOAD", 4, struct.pack("<f", rng.choice(NUMBERS))))
+    packets.append(packet("SET_CAL_PAGE", int(rng.integers(1, 4)), 0, int(rng.integers(2))))
+    if rng.random() < 0.3:
+        packets.append(packet("COPY_CAL_PAGE", 0, int(rng.integers(2)), 0, int(rng.integers(2))))
+    return packets
+
+
+def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
+    """A few packets in a row; None: a run of the task."""
+    kind, names = rng.random(), list(COMMANDS)
+    if kind < 0.25:
+        return [rng.bytes(int(rng.integers(13)))]
+    if kind < 0.27:
+        return [packet("DISCONNECT"), rng.bytes(8), packet("CONNECT", int(rng.random() < 0.1)), packet("CONNECT", 0)]
+    if kind < 0.34:
+        return [*_lists(rng, places), *[None] * 3]
+    if kind < 0.50:
+        return [*_calibration(rng, places), None]
+    if kind < 0.60:
+        return [_shaped(rng, places, name) for name in ("SET_MTA", str(rng.choice(["UPLOAD", "DOWNLOAD", "BUILD_CHECKSUM"])))]
+    shaped = _shaped(rng, places, names[rng.integers(2, len(names))])
+    return [shaped[: rng.integers(1, 9)] if rng.random() < 0.1 else shaped]
+
+
+def run_random_packets(program: Path, count: int = 10_000, seed: int = 1) -> tuple[Counter[str], int]:
+    """So many packets to a connected slave.
+
+    Returns:
+        How often each command was answered positively and each error given, by name; packets of measurements that came.
+
+    Raises:
+        AssertionError: what must never be was.
+    """
+    rng, seen, measured, sent = np.random.default_rng(seed), Counter[str](), 0, 0
+    names = {code: name for name, code in COMMANDS.items()}
+    with Slave(program) as slave:
+        slave.positive("CONNECT", 0)
+        while sent < count:
+            for data in random_packets(rng, slave.places):
+                if data is None:
+                    measured += len(slave.event())
+                    continue
+                answer, sent = slave.command(data), sent + 1
+                if answer is not None:
+                    seen[names[data[0]] if answer[0] == 0xFF else ERRORS[answer[1]]] += 1
+    return seen, measured

@@ -1,0 +1,31 @@
+"""One build, compiled once for this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.sil import builds
+from tests.xcp.slave import Objects, Slave
+
+
+@pytest.fixture(scope="package")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Objects:
+    """The paper's build without its slave."""
+    return Objects(builds.render(builds.paper_map(), builds.CONFIG), tmp_path_factory.mktemp("xcp"))
+
+
+@pytest.fixture(scope="package")
+def program(objects: Objects) -> Path:
+    """The slave as it is generated."""
+    return objects.program()
+
+
+@pytest.fixture
+def slave(program: Path) -> Iterator[Slave]:
+    """Connected."""
+    with Slave(program) as slave:
+        slave.positive("CONNECT", 0)
+        yield slave

@@ -1,0 +1,197 @@
+/*
+ * The XCP slave alone, for tests: records on standard input, what became of each on standard output.
+ *
+ * 'C' length bytes: a packet of the master. Told: answered, length and eight bytes of the answer.
+ * 'E':              the task has run; the measurements' first byte counts the runs. Told: a count, then so many packets as above.
+ *
+ * Behind each: what is not as it must be, bit by bit (see `broken`). The first line, in text, says what lies where.
+ */
+#define _POSIX_C_SOURCE 200809L
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "ars_controller.h"
+#include "ars_map.h"
+#include "ars_task.h"
+#include "ars_xcp.h"
+
+extern uint8_t __start_ars_calibration[];
+extern uint8_t __stop_ars_calibration[];
+
+enum { CALIBRATION_ADDRESS = 0x10000000, MEASUREMENTS_ADDRESS = 0x20000000 };
+
+static ars_xcp_t *slave;
+static ars_xcp_setup_t setup;
+static ars_xcp_packet_t *answer;
+static ars_xcp_packet_t *packets;
+
+/* The pages of memory around the section, the page that nobody may write, and the measurements: what they must be. */
+static uint8_t *around;
+static uint8_t *around_before;
+static size_t around_size;
+static uint8_t *reference_before;
+static uint8_t *measurements;
+static uint8_t *measurements_before;
+
+static bool is_valid(void)
+{
+    return ars_parameters_valid(&ars_parameters_default);
+}
+
+/* Exactly so many bytes: the sanitizer sees the next. */
+static uint8_t *block(size_t size)
+{
+    uint8_t *const result = malloc((size > 0u) ? size : 1u);
+
+    if (result == NULL) {
+        exit(3);
+    }
+    return result;
+}
+
+/* Byte by byte: the pages around the section hold what the sanitizer lets nobody touch by its own functions. */
+static uint8_t *copy_of(const uint8_t *from, size_t size)
+{
+    uint8_t *const result = block(size);
+    size_t k;
+
+    for (k = 0u; k < size; k++) {
+        result[k] = from[k];
+    }
+    return result;
+}
+
+static bool is_same(const uint8_t *one, const uint8_t *other, size_t size)
+{
+    size_t k;
+
+    for (k = 0u; (k < size) && (one[k] == other[k]); k++) {
+        /* on */
+    }
+    return k == size;
+}
+
+static void set_up(void)
+{
+    const size_t size = (size_t)(__stop_ars_calibration - __start_ars_calibration);
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    const uintptr_t before = (uintptr_t)__start_ars_calibration % page;
+    size_t k;
+
+    around = __start_ars_calibration - before;
+    around_size = (size_t)(((before + size + page - 1u) / page) * page);
+    if (mprotect(around, around_size, PROT_READ | PROT_WRITE) != 0) {
+        exit(3);
+    }
+    around_before = copy_of(around, around_size);
+    measurements = block(sizeof(ars_task_t));
+    for (k = 0u; k < sizeof(ars_task_t); k++) {
+        measurements[k] = (uint8_t)((7u * k) + 3u);
+    }
+    measurements_before = copy_of(measurements, sizeof(ars_task_t));
+    setup.calibration = __start_ars_calibration;
+    setup.working = block(size);
+    setup.reference = block(size);
+    setup.measurements = measurements;
+    setup.calibration_address = CALIBRATION_ADDRESS;
+    setup.calibration_size = (uint32_t)size;
+    setup.measurements_address = MEASUREMENTS_ADDRESS;
+    setup.measurements_size = (uint32_t)sizeof(ars_task_t);
+    setup.is_valid = is_valid;
+    slave = malloc(sizeof *slave);
+    answer = malloc(sizeof *answer);
+    packets = malloc((size_t)ARS_XCP_ODT_MAX * sizeof *packets);
+    if ((slave == NULL) || (answer == NULL) || (packets == NULL)) {
+        exit(3);
+    }
+    ars_xcp_init(slave, &setup);
+    reference_before = copy_of(setup.reference, size);
+}
+
+/* 1: the section's neighbours were written; 2: the reference page was; 4: the measurements were; 8: the controller would run with
+ * what is not valid; 16: it is on the reference page, and that is not what it reads. */
+static unsigned int broken(void)
+{
+    const size_t size = setup.calibration_size;
+    const size_t before = (size_t)(__start_ars_calibration - around);
+    const size_t behind = before + size;
+    unsigned int result = 0u;
+
+    result |= is_same(around, around_before, before) ? 0u : 1u;
+    result |= is_same(&around[behind], &around_before[behind], around_size - behind) ? 0u : 1u;
+    result |= is_same(setup.reference, reference_before, size) ? 0u : 2u;
+    result |= is_same(measurements, measurements_before, sizeof(ars_task_t)) ? 0u : 4u;
+    result |= is_valid() ? 0u : 8u;
+    if (slave->ecu_page == (uint8_t)ARS_XCP_PAGE_REFERENCE) {
+        result |= is_same(setup.calibration, reference_before, size) ? 0u : 16u;
+    }
+    return result;
+}
+
+static void tell_packet(const ars_xcp_packet_t *packet)
+{
+    (void)putchar(packet->length);
+    (void)fwrite(packet->data, 1u, sizeof packet->data, stdout);
+}
+
+static void on_command(void)
+{
+    const int length = getchar();
+    uint8_t *const in = block((size_t)length);
+    bool answered;
+
+    if (fread(in, 1u, (size_t)length, stdin) != (size_t)length) {
+        exit(3);
+    }
+    answered = ars_xcp_command(slave, in, (uint8_t)length, answer);
+    (void)putchar(answered ? 1 : 0);
+    tell_packet(answer);
+    free(in);
+}
+
+static void on_event(void)
+{
+    uint8_t count;
+    uint8_t k;
+
+    measurements[0]++;
+    measurements_before[0]++;
+    count = ars_xcp_event(slave, packets);
+    (void)putchar(count);
+    for (k = 0u; k < count; k++) {
+        tell_packet(&packets[k]);
+    }
+}
+
+static size_t offset_of(const void *object)
+{
+    return (size_t)((const uint8_t *)object - __start_ars_calibration);
+}
+
+int main(void)
+{
+    int record;
+
+    set_up();
+    (void)printf("size=%zu parameters=%zu rear_angle_max=%zu enable_speed=%zu speeds=%zu table=%zu measurements=%zu\n",
+        (size_t)setup.calibration_size, offset_of(&ars_parameters_default), offset_of(&ars_parameters_default.rear_angle_max),
+        offset_of(&ars_parameters_default.enable_speed), offset_of(ars_map_speed_breakpoints),
+        offset_of(ars_map_yaw_rate_table), sizeof(ars_task_t));
+    (void)fflush(stdout);
+    for (record = getchar(); record != EOF; record = getchar()) {
+        if (record == 'C') {
+            on_command();
+        } else {
+            on_event();
+        }
+        (void)putchar((int)broken());
+        (void)fflush(stdout);
+    }
+    return 0;
+}
