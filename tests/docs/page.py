@@ -62,7 +62,15 @@ def import_examples(folder: Path) -> None:
         shutil.copy(ROOT / "tests/importing/data" / data, folder / name)
 
 
-SETUPS: Mapping[str, Callable[[Path], None]] = {"docs/import.md": import_examples}
+def own_configuration(folder: Path) -> None:
+    """The ars.toml that `codegen init` writes, for a page that shows keys to put into it."""
+    (folder / "ars.toml").write_text(preset_text("recommended"))
+
+
+SETUPS: Mapping[str, Callable[[Path], None]] = {
+    "docs/import.md": import_examples,
+    "docs/theory-map.md": own_configuration,
+}
 """What has to be there before a page that begins with files of its reader's own."""
 
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
