@@ -18,13 +18,14 @@ NAMES = {
     "newcomer": "newcomer",
     "explore": "explore",
     "nonlinear": "nonlinear_map",
+    "agreement": "agreement",
     "flash": "flash",
     "batch": "batch",
     "campaign": "campaign",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."
@@ -37,19 +38,18 @@ def main() -> int:
         "names", nargs="*", metavar="NAME", help=f"{', '.join(NAMES)}; by default all but {', '.join(ON_REQUEST)}"
     )
     parser.add_argument("--quick", action="store_true", help="fewer repeats, and IPOPT on a part of the grid")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write what is printed, as Markdown")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="put what is measured into this page, too")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"there is no benchmark {unknown[0]!r}; known: {', '.join(NAMES)}")
 
-    from benchmarks import machine
+    from benchmarks import machine, results
     from codegen.errors import CodegenError
-    from codegen.files import write_atomically
 
     described = machine.description()
     print(described)
-    missed, told = 0, []
+    missed, told = 0, {}
     for name in options.names or [name for name in NAMES if name not in ON_REQUEST]:
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
         try:
@@ -59,13 +59,12 @@ def main() -> int:
             missed += 1
             continue
         print(f"\n{report}", flush=True)
-        told.append(report.markdown())
+        told[name] = results.section(name, report.markdown(), described)
         missed += sum(not comparison.met for comparison in report.comparisons)
     print(f"\n{READING}")
     print(f"At the end: {machine.load()}.")
     if options.write is not None:
-        head = ["# Measured", "By `make bench`, on this machine:", f"```text\n{described}\n```", READING]
-        write_atomically(options.write, ("\n\n".join([*head, *told]) + "\n").encode())
+        results.update(options.write, told, tuple(NAMES), READING)
         print(f"written: {options.write}")
     return 1 if missed else 0
 

@@ -115,6 +115,8 @@ class Report:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        if not self.comparisons:
+            return "\n".join([self.title, *(f"  {note}" for note in self.notes)])
         rows = [("what", "peer", "ours", "times faster", "required"), *(line.cells for line in self.comparisons)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import results
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from benchmarks.cortex_m import STEP_MAX, CountReport, step_row
 from benchmarks.timing import Comparison, Report, Times
@@ -99,3 +101,22 @@ def test_instructions_of_a_step_are_told_and_judged() -> None:
     lines = [line.split() for line in str(report).splitlines()]
     assert ["a", "1,500", "142", "996", "<=", "1,500:", "met"] in lines
     assert ["b", "1,501", "142", "996", "<=", "1,500:", "MISSED"] in lines
+
+
+def test_a_section_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
+    path, order = tmp_path / "results.md", ("solve", "batch", "flash")
+    first = {name: results.section(name, f"## About {name}\n\n- old", "a machine") for name in ("flash", "solve")}
+    results.update(path, first, order, "How to read.")
+    newer = results.section("solve", "## About it anew\n\n- new", "another machine")
+    results.update(
+        path, {"solve": newer, "batch": results.section("batch", "## Batch", "another machine")}, order, "How to read."
+    )
+    text = path.read_text()
+    assert text.count("# Measured") == text.count("How to read.") == 1
+    assert [line for line in text.splitlines() if line.startswith("## ")] == [
+        "## solve: About it anew",
+        "## batch: Batch",
+        "## flash: About flash",
+    ]
+    assert text.count("- old") == text.count("- new") == 1
+    assert text.index("another machine") < text.index("a machine")

@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.agreement import SAME
 from benchmarks.dense_search import DenseSearch
-from benchmarks.nonlinear_map import SAME, nonlinear, random_car, random_cells
+from benchmarks.nonlinear_map import nonlinear
+from benchmarks.random_cars import random_car, random_cells
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build

@@ -1,0 +1,85 @@
+"""The map with the nonlinear tyre against a search by brute force, on random operating points of random cars; on all cores.
+
+Measures no time: it says how far the two are apart, and names each operating point where they are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+
+import numpy as np
+
+from benchmarks.dense_search import DenseSearch
+from benchmarks.random_cars import random_car, random_cells
+from benchmarks.timing import Report
+from codegen.refmap.nonlinear import NonlinearTurns
+from tests.refmap.cars import CASE
+
+CARS, CELLS, QUICK_CARS, QUICK_CELLS = 20, 100, 3, 10
+SAME = 1e-4
+"""rad/s."""
+
+
+@dataclass
+class Agreement:
+    """Of one car or of several: cells, those feasible in both, the largest difference in rad/s, cells apart in words."""
+
+    cells: int = 0
+    feasible: int = 0
+    largest: float = 0.0
+    apart: list[str] = field(default_factory=list)
+
+    def add(self, other: Agreement) -> None:
+        """Take another car's in."""
+        self.cells += other.cells
+        self.feasible += other.feasible
+        self.largest = max(self.largest, other.largest)
+        self.apart += other.apart
+
+
+def of_car(number: int, cells: int) -> Agreement:
+    """The random car of that number, with as many random cells."""
+    rng = np.random.default_rng([1, number])
+    config = random_car(rng)
+    case = config.cases[CASE]
+    turns = NonlinearTurns.from_config(config, case)
+    search = DenseSearch.of(config, case)
+    speed, front_angle = random_cells(turns, config, rng, cells)
+    found = turns.at(speed, front_angle)
+    result = Agreement(cells)
+    for index in range(cells):
+        best = search.best(float(speed[index]), float(front_angle[index]))
+        where = f"car {number}, {3.6 * speed[index]:.3f} km/h, {np.degrees(front_angle[index]):.4f} deg"
+        if best.feasible != found.feasible[index]:
+            result.apart.append(
+                f"{where}: feasible by {'brute force' if best.feasible else 'the solver'} only, "
+                f"violation {best.violation:.1e} of a bound there, margin {found.margin[index]:.1e} here"
+            )
+        elif best.feasible:
+            difference = abs(best.yaw_rate - float(found.yaw_rate[index]))
+            result.feasible += 1
+            result.largest = max(result.largest, difference)
+            if difference > SAME:
+                result.apart.append(f"{where}: {difference:.1e} rad/s apart, brute force {best.yaw_rate:.6f} rad/s")
+    return result
+
+
+def run(quick: bool, say: Callable[[str], None]) -> Report:
+    """Search; `quick` takes fewer cars and cells."""
+    cars, cells = (QUICK_CARS, QUICK_CELLS) if quick else (CARS, CELLS)
+    total = Agreement()
+    with ProcessPoolExecutor(
+        os.process_cpu_count() if hasattr(os, "process_cpu_count") else os.cpu_count(), get_context("spawn")
+    ) as pool:
+        for number, found in enumerate(pool.map(of_car, range(cars), [cells] * cars)):
+            total.add(found)
+            say(f"brute force: car {number + 1} of {cars}, {len(total.apart)} cells apart so far")
+    note = (
+        f"{total.cells:,} random cells over {cars} random cars: {total.feasible:,} feasible in both, yaw rates at most "
+        f"{total.largest:.1e} rad/s apart; {len(total.apart)} cells differ in feasibility or by more than {SAME:g} rad/s"
+    )
+    return Report("The nonlinear map against a search by brute force", (), (note, *total.apart))

@@ -1,0 +1,32 @@
+"""Random cars with load transfer, and random operating points of theirs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.problem import FloatArray
+from tests.refmap.cars import random_config
+
+
+def random_car(rng: np.random.Generator) -> Config:
+    """A car with its own load transfer and load sensitivity, beside what `random_config` varies."""
+    data = random_config(rng).model_dump(mode="json")
+    drawn = {"cg_height_m": (0.3, 0.9), "track_m": (1.3, 1.9), "front_roll_share": (0.3, 0.7)}
+    data["vehicle"] |= {key: float(rng.uniform(*ends)) for key, ends in drawn.items()}
+    for axle in ("front", "rear"):
+        data["tyre"][axle]["peak_load_sensitivity_p2"] = float(rng.uniform(-0.4, 0.1))
+    return configuration.parse(data, "random car")
+
+
+def random_cells(turns: NonlinearTurns, config: Config, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
+    """Speeds (m/s) and front angles (rad), (count,) each, from straight ahead to a third beyond where the map ends."""
+    grid = config.grid
+    speed = rng.uniform(grid.speed_min_km_h, grid.speed_max_km_h, count) / 3.6
+    edge = turns.edge(speed).front_angle
+    last = np.minimum(np.where(np.isfinite(edge), 1.3 * edge, np.inf), math.radians(grid.front_angle_max_deg))
+    return speed, rng.uniform(0.0, 1.0, count) * last
