@@ -28,10 +28,17 @@ from codegen.files import write_atomically  # noqa: E402
 from codegen.refmap import map as npz  # noqa: E402
 from codegen.refmap.extend import extend  # noqa: E402
 from codegen.refmap.problem import SteadyTurnProblem  # noqa: E402
+from codegen.refmap.slip_use import slip_use  # noqa: E402
 from codegen.refmap.solve import solve_case  # noqa: E402
 from codegen.refmap.total import RULE_TEXT, Rule  # noqa: E402
 from codegen.report import style as look  # noqa: E402
-from codegen.report.plots import front_angle_cut_figure, map_figure, run_figure, tyre_figure  # noqa: E402
+from codegen.report.plots import (  # noqa: E402
+    front_angle_cut_figure,
+    map_difference_figure,
+    map_figure,
+    run_figure,
+    tyre_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,6 +166,14 @@ def rules() -> Figure:
     return figure
 
 
+def nonlinear() -> Figure:
+    """The committed map beside that of the same case with the nonlinear tyre."""
+    data = configuration.preset().model_dump(mode="json")
+    data["cases"]["4ws-2"]["tyre_model"] = "magic-formula"
+    maps = _map(), solve_case(configuration.parse(data, "docs/figures.py"), "4ws-2")
+    return map_difference_figure(maps, (slip_use(maps[0]), slip_use(maps[1])), ("linear tyre", "nonlinear tyre"))
+
+
 def margins() -> Figure:
     """Gain and phase margin over speed of the configured car, and of the worst of the family where the gains were designed."""
     recommended, paper = _recommended(), configuration.preset()
@@ -243,6 +258,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "choice": choice,
     "map": reference_map,
     "cut": cut,
+    "nonlinear": nonlinear,
     "rules": rules,
     "margins": margins,
     "bounds": bounds,

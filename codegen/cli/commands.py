@@ -13,6 +13,7 @@ from codegen.cli import (
     import_command,
     map_commands,
     report_command,
+    show_command,
     sweep_command,
     tune_command,
     verify_command,
@@ -23,6 +24,7 @@ __all__ = ["cli"]
 
 MODULES = (
     map_commands,
+    show_command,
     import_command,
     tune_command,
     explore_command,

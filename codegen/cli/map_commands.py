@@ -9,6 +9,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
+from codegen.cli.show_command import note_lateral_acceleration
 from codegen.cli.values import (
     Quantity,
     case_names,
@@ -17,17 +18,12 @@ from codegen.cli.values import (
     map_file,
     map_to_write,
     memory_size,
-    picture_to_write,
     yaw_rate_error,
 )
 from codegen.errors import CheckFailed, CodegenError, within
 
 if TYPE_CHECKING:
-    from codegen.refmap.map import ReferenceMap
     from codegen.refmap.place import Request
-
-LATERAL_ACCELERATION_NOTE_G = 1.5
-"""Maps that ask for more than this are built, but their user is asked about the units."""
 
 
 @click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
@@ -107,80 +103,6 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     console.say(f"{output}: {summary.headline}")
 
 
-@click.command(short_help="Tell what a map holds, and draw it.", epilog=example("codegen show 4ws2.npz --plot map.png"))
-@click.argument("map_path", metavar="MAP.npz", type=map_file)
-@click.option(
-    "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw the map; with --flash, error against flash."
-)
-@click.option("--flash", is_flag=True, help="Instead: the bytes that chosen breakpoints take, for errors from 1 to 0.02 deg/s.")
-@click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml of the kind of controller.")
-@json_option
-def show(map_path: Path, plot: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
-    """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
-    from codegen.emit.outputs import check_output
-    from codegen.refmap import map as npz
-    from codegen.report.summary import map_summary, table
-
-    check_output(plot, ".png", (map_path, config_path))
-    reference_map = npz.load(map_path)
-    if flash:
-        _show_flash(map_path, reference_map, config_path, plot, as_json)
-        return
-    if config_path is not None:
-        raise CodegenError("nothing to do with it", where="--config", remedy="add --flash, or leave it out")
-    summary = map_summary(reference_map)
-    if plot is not None:
-        from codegen.report import plots
-
-        with console.status("drawing"):
-            plots.save(plots.map_figure(reference_map, map_path.stem), plot)
-    if as_json:
-        console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
-        return
-    _note_lateral_acceleration(reference_map)
-    console.say(f"{map_path}: {summary.headline}")
-    console.say(table(("", "from", "to", "unit", "points"), summary.axis_rows))
-    console.say("")
-    console.say(table(("", "from", "to", "unit"), summary.value_rows))
-    if summary.binding_rows:
-        console.say("")
-        console.say(table(("what binds", "cells", "share"), summary.binding_rows))
-    if summary.stack_rows:
-        console.say("")
-        console.say(table(("friction", "feasible cells", "share", "lateral acceleration, largest [m/s^2]"), summary.stack_rows))
-    if plot is not None:
-        console.say(f"\nplot: {plot}")
-
-
-def _show_flash(
-    map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
-) -> None:
-    """What chosen breakpoints cost, for the kind of controller of the configuration."""
-    from codegen.emit.laws import law_of
-    from codegen.refmap.choose import choose_config
-    from codegen.refmap.place_sweep import flash_table
-    from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
-    from codegen.report.summary import table
-
-    chosen = choose_config(reference_map, config_path)
-    tables = 2 if law_of(chosen.config).uses_rear_angle else 1
-    with within(map_path), console.progress("placing breakpoints") as progress:
-        found = flash_table(reference_map, chosen.config, tables, progress=progress)
-    if plot is not None:
-        from codegen.report import plots
-
-        plots.save(flash_figure(found, map_path.stem), plot)
-    if as_json:
-        console.print_json({"map": str(map_path), **flash_dict(found), "plot": None if plot is None else str(plot)})
-        return
-    for text in chosen.notes:
-        console.note(text)
-    console.say(f"{map_path}: {flash_headline(found)}\n")
-    console.say(table(HEADER, flash_rows(found)))
-    if plot is not None:
-        console.say(f"\nplot: {plot}")
-
-
 @click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
@@ -226,7 +148,7 @@ def build(
     if not as_json:
         for text in prepared.chosen.notes:
             console.note(text)
-        _note_lateral_acceleration(prepared.reference_map)
+        note_lateral_acceleration(prepared.reference_map)
     target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
     if check:
         found = differences(prepared.folder, target)
@@ -303,12 +225,4 @@ def _numbers(text: str, place: str) -> list[float]:
     return numbers
 
 
-def _note_lateral_acceleration(reference_map: ReferenceMap) -> None:
-    import numpy as np
-
-    largest = float(np.nanmax(reference_map.speed[:, np.newaxis] * reference_map.yaw_rate)) / 9.81
-    if largest > LATERAL_ACCELERATION_NOTE_G:
-        console.note(f"the map asks for up to {largest:.2g} g of lateral acceleration; is vx in m/s and yaw_rate in rad/s?")
-
-
-COMMANDS = (init, solve, show, build, paper)
+COMMANDS = (init, solve, build, paper)

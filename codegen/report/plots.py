@@ -3,6 +3,7 @@
 On paper degrees and km/h, SI inside. Layer: above `refmap` and `sil`.
 """
 
+from codegen.report.map_difference_plot import map_difference_figure
 from codegen.report.map_plots import front_angle_cut_figure, map_figure, three_maps_figure
 from codegen.report.overview import overview_figure
 from codegen.report.run_plots import run_figure
@@ -13,6 +14,7 @@ from codegen.report.tyre_plots import tyre_figure
 __all__ = [
     "PlotError",
     "front_angle_cut_figure",
+    "map_difference_figure",
     "map_figure",
     "overview_figure",
     "run_figure",

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from benchmarks.nonlinear_map import nonlinear
 from codegen.config import Config
 from codegen.errors import BuildError
 from codegen.refmap import exact
@@ -231,6 +232,28 @@ def test_a_bare_table_is_measured_against_its_own_interpolation(paper: Config, m
     assert largest_error(found.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= COARSE + ROUNDING
     assert found.flash_bytes < 4 * total.yaw_rate.size
     assert Rule.CONTINUED.value not in found.total.rule
+
+
+def test_a_map_with_the_nonlinear_tyre_is_measured_against_its_own_interpolation(paper: Config) -> None:
+    """Solving its optimum anew at every point of the search takes too long; the bound is told and held against the table."""
+    data = nonlinear(paper, "4ws-2").model_dump(mode="json")
+    data["grid"] |= {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}
+    config = Config.model_validate(data)
+    ours = solve_case(config, "4ws-2")
+    found = placed(ours, config, COARSE)
+    assert found.origin == "table"
+    total = extend(ours, config, config.steering.front_angle_stop)
+    own = Lookup.from_map(total, np.float64)
+    assert 0.4 * COARSE < largest_error(found.total, lambda v, a: own(v[:, np.newaxis], a), 8) <= COARSE + ROUNDING
+    assert Rule.CONTINUED.value not in found.total.rule
+    # The linear car's optimum is not this map's, and so far beyond the bound that a table of it could not pass.
+    assert largest_error(found.total, truth_of(with_linear_tyre(config), "4ws-2"), 8) > 5.0 * COARSE
+
+
+def with_linear_tyre(config: Config) -> Config:
+    data = config.model_dump(mode="json")
+    data["cases"]["4ws-2"]["tyre_model"] = "linear"
+    return Config.model_validate(data)
 
 
 def test_a_solved_map_that_was_edited_is_a_table(paper: Config, maps: dict[str, ReferenceMap]) -> None:

@@ -25,6 +25,7 @@ from codegen import config as configuration
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.errors import CodegenError
 from codegen.refmap.map import Binding, ReferenceMap
+from codegen.refmap.slip_use import slip_use
 from codegen.refmap.solve import solve_case
 from codegen.report import plots, run_plots, style, tyre_plots
 from codegen.report.summary import binding_text
@@ -86,6 +87,8 @@ Draw = Callable[[dict[str, ReferenceMap], Runs], Figure]
 FIGURES: dict[str, Draw] = {
     "map": lambda maps, runs: plots.map_figure(maps["4ws-2"], "4ws2.npz"),
     "map-fws": lambda maps, runs: plots.map_figure(maps["fws"], "fws.npz"),
+    "difference": lambda maps, runs: difference(maps["4ws-2"], maps["fws"]),
+    "difference-bare": lambda maps, runs: difference(without_car(maps["4ws-1"]), without_car(maps["fws"])),
     "three-maps": lambda maps, runs: plots.three_maps_figure(maps),
     "cut": lambda maps, runs: plots.front_angle_cut_figure(maps, FOUR_DEGREES),
     "tyre": lambda maps, runs: plots.tyre_figure(CONFIG),
@@ -101,6 +104,14 @@ FIGURES: dict[str, Draw] = {
         find("low-friction-estimated"), CONFIG, {"a": made_run()}, "a-build-with-a-long-name"
     ),
 }
+
+
+def without_car(one: ReferenceMap) -> ReferenceMap:
+    return ReferenceMap(one.speed, one.front_angle, one.yaw_rate, one.feasible)
+
+
+def difference(one: ReferenceMap, other: ReferenceMap) -> Figure:
+    return plots.map_difference_figure((one, other), (slip_use(one), slip_use(other)), ("a" * 63, "$b_1$"))
 
 
 def driven(name: str, **columns: Any) -> Any:
@@ -213,7 +224,7 @@ def test_nothing_is_clipped_or_covered(name: str, maps: dict[str, ReferenceMap],
 def test_every_axis_with_numbers_has_a_unit(name: str, maps: dict[str, ReferenceMap], runs: Runs) -> None:
     figure = FIGURES[name](maps, runs)
     figure.draw_without_rendering()
-    units = ("km/h", "deg", "deg/s", "kN", "m/s²", "s", "Hz", "dB")
+    units = ("km/h", "deg", "deg/s", "kN", "m/s²", "s", "Hz", "dB", "%")
     named = 0
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
@@ -283,6 +294,30 @@ def test_map_axes_are_km_h_and_degrees(solved: ReferenceMap) -> None:
     # Half a cell of 5 km/h and of 0.5 deg around 20 to 120 km/h and 0.5 to 10 deg.
     assert axes.get_xlim() == pytest.approx((17.5, 122.5))
     assert axes.get_ylim() == pytest.approx((0.25, 10.25))
+
+
+def test_a_difference_shows_what_the_first_has_more_and_the_worse_axle(maps: dict[str, ReferenceMap]) -> None:
+    one, other = maps["4ws-2"], maps["fws"]
+    figure = difference(one, other)
+    more = mesh(panel(figure, "First less second"))
+    both = (one.feasible & other.feasible).T
+    expected = np.degrees(one.yaw_rate - other.yaw_rate).T
+    gain: Any = more.get_array()
+    assert np.array_equal(np.ma.getmaskarray(gain), ~both)
+    assert np.array_equal(gain.compressed(), expected[both])
+    assert more.norm.vmax == -more.norm.vmin == np.abs(expected[both]).max()  # type: ignore[operator]
+    used = slip_use(one)
+    assert used is not None
+    assert np.array_equal(
+        cells(panel(figure, "Slip used, first")).compressed(), np.fmax(used.front, used.rear).T[one.feasible.T]
+    )
+    where = cells(panel(figure, "Where feasible"))
+    assert [int((where == kind).sum()) for kind in range(3)] == [
+        int(both.sum()),
+        int((one.feasible & ~other.feasible).sum()),
+        0,
+    ]
+    assert names(figure) == ["both", "the first alone", INFEASIBLE]
 
 
 def test_diverging_colours_are_centred_at_zero(solved: ReferenceMap) -> None:

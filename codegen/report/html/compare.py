@@ -1,18 +1,17 @@
-"""Two maps compared: yaw rates beside each other, and what the first has more."""
+"""Two maps compared: yaw rates beside each other, what the first has more, and the figures of `map_difference`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from codegen.refmap.map import ReferenceMap
-from codegen.report.html.blocks import Chart, Gallery
+from codegen.errors import MapError
+from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import numbers, scale_of
 from codegen.report.html.maps import YAW_RATE, NamedMap, colour_bar, map_layout, surfaces
-
-FloatArray = npt.NDArray[np.float64]
+from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, map_difference, on_axes_of
 
 LEAST = 0.01
 """deg/s that the scale of a difference spans to both sides at least."""
@@ -24,7 +23,7 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     `number` tells several comparisons in one report apart.
     """
     mine = YAW_RATE.degrees(one.map)
-    theirs = on_axes_of(one.map, other.map)
+    theirs = np.degrees(on_axes_of(one.map, other.map))
     assert mine is not None
     low, high = YAW_RATE.limits([mine, theirs])
     gain = mine - theirs
@@ -54,32 +53,17 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     return Gallery([*charts, replace(both, name=f"{both.name}-{number}")])
 
 
-def on_axes_of(one: ReferenceMap, other: ReferenceMap) -> FloatArray:
-    """The other's yaw rate in deg/s, (n, m) at the first one's breakpoints: linear between its own, NaN outside.
-
-    On a breakpoint of the other its neighbours, feasible or not, have no say.
-    """
-    table = YAW_RATE.degrees(other)
-    assert table is not None
-    row, along = _places(other.speed, one.speed)
-    column, across = _places(other.front_angle, one.front_angle)
-    lower, upper = (_between(table[at][:, column], table[at][:, column + 1], across) for at in (row, row + 1))
-    return _between(lower, upper, along[:, np.newaxis])
-
-
-ON_BREAKPOINT = 1e-9
-"""Of the width of a cell: nearer than this to a breakpoint is on it."""
-
-
-def _places(axis: FloatArray, at: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Cell and share of the way through it of each value; NaN for the share outside of the axis."""
-    cell = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, axis.size - 2)
-    share = (at - axis[cell]) / (axis[cell + 1] - axis[cell])
-    nearest = np.round(share)
-    share = np.where(np.abs(share - nearest) < ON_BREAKPOINT, nearest, share)
-    return cell, np.where((share >= 0.0) & (share <= 1.0), share, np.nan)
-
-
-def _between(first: FloatArray, second: FloatArray, share: FloatArray) -> FloatArray:
-    mixed = first + share * (second - first)
-    return np.where(share == 0.0, first, np.where(share == 1.0, second, mixed))
+def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
+    """What `codegen show --against` tells of two maps; a line where they have no operating point in common."""
+    try:
+        found = map_difference(one.map, other.map)
+    except MapError as error:
+        yield Text(f"Not compared in figures: {error.what}.", "notice")
+        return
+    yield Text(
+        f"First: {one.name}, second: {other.name}. Slip is that of the plant in the steady turn with the map's yaw rate."
+    )
+    yield Table("Both maps in figures", CAR_HEADER, found.rows)
+    yield Table("Where both are feasible", DIFFERENCE_HEADER, [found.difference_row])
+    if found.points:
+        yield Table("Yaw rate r (deg/s) and rear angle (deg) at a few operating points", POINT_HEADER, found.point_rows)

@@ -19,7 +19,7 @@ from codegen.report.html import build as build_tables
 from codegen.report.html import maps
 from codegen.report.html.blocks import Block, Section, Table, Text
 from codegen.report.html.bus import BusTimes, bus_blocks
-from codegen.report.html.compare import comparison
+from codegen.report.html.compare import comparison, difference_in_figures
 from codegen.report.html.curves import front_angle_chart, tyre_charts
 from codegen.report.html.ecu_table import extended
 from codegen.report.html.loop import margins_chart
@@ -27,6 +27,7 @@ from codegen.report.html.loss import loss_blocks
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.robust import region_blocks
 from codegen.report.html.runs import run_blocks
+from codegen.report.map_difference import same_car
 from codegen.report.map_plots import is_paper
 from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
 from codegen.report.published import TABLE_FRONT_ANGLE_DEG
@@ -146,17 +147,14 @@ def _compared(material: Material) -> Iterator[Block]:
     for number, other in enumerate(material.others, start=1):
         yield Text(f"{material.map.name} beside {other.name}{_same_car(material.map.map, other.map)}.")
         yield comparison(material.map, other, number)
+        yield from difference_in_figures(material.map, other)
 
 
 def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
     """What is known of the cars of two maps."""
-    if one.config is None or other.config is None:
+    same = same_car(one, other)
+    if same is None:
         return "; of what car, a bare map does not tell"
-    same = (one.config.vehicle, one.config.tyre, one.config.road) == (
-        other.config.vehicle,
-        other.config.tyre,
-        other.config.road,
-    )
     return ", the same car on the same road" if same else ": another car, or another road"
 
 

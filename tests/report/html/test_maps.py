@@ -14,11 +14,13 @@ from codegen.config import KM_H, preset
 from codegen.refmap import map as npz
 from codegen.refmap.map import from_arrays
 from codegen.report.html import maps
+from codegen.report.html.blocks import Table, Text
 from codegen.report.html.charts import cell_edges, numbers
-from codegen.report.html.compare import comparison, on_axes_of
+from codegen.report.html.compare import comparison, difference_in_figures
 from codegen.report.html.ecu_table import extended
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import to_compare
+from codegen.report.map_difference import map_difference, on_axes_of
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 SPEED, ANGLE = np.array([10.0, 20.0, 30.0]), np.radians([1.0, 2.0])
@@ -77,7 +79,24 @@ def test_a_map_on_its_own_axes_is_itself() -> None:
     one = npz.load(GENERATED / "4ws2.npz")
     table = on_axes_of(one, one)
     np.testing.assert_array_equal(np.isfinite(table), one.feasible)
-    np.testing.assert_array_equal(table[one.feasible], np.degrees(one.yaw_rate[one.feasible]))
+    np.testing.assert_array_equal(table[one.feasible], one.yaw_rate[one.feasible])
+
+
+def test_the_figures_of_a_comparison_are_those_of_the_command() -> None:
+    one = NamedMap("4ws2", npz.load(GENERATED / "4ws2.npz"))
+    other = to_compare(one.map)
+    assert other is not None
+    found = map_difference(one.map, other.map)
+    tables = [block for block in difference_in_figures(one, other) if isinstance(block, Table)]
+    assert [table.rows for table in tables] == [found.rows, [found.difference_row], found.point_rows]
+    assert all(len(row) == len(table.header) for table in tables for row in table.rows)
+
+
+def test_maps_without_a_point_in_common_are_told_so() -> None:
+    far = NamedMap("far", from_arrays({"vx": SPEED + 50.0, "delta_f": ANGLE, "yaw_rate": 0.1 * RATES}, "test"))
+    (told,) = difference_in_figures(bare(), far)
+    assert isinstance(told, Text)
+    assert told.text.startswith("Not compared in figures: no operating point in common")
 
 
 def test_the_map_without_rear_steering_is_the_one_to_compare_with() -> None:

@@ -1,0 +1,301 @@
+"""What changes from one map to another, in figures: compared where both are defined, on the breakpoints of the first.
+
+Degrees and km/h, as they are told. For the console, for JSON and for the HTML report alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H
+from codegen.errors import MapError
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.slip_use import ABOVE, SlipUse, slip_use
+from codegen.report.summary import BINDING_NAMES, map_summary
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+POINT_SPEEDS_KM_H = (30.0, 60.0, 100.0, 150.0)
+POINT_FRONT_ANGLES_DEG = (2.0, 5.0, 10.0)
+"""Operating points that are told one by one, where at least one map has a yaw rate."""
+
+ON_BREAKPOINT = 1e-9
+"""Of the width of a cell: nearer than this to a breakpoint is on it."""
+
+SAME = 1e-7
+"""Share by which the slips of two cells may differ and be equal."""
+
+CAR_HEADER = ("", "first", "second")
+DIFFERENCE_HEADER = ("[deg/s]", "mean", "RMS", "largest", "there")
+POINT_HEADER = ("operating point", "r, first", "r, second", "difference", "rear, first", "rear, second")
+
+
+@dataclass(frozen=True)
+class Place:
+    """An operating point."""
+
+    speed_km_h: float
+    front_angle_deg: float
+
+    def __str__(self) -> str:
+        return f"{self.speed_km_h:.3g} km/h, {self.front_angle_deg:.2f} deg"
+
+
+@dataclass(frozen=True)
+class AxleSlip:
+    """The slip of an axle on the plant, in percent of its bound: the largest, where, and in how many cells it is above."""
+
+    largest_percent: float
+    at: Place
+    cells_above: int
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of both maps on all its cells.
+
+    Attributes:
+        tyre_model: of its case; None for a bare map.
+        binding_cells: constraint to the cells in which it binds, alone or with others; None where the map does not tell.
+        front_slip, rear_slip: of the map tracked exactly; None where it brings no car, or no cell has such a turn.
+        unreached_cells: in which the plant has no steady turn with that yaw rate; None where the map brings no car.
+    """
+
+    tyre_model: str | None
+    feasible_cells: int
+    cells: int
+    lateral_acceleration_max_m_s2: float
+    binding_cells: dict[str, int] | None
+    front_slip: AxleSlip | None
+    rear_slip: AxleSlip | None
+    unreached_cells: int | None
+
+
+@dataclass(frozen=True)
+class Point:
+    """Both maps at one operating point; None where a map has no value."""
+
+    at: Place
+    first_yaw_rate_deg_s: float | None
+    second_yaw_rate_deg_s: float | None
+    first_rear_angle_deg: float | None
+    second_rear_angle_deg: float | None
+
+
+@dataclass(frozen=True)
+class MapDifference:
+    """Two maps compared. Differences are the first less the second, in deg/s, over cells with a value in both.
+
+    Attributes:
+        largest_deg_s: the difference of the largest magnitude, with its sign, at `largest_at`.
+        both, only_first, only_second: breakpoints of the first inside the axes of the second, by which map is feasible there.
+        outside: the other breakpoints of the first.
+    """
+
+    first: Side
+    second: Side
+    both: int
+    only_first: int
+    only_second: int
+    outside: int
+    largest_deg_s: float
+    largest_at: Place
+    rms_deg_s: float
+    mean_deg_s: float
+    points: tuple[Point, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Name to value, for JSON."""
+        return asdict(self)
+
+    @property
+    def difference_row(self) -> tuple[str, ...]:
+        """The difference of the yaw rates, under DIFFERENCE_HEADER."""
+        told = (self.mean_deg_s, self.rms_deg_s, self.largest_deg_s)
+        return "yaw rate, first less second", *(f"{value:.3g}" for value in told), str(self.largest_at)
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each figure that both maps have: what, of the first, of the second."""
+        return list(self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, ...]]:
+        sides = (self.first, self.second)
+        yield "tyre of the optimisation", *(side.tyre_model or "-" for side in sides)
+        yield "feasible cells", *(f"{side.feasible_cells} of {side.cells}" for side in sides)
+        yield "feasible in both", str(self.both), str(self.both)
+        yield "feasible in this map alone", str(self.only_first), str(self.only_second)
+        if self.outside:
+            yield "outside of the other's axes", str(self.outside), "-"
+        yield "lateral acceleration up to [m/s^2]", *(f"{side.lateral_acceleration_max_m_s2:.4g}" for side in sides)
+        for name in ("none", *BINDING_NAMES.values()):
+            counts = [None if side.binding_cells is None else side.binding_cells[name] for side in sides]
+            if any(counts):
+                label = "nothing binds [cells]" if name == "none" else f"{name} binds [cells]"
+                yield label, *("-" if count is None else str(count) for count in counts)
+        for axle in ("front", "rear"):
+            slips: list[AxleSlip | None] = [getattr(side, f"{axle}_slip") for side in sides]
+            if any(slips):
+                told = ["-" if slip is None else f"{slip.largest_percent:.1f}" for slip in slips]
+                yield f"{axle} slip on the plant [% of bound]", *told
+                yield "  largest at", *("-" if slip is None else str(slip.at) for slip in slips)
+                yield "  above the bound [cells]", *("-" if slip is None else str(slip.cells_above) for slip in slips)
+        if any(side.unreached_cells for side in sides):
+            told = ["-" if side.unreached_cells is None else str(side.unreached_cells) for side in sides]
+            yield "no such turn on the plant [cells]", *told
+
+    @property
+    def point_rows(self) -> list[tuple[str, ...]]:
+        """A row for each operating point, under POINT_HEADER; deg/s and deg."""
+        return [_point_row(point) for point in self.points]
+
+
+def _point_row(point: Point) -> tuple[str, ...]:
+    one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
+    difference = None if one is None or two is None else one - two
+    told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
+    return str(point.at), *("-" if value is None else f"{value + 0.0:.3f}" for value in told)
+
+
+def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUse | None] | None = None) -> MapDifference:
+    """Compare two maps; of a stack, the map itself.
+
+    Args:
+        used: `slip_use` of both, where it is known already.
+
+    Raises:
+        MapError: no breakpoint of the first lies inside the axes of the second, or none has a value in both.
+    """
+    inside = inside_of(one, other)
+    if not inside.any():
+        raise MapError(
+            f"no operating point in common: {_span(one)} beside {_span(other)}",
+            remedy="compare maps whose speeds and front angles overlap",
+        )
+    gain = np.degrees(one.yaw_rate - on_axes_of(one, other))
+    both = np.isfinite(gain)
+    if not both.any():
+        raise MapError("no operating point is feasible in both", remedy="compare maps whose feasible cells overlap")
+    theirs = np.isfinite(on_axes_of(one, other))
+    largest = np.unravel_index(int(np.nanargmax(np.abs(gain))), gain.shape)
+    slips = (slip_use(one), slip_use(other)) if used is None else used
+    return MapDifference(
+        first=_side(one, slips[0]),
+        second=_side(other, slips[1]),
+        both=int(both.sum()),
+        only_first=int((one.feasible & ~theirs & inside).sum()),
+        only_second=int((theirs & ~one.feasible).sum()),
+        outside=int((~inside).sum()),
+        largest_deg_s=float(gain[largest]),
+        largest_at=_place(one, largest),
+        rms_deg_s=float(np.sqrt(np.mean(gain[both] ** 2))),
+        mean_deg_s=float(np.mean(gain[both])),
+        points=tuple(_points(one, other)),
+    )
+
+
+def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
+    """Whether two maps are of the same car on the same road; None where a bare map does not tell."""
+    if one.config is None or other.config is None:
+        return None
+    mine, theirs = ((config.vehicle, config.tyre, config.road) for config in (one.config, other.config))
+    return mine == theirs
+
+
+def _span(one: ReferenceMap) -> str:
+    low, high = ((axis[0], axis[-1]) for axis in (one.speed / KM_H, np.degrees(one.front_angle)))
+    return f"{low[0]:.4g} to {low[1]:.4g} km/h and {high[0]:.4g} to {high[1]:.4g} deg"
+
+
+def _place(one: ReferenceMap, cell: Sequence[Any]) -> Place:
+    return Place(float(one.speed[cell[0]] / KM_H), float(np.degrees(one.front_angle[cell[1]])))
+
+
+def _side(one: ReferenceMap, used: SlipUse | None) -> Side:
+    summary, binding = map_summary(one), None
+    if one.active is not None:
+        flags = one.active[one.feasible]
+        binding = {"none": int((flags == 0).sum())}
+        binding |= {name: int((flags & int(flag) != 0).sum()) for flag, name in BINDING_NAMES.items()}
+    return Side(
+        tyre_model=None if one.config is None or one.case is None else one.config.case(one.case).tyre_model,
+        feasible_cells=summary.feasible_cells,
+        cells=summary.cells,
+        lateral_acceleration_max_m_s2=summary.lateral_acceleration_max_m_s2,
+        binding_cells=binding,
+        front_slip=None if used is None else _axle(one, used.front),
+        rear_slip=None if used is None else _axle(one, used.rear),
+        unreached_cells=None if used is None else int(used.unreached.sum()),
+    )
+
+
+def _axle(one: ReferenceMap, percent: FloatArray) -> AxleSlip | None:
+    if not np.isfinite(percent).any():
+        return None
+    largest = float(np.nanmax(percent))
+    # Where a bound binds, many cells are equal but for rounding: the first of them is named.
+    first = np.argwhere(percent >= largest * (1.0 - SAME))[0]
+    return AxleSlip(largest, _place(one, first), int((percent > ABOVE).sum()))
+
+
+def _points(one: ReferenceMap, other: ReferenceMap) -> Iterator[Point]:
+    speed, front_angle = np.array(POINT_SPEEDS_KM_H) * KM_H, np.radians(POINT_FRONT_ANGLES_DEG)
+    tables = [
+        None if table is None else np.degrees(interpolated(of, table, speed, front_angle))
+        for of, table in ((one, one.yaw_rate), (other, other.yaw_rate), (one, one.rear_angle), (other, other.rear_angle))
+    ]
+    for i, speed_km_h in enumerate(POINT_SPEEDS_KM_H):
+        for j, front_angle_deg in enumerate(POINT_FRONT_ANGLES_DEG):
+            values = [None if table is None or np.isnan(table[i, j]) else float(table[i, j]) for table in tables]
+            if values[0] is not None or values[1] is not None:
+                yield Point(Place(speed_km_h, front_angle_deg), *values)
+
+
+# --- on other axes -----------------------------------------------------------------------------------------------------
+
+
+def on_axes_of(one: ReferenceMap, other: ReferenceMap) -> FloatArray:
+    """The other's yaw rate in rad/s, (n, m) at the first one's breakpoints: see `interpolated`."""
+    return interpolated(other, other.yaw_rate, one.speed, one.front_angle)
+
+
+def interpolated(one: ReferenceMap, table: FloatArray, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+    """A table of a map (NaN where infeasible) at speeds (k,) and front angles (l,): (k, l), linear between its breakpoints,
+    NaN outside and beside an infeasible cell.
+
+    On a breakpoint its neighbours, feasible or not, have no say.
+    """
+    row, along = _places(one.speed, speed)
+    column, across = _places(one.front_angle, front_angle)
+    lower, upper = (_between(table[at][:, column], table[at][:, column + 1], across) for at in (row, row + 1))
+    return _between(lower, upper, along[:, np.newaxis])
+
+
+def inside_of(one: ReferenceMap, other: ReferenceMap) -> BoolArray:
+    """(n, m): which breakpoints of the first lie inside the axes of the other."""
+    along, across = (
+        np.isfinite(_places(theirs, mine)[1])
+        for theirs, mine in ((other.speed, one.speed), (other.front_angle, one.front_angle))
+    )
+    result: BoolArray = along[:, np.newaxis] & across
+    return result
+
+
+def _places(axis: FloatArray, at: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Cell and share of the way through it of each value; NaN for the share outside of the axis."""
+    cell = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, axis.size - 2)
+    share = (at - axis[cell]) / (axis[cell + 1] - axis[cell])
+    nearest = np.round(share)
+    share = np.where(np.abs(share - nearest) < ON_BREAKPOINT, nearest, share)
+    return cell, np.where((share >= 0.0) & (share <= 1.0), share, np.nan)
+
+
+def _between(first: FloatArray, second: FloatArray, share: FloatArray) -> FloatArray:
+    mixed = first + share * (second - first)
+    return np.where(share == 0.0, first, np.where(share == 1.0, second, mixed))

@@ -1,0 +1,152 @@
+"""Two maps as one picture: both yaw rates, what the first has more, where each is feasible, and the slip that each takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from codegen.config import KM_H
+from codegen.errors import one_line
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.slip_use import ABOVE, SlipUse
+from codegen.report.map_difference import on_axes_of
+from codegen.report.style import (
+    BLACK,
+    BLUE,
+    FRONT_ANGLE_LABEL,
+    GREY,
+    ORANGE,
+    SPEED_LABEL,
+    YAW_RATE,
+    draw_table,
+    map_legend,
+    new_figure,
+    plain,
+    style,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LEAST, LEAST_ABOVE = 0.01, 10.0
+"""deg/s to both sides, and percent above the bound, that a diverging scale spans at least."""
+
+NAME_MAX = 20
+"""Characters of a map's name that stand in a title."""
+
+BOUND = 100.0
+"""Percent."""
+
+BOTH, DIVERGING, USE = "#D9D4C5", "BrBG", "RdYlBu_r"
+
+
+def map_difference_figure(
+    maps: tuple[ReferenceMap, ReferenceMap], used: tuple[SlipUse | None, SlipUse | None], names: tuple[str, str]
+) -> Figure:
+    """Two maps over speed and front angle: each on its own breakpoints, what is compared on the first's.
+
+    Args:
+        used: `slip_use` of each; without any its two panels are left out.
+    """
+    known = any(used)
+    titles = [f"{which}: {plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)]
+    with style():
+        figure = new_figure(13.2, 7.2) if known else new_figure(9.6, 7.2)
+        grid = figure.subplots(2, 3 if known else 2, sharex=True, sharey=True)
+        _draw_yaw_rates(figure, grid[0][:2], maps, titles)
+        gain, where = grid[:, 2] if known else grid[1]
+        limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
+        _draw_gain(figure, gain, maps)
+        entries = _draw_where(where, maps)
+        if known:
+            _draw_use(figure, grid[1][:2], maps, used, titles)
+        grid[0][0].set(**limits)
+        for axes in grid[-1]:
+            axes.set_xlabel(SPEED_LABEL)
+        for axes in grid[:, 0]:
+            axes.set_ylabel(FRONT_ANGLE_LABEL)
+        figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
+    return figure
+
+
+def _draw_yaw_rates(
+    figure: Figure, panels: Sequence[Axes], maps: tuple[ReferenceMap, ReferenceMap], titles: Sequence[str]
+) -> None:
+    """Of both, on one scale; the first is drawn last, for its limits are those of the picture."""
+    scale = YAW_RATE.scale(maps)
+    for axes, one, title in reversed(list(zip(panels, maps, titles, strict=True))):
+        table = YAW_RATE.degrees(one)
+        assert table is not None
+        draw_table(axes, one, table, scale, YAW_RATE.colours)
+        axes.set_title(f"{YAW_RATE.name}, {title}")
+    YAW_RATE.colour_bar(figure, list(panels), scale, label=YAW_RATE.unit)
+
+
+def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    first, second = maps
+    gain = np.degrees(first.yaw_rate - on_axes_of(first, second))
+    reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), LEAST)
+    scale = Normalize(-reach, reach)
+    draw_table(axes, first, gain, scale, DIVERGING)
+    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label="deg/s")
+    axes.set_title("First less second")
+
+
+def _draw_where(axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> list[Artist]:
+    """Which of both is feasible at the breakpoints of the first; the legend of the picture."""
+    from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.patches import Patch
+
+    first, second = maps
+    theirs = np.isfinite(on_axes_of(first, second))
+    kinds = (
+        (first.feasible & theirs, BOTH, "both"),
+        (first.feasible & ~theirs, BLUE, "the first alone"),
+        (theirs & ~first.feasible, ORANGE, "the second alone"),
+    )
+    table = np.full(first.feasible.shape, np.nan)
+    for index, (cells, _, _) in enumerate(kinds):
+        table[cells] = index
+    draw_table(axes, first, table, Normalize(-0.5, len(kinds) - 0.5), ListedColormap([colour for _, colour, _ in kinds]))
+    axes.set_title("Where feasible")
+    patches = [
+        Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=name) for cells, colour, name in kinds if cells.any()
+    ]
+    return [*patches, *map_legend(phase_line=False, infeasible=bool(np.isnan(table).any()))]
+
+
+def _draw_use(
+    figure: Figure,
+    panels: Sequence[Axes],
+    maps: tuple[ReferenceMap, ReferenceMap],
+    used: tuple[SlipUse | None, SlipUse | None],
+    titles: Sequence[str],
+) -> None:
+    """The axle that is nearer to its bound, in percent of it; a line where it meets its bound, the middle of the scale."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import TwoSlopeNorm
+
+    tables = [None if use is None else np.fmax(use.front, use.rear) for use in used]
+    highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
+    top = max(highest, BOUND + LEAST_ABOVE)
+    scale = TwoSlopeNorm(BOUND, 0.0, top)
+    for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
+        if table is None:
+            axes.text(0.5, 0.5, "brings no car", transform=axes.transAxes, ha="center")
+        else:
+            draw_table(axes, one, table, scale, USE)
+            if (table > ABOVE).any():
+                held = np.ma.masked_invalid(table.T)
+                axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=BLACK, linewidths=1.0)
+        axes.set_title(f"Slip used, {title}")
+    ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
+    figure.colorbar(
+        ScalarMappable(scale, USE), ax=list(panels), label="of the bound on the plant (%)", ticks=ticks, format="%.0f"
+    )
