@@ -16,6 +16,7 @@ from codegen.cli.values import configuration_file, folder_to_write, picture_to_w
 from codegen.errors import CodegenError
 
 if TYPE_CHECKING:
+    from codegen.sil.vector import Isa
     from codegen.sweep.chunk import Replayed
     from codegen.sweep.plan import Plan
     from codegen.sweep.summary import Summary
@@ -36,6 +37,11 @@ EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec s
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786; by default threads of this machine."
 )
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Threads; by default one for each core.")
+@click.option(
+    "--isa",
+    type=click.Choice(["x86-64-v4", "x86-64-v3", "none"]),
+    help="Vector instructions of the plant; by default the best here. A mixed cluster needs what all its machines have.",
+)
 @click.option("--replay", type=click.IntRange(min=0), metavar="RUN", help="Drive one run of the campaign again, by its number.")
 @click.option("--plot", type=picture_to_write, metavar="PNG", help="With --replay: draw the run.")
 @click.option("--run", "run_path", type=run_to_write, metavar="FILE", help="With --replay: write it as .mf4, .parquet or .csv.")
@@ -45,6 +51,7 @@ def sweep(
     output: Path | None,
     scheduler: str | None,
     workers: int | None,
+    isa: Isa | None,
     replay: int | None,
     plot: Path | None,
     run_path: Path | None,
@@ -59,7 +66,7 @@ def sweep(
 
     if replay is not None:
         _refuse("--replay", {"--scheduler": scheduler, "--workers": workers})
-        plan = planning.read(spec_path)
+        plan = planning.read(spec_path, isa)
         if output is not None:
             from codegen.sweep.store import check_same
 
@@ -71,7 +78,7 @@ def sweep(
         raise CodegenError("no folder is named", where="-o", remedy="name one for the campaign, or give --replay RUN")
     if scheduler is not None and workers is not None:
         raise CodegenError("the cluster has its own workers", where="--workers", remedy="leave it out")
-    _campaign(planning.read(spec_path), output, scheduler, workers, spec_path, as_json)
+    _campaign(planning.read(spec_path, isa), output, scheduler, workers, spec_path, as_json)
 
 
 def _refuse(what: str, given: dict[str, Any]) -> None:
@@ -92,18 +99,18 @@ def _campaign(plan: Plan, folder: Path, scheduler: str | None, workers: int | No
         path = run_campaign(plan, folder, chosen, progress)
     with console.status("counting"):
         summary = summarise(path, plan)
-    replay = f"codegen sweep --spec {shlex.quote(str(spec))} -o {shlex.quote(str(folder))} --replay"
-    written = _write(folder, summary, f"codegen sweep --spec {shlex.quote(spec.name)} --replay")
+    replay = f"codegen sweep --spec {shlex.quote(str(spec))} -o {shlex.quote(str(folder))} --isa {plan.isa} --replay"
+    written = _write(folder, summary, f"codegen sweep --spec {shlex.quote(spec.name)} --isa {plan.isa} --replay")
     if as_json:
         facts = {"spec": str(spec), "runs_file": str(path), "replay": replay}
         console.print_json({**facts, **summary.to_dict(), "pictures": [str(one) for one in written]})
         return
-    from codegen.report.sweep_text import sections
+    from codegen.report.sweep_text import again, sections
 
     console.say(f"{path}: {summary.runs} runs, {plan.spec.sample_count} samples, instruction set {plan.isa}")
-    for heading, text in sections(summary, replay):
+    for heading, text in sections(summary):
         console.say(f"\n{heading}\n\n{text}")
-    console.say("")
+    console.say(f"\n{again(replay)}\n")
     for one in written:
         console.say(f"picture: {one}")
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.design.sampled import SampledCar, sample_of
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track_of_parameters
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -66,7 +66,7 @@ def linearised(
     rate = model.derivative(x, u, p)
     outputs = [rate, ca.densify(ca.jacobian(rate, x)), ca.densify(ca.jacobian(rate, u[COMMAND]))]
     linear = ca.Function("linear", [x, u, p], outputs).map(vx.size)
-    cars = _cars(config, factor)
+    cars = np.ascontiguousarray(varied_cars(config, mass=factor).T)
     states, inputs = np.zeros((len(model.states), vx.size)), np.zeros((len(PLANT_INPUTS), vx.size))
     inputs[PLANT_INPUTS.index("speed")], inputs[PLANT_INPUTS.index("friction")] = vx, mu
     found = _turn(linear, states, inputs, cars, grip_share * mu * config.road.gravity_m_s2)
@@ -78,17 +78,6 @@ def linearised(
     a = np.where(found[:, np.newaxis, np.newaxis], a[:, kept][:, :, kept], -np.eye(len(kept)))
     sampled = sample_of(a, b, config.controller.sampling_time_s, config.tuning.delay_samples)
     return SteadyTurns(sampled, found, states[WHEEL] / cars[PLANT_PARAMETERS.index("steering_ratio")])
-
-
-def _cars(config: Config, factor: FloatArray) -> FloatArray:
-    """Columns (k, n) of PLANT_PARAMETERS."""
-    cars = np.repeat(plant_parameters(config)[:, np.newaxis], factor.size, axis=1)
-    heavier = ("mass", "yaw_inertia", "load_transfer_front", "load_transfer_rear", "front_static_load", "rear_static_load")
-    for name in heavier:
-        cars[PLANT_PARAMETERS.index(name)] *= factor
-    for axle in ("front", "rear"):
-        cars[PLANT_PARAMETERS.index(f"{axle}_stiffness_factor")] /= factor
-    return cars
 
 
 def _turn(linear: ca.Function, states: FloatArray, inputs: FloatArray, cars: FloatArray, acceleration: FloatArray) -> BoolArray:

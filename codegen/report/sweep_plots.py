@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 LINES = ("-", "--", "-.", ":")
 LOG_FROM = 20.0
-"""Largest value over the median from which an axis is logarithmic beyond the medians."""
+"""Largest value over the medians, or over a limit that is drawn, from which an axis is logarithmic beyond what is usual."""
+TICKS_MAX = 4
+"""On each side of the linear part of such an axis."""
 
 PANELS = (
     ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
@@ -49,8 +52,7 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
             for place, (name, outcome) in enumerate(outcomes.items()):
                 if figure in outcome.figures:
                     _draw(axes, outcome.figures[figure], outcome, plain(name), place)
-            if max(one.high for one in shown) > LOG_FROM * max(max(abs(one.quantiles[1]) for one in shown), 1e-9):
-                axes.set_xscale("symlog", linthresh=max(abs(one.quantiles[2]) for one in shown) or 1.0)
+            _scale(axes, shown, LIMITS.get(figure, 0.0))
             axes.set_title(plain(scenario))
             axes.set_xlabel(label)
             axes.set_ylim(0.0, 100.0)
@@ -60,6 +62,23 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
         picture.axes[0].set_ylabel("Runs with at most that (%)")
         return picture
+
+
+def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
+    """Linear, or where a few runs lie far out logarithmic beyond a power of ten, with plain numbers at its ticks."""
+    furthest = max(max(abs(one.low), abs(one.high)) for one in shown)
+    if furthest <= LOG_FROM * max(*(abs(one.quantiles[1]) for one in shown), limit, 1e-9):
+        return
+    usual = max(*(abs(value) for one in shown for value in (one.quantiles[0], one.quantiles[2])), limit)
+    least = math.ceil(math.log10(usual)) if usual > 0.0 else 0
+    most = max(math.ceil(math.log10(furthest)), least)
+    decades = [10.0**power for power in range(least, most + 1, 1 + (most - least) // TICKS_MAX)]
+    axes.set_xscale("symlog", linthresh=10.0**least)
+    low, high = min(one.low for one in shown), max(limit, *(one.high for one in shown))
+    below = [-value for value in reversed(decades) if low < -0.1 * value]
+    ticks = [*below, 0.0, *(value for value in decades if high > 0.1 * value)]
+    axes.set_xticks(ticks, [f"{value:g}" for value in ticks])
+    axes.minorticks_off()
 
 
 def _draw(axes: Axes, figure: Figure, outcome: Outcome, name: str, place: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 
 from codegen.report.summary import table
@@ -14,61 +15,74 @@ TITLES = {
     "sideslip_abs_max_deg": ("|sideslip|, largest", "deg"),
     "slip_front_abs_max_deg": ("|front slip|, largest", "deg"),
     "slip_rear_abs_max_deg": ("|rear slip|, largest", "deg"),
-    "lateral_acceleration_max_m_s2": ("lateral acceleration, largest", "m/s^2"),
-    "yaw_rate_ratio_1_00_s_percent": ("yaw-rate ratio at 1 s", "%"),
-    "yaw_rate_ratio_1_75_s_percent": ("yaw-rate ratio at 1.75 s", "%"),
+    "lateral_acceleration_max_m_s2": ("|a_y|, largest", "m/s^2"),
+    "yaw_rate_ratio_1_00_s_percent": ("yaw-rate ratio, 1 s", "%"),
+    "yaw_rate_ratio_1_75_s_percent": ("yaw-rate ratio, 1.75 s", "%"),
     "lateral_displacement_m": ("lateral displacement", "m"),
 }
 """Figures that are told, in order; all are in summary.json."""
-SHARES = {"settled": "settled", "meets_fmvss_126": "meets FMVSS 126"}
 
-OF_WHICH = "Figures are of the runs that did not spin before. Overshoot is over the mean of the last second, settled or not."
+OF_WHICH = "Figures are of the runs that did not spin before. Overshoot is over the mean of\nthe last second, settled or not."
 
-HEADER = ("figure", "unit", "runs", "mean", *(f"{round(100 * share)} %" for share in QUANTILES), "smallest", "largest")
-WORST_HEADER = ("worst", "value", "again by")
+HEADER = ("figure", "runs", "mean", *(f"{round(100 * share)} %" for share in QUANTILES), "min", "max")
+WORST_HEADER = ("worst", "value", "run")
+WIDTH, NUMBER_WIDTH = 80, 5
+"""Columns of the text, and of a number so that a table fits in."""
 
 
-def sections(summary: Summary, replay: str) -> Iterator[tuple[str, str]]:
-    """Heading and text of each scenario and controller.
-
-    Args:
-        replay: the command that drives a run again, up to its number.
-    """
+def sections(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Heading and text, at most 80 columns wide, of each scenario and controller."""
     for (scenario, controller), outcome in summary.outcomes.items():
-        yield f"{scenario}, {controller}", _text(outcome, replay)
+        yield f"{scenario}, {controller}", _text(outcome)
 
 
-def _text(outcome: Outcome, replay: str) -> str:
-    shares = [f"{outcome.runs} runs", f"{outcome.spun} spun ({100.0 * outcome.spun / max(outcome.runs, 1):.3g} %)"]
-    shares += [
-        f"{100.0 * outcome.figures[name].mean:.4g} % of the rest {title}"
-        if name == "settled"
-        else f"{100.0 * outcome.figures[name].mean:.4g} % {title}"
-        for name, title in SHARES.items()
-        if name in outcome.figures
-    ]
+def again(replay: str) -> str:
+    """How a run of the tables is driven again: `replay` is the command, up to the run's number."""
+    return f"Any of these runs again, RUN its number:\n{replay} RUN"
+
+
+def _text(outcome: Outcome) -> str:
     rows = [
-        (title, unit, str(found.count), *(f"{value:.3g}" for value in (found.mean, *found.quantiles, found.low, found.high)))
+        (f"{title} ({unit})", str(found.count), *map(short, (found.mean, *found.quantiles, found.low, found.high)))
         for name, (title, unit) in TITLES.items()
         if (found := outcome.figures.get(name)) is not None
     ]
     worst = [
-        (f"{TITLES[name][0]}", f"{one.value:.4g} {TITLES[name][1]}", f"{replay} {one.run}")
+        (TITLES[name][0], f"{one.value:.4g} {TITLES[name][1]}", str(one.run))
         for name, found in outcome.worst.items()
         for one in found[:1]
     ]
-    worst += [("earliest spin", f"{one.value:.3g} s", f"{replay} {one.run}") for one in outcome.first_spins[:1]]
-    parts = [", ".join(shares)]
-    if rows:
-        parts.append(OF_WHICH)
-    parts += [table(HEADER, rows)] if rows else []
+    worst += [("earliest spin", f"{one.value:.3g} s", str(one.run)) for one in outcome.first_spins[:1]]
+    parts = [textwrap.fill(", ".join(_shares(outcome)), WIDTH)]
+    parts += [OF_WHICH, table(HEADER, rows)] if rows else []
     parts += [table(WORST_HEADER, worst)] if worst else []
     return "\n\n".join(parts)
 
 
+def _shares(outcome: Outcome) -> Iterator[str]:
+    yield f"{outcome.runs} runs"
+    yield f"{outcome.spun} spun ({100.0 * outcome.spun / max(outcome.runs, 1):.3g} %)"
+    if (settled := outcome.figures.get("settled")) is not None:
+        yield f"{100.0 * settled.mean:.4g} % of the rest settled"
+    if (met := outcome.figures.get("meets_fmvss_126")) is not None:
+        of = "" if met.count == outcome.runs else f" of the {met.count} that tell"
+        yield f"{100.0 * met.mean:.4g} %{of} meet FMVSS 126"
+    elif "lateral_displacement_m" in outcome.figures:
+        yield "FMVSS 126 not measured"
+
+
+def short(value: float) -> str:
+    """Three digits, fewer where they would not fit into NUMBER_WIDTH."""
+    # Adding zero takes the sign off a zero.
+    for text in (f"{value:.3g}", f"{round(value, 2) + 0.0:.2f}" if abs(value) < 1.0 else f"{value:.0f}"):
+        if len(text) <= NUMBER_WIDTH:
+            return text
+    return f"{value:.0e}"
+
+
 def markdown(summary: Summary, replay: str) -> str:
-    """`summary.md`."""
+    """`summary.md`; `replay` as in `again`."""
     parts = [f"# A campaign of {summary.runs} runs", f"Quantiles are as fine as 1/{BINS} of the range of their figure."]
-    for heading, text in sections(summary, replay):
-        parts.append(f"## {heading}\n\n```\n{text}\n```")
-    return "\n\n".join(parts) + "\n"
+    parts += [f"## {heading}\n\n```\n{text}\n```" for heading, text in sections(summary)]
+    sentence, command = again(replay).split("\n")
+    return "\n\n".join([*parts, f"{sentence}\n\n```\n{command}\n```"]) + "\n"

@@ -63,6 +63,7 @@ class Lanes:
             multiplies it. None: the scenario's.
         friction_estimate: for the controller, in place of the scenario's; NaN: none.
         delay_samples: control samples between computing a command and its acting, 0 to 100.
+        command_factor: of the rear angle command when it acts: it multiplies the gain of the loop, exactly; 1 leaves all bits.
         controlled: False leaves the rear command at zero: the passive car.
         noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None: none.
     """
@@ -73,6 +74,7 @@ class Lanes:
     friction: FloatArray | float | None = None
     friction_estimate: FloatArray | float = math.nan
     delay_samples: IntArray | int = 0
+    command_factor: FloatArray | float = 1.0
     controlled: BoolArray | bool = True
     noise: FloatArray | None = None
 
@@ -182,6 +184,7 @@ class BatchSoftware:
             "friction_factor": (friction, np.float64),
             "friction_estimate": (lanes.friction_estimate, np.float64),
             "delay_samples": (lanes.delay_samples, np.int64),
+            "command_factor": (lanes.command_factor, np.float64),
             "controlled": (lanes.controlled, np.bool_),
         }
         for name, (value, kind) in values.items():

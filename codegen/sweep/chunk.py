@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.errors import within
-from codegen.sil.batch import BatchSoftware, compile_batch
+from codegen.errors import BuildError, within
+from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
+from codegen.sil.software import RECORD_COLUMNS
+from codegen.sil.vector import best_isa, machine_runs
 from codegen.sweep import lanes
 from codegen.sweep.draw import draw
-from codegen.sweep.metrics import COLUMNS, Runs, figures
+from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.profile import Profile
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
@@ -31,10 +33,20 @@ _COMPILED: dict[tuple[str, str], BatchSoftware] = {}
 
 
 def software(plan: Plan, controller: Controller) -> BatchSoftware:
-    """A controller compiled with the batch plant: once in each process. Raises BuildError."""
+    """A controller compiled with the batch plant: once in each process.
+
+    Raises:
+        BuildError: it does not compile, or this machine lacks the campaign's instructions.
+    """
     key = (controller.digest, plan.isa)
     with _LOCK:
         if key not in _COMPILED:
+            if not machine_runs(plan.isa):
+                raise BuildError(
+                    f"this machine has no instructions of {plan.isa}",
+                    where="--isa",
+                    remedy=f"drive the whole campaign with --isa {best_isa()}",
+                )
             with within(controller.folder or controller.name):
                 _COMPILED[key] = compile_batch(controller.files, controller.manifest, plan.config, isa=plan.isa)
         return _COMPILED[key]
@@ -57,21 +69,14 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
     Raises:
         CodegenError: the car cannot do a scenario at a drawn speed, or the C does not compile.
     """
-    spec, samples = plan.spec, plan.samples_of(chunk)
-    factors = draw(spec, chunk, samples)
+    samples = plan.samples_of(chunk)
+    factors = draw(plan.spec, chunk, samples)
     tables = []
     for place, profile in enumerate(plan.profiles):
         driven = lanes.conditions(plan.config, profile, factors, len(samples))
         for index, controller in enumerate(plan.controllers):
-            batch = lanes.lanes(spec, chunk, place, profile, plan.config, factors, driven, controller.controlled)
+            batch = lanes.lanes(plan.spec, chunk, place, profile, plan.config, factors, driven, controller.controlled)
             record = software(plan, controller).run(profile.inputs, batch, columns=COLUMNS)
-            runs = Runs(
-                time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
-                signals=dict(zip(COLUMNS, record, strict=True)),
-                steer_time=profile.steer_time,
-                steering_ratio=plan.config.steering.ratio,
-                mass=batch.cars[:, MASS],
-            )
             number = (np.arange(samples.start, samples.stop) * len(plan.profiles) + place) * len(plan.controllers) + index
             tables.append(
                 {
@@ -79,12 +84,27 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
                     "sample": np.arange(samples.start, samples.stop),
                     "scenario": np.full(len(samples), place),
                     "controller": np.full(len(samples), index),
-                    **{key: values for key, values in factors.items() if key not in DRIVEN},
-                    **asdict(driven),
-                    **figures(profile.kind, runs),
+                    **_varied(factors, driven),
+                    **_figures(plan, profile, record, batch),
                 }
             )
     return _joined(tables)
+
+
+def _varied(factors: Mapping[str, FloatArray], driven: lanes.Conditions) -> Table:
+    return {**{key: values for key, values in factors.items() if key not in DRIVEN}, **asdict(driven)}
+
+
+def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes) -> Figures:
+    """Of a recording (columns, samples, n), columns COLUMNS."""
+    runs = Runs(
+        time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
+        signals=dict(zip(COLUMNS, record, strict=True)),
+        steer_time=profile.steer_time,
+        steering_ratio=plan.config.steering.ratio,
+        mass=batch.cars[:, MASS],
+    )
+    return figures(profile.kind, runs)
 
 
 def _joined(tables: list[Table]) -> Table:
@@ -121,17 +141,24 @@ def replay(plan: Plan, run: int) -> Replayed:
     key = plan.key(run)
     chunk = key.sample // plan.samples_per_chunk
     samples = plan.samples_of(chunk)
+    at = key.sample - samples.start
     factors = draw(plan.spec, chunk, samples)
     profile, own = plan.profiles[key.scenario], plan.controllers[key.controller]
     driven = lanes.conditions(plan.config, profile, factors, len(samples))
-    records = {}
+    every = lanes.lanes(plan.spec, chunk, key.scenario, profile, plan.config, factors, driven, own.controlled)
+    # A run is the same in any company, but NumPy sums a lonely column in another order than one of several.
+    alone = lanes.only(every, [at, (at + 1) % len(samples)] if len(samples) > 1 else [at])
+    records, figures_of_run = {}, Figures()
     for controller in (own, *(other for other in plan.controllers if other is not own)):
-        every = lanes.lanes(plan.spec, chunk, key.scenario, profile, plan.config, factors, driven, controller.controlled)
-        record = software(plan, controller).run(profile.inputs, lanes.only(every, key.sample - samples.start))
+        batch = replace(alone, controlled=np.full_like(alone.controlled, controller.controlled))
+        record = software(plan, controller).run(profile.inputs, batch)
         records[controller.name] = np.ascontiguousarray(record[:, :, 0].T)
-    table = run_chunk(plan, chunk)
-    at = int(np.flatnonzero(table["run"] == run)[0])
-    row = {name: float(values[at]) for name, values in table.items() if name not in ("scenario", "controller")}
+        if controller is own:
+            places = [RECORD_COLUMNS.index(name) for name in COLUMNS]
+            figures_of_run = _figures(plan, profile, record[places], batch)
+    row = {"run": float(run), "sample": float(key.sample)}
+    row |= {name: float(values[at]) for name, values in _varied(factors, driven).items()}
+    row |= {name: float(values[0]) for name, values in figures_of_run.items()}
     return Replayed(key, own.name, records, {name: value for name, value in row.items() if not np.isnan(value)}, profile)
 
 

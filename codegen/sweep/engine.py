@@ -6,13 +6,15 @@ as it is however long the campaign.
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
 from typing import Any, Protocol
 
-from codegen.errors import CheckFailed, CodegenError
+from codegen.errors import BuildError, CheckFailed, CodegenError
 
 ADDRESS = re.compile(r"[a-z]+://[^\s/]+:\d+\Z")
 AHEAD = 2
@@ -21,6 +23,8 @@ CONNECT_TIMEOUT = "20s"
 DEATHS_MAX = 10
 """Times that the cluster may give up a chunk because the workers that drove it died, each time after several deaths of its own
 counting: more, and it is the chunk that kills them."""
+TALKATIVE = ("distributed", "tornado", "asyncio")
+"""Loggers, with all below them, that tell a lost connection by tracebacks, beside the one line that says what to do."""
 
 Work = Callable[[int], Any]
 
@@ -84,22 +88,39 @@ class Dask:
                 "distributed is missing", where="--scheduler", remedy='pip install "ars-codegen[sweep]"'
             ) from None
         library: Any = distributed  # it has types, but not for all
+        self.address = address
         self._as_completed, self._killed = library.as_completed, library.scheduler.KilledWorker
-        try:
-            self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise CodegenError(
-                f"no Dask scheduler answers ({error})",
-                where=address,
-                remedy="start one with `dask scheduler`, check the address",
-            ) from None
+        with contextlib.ExitStack() as silence:
+            silence.enter_context(_silent(TALKATIVE))
+            try:
+                self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+            except (OSError, TimeoutError, ValueError) as error:
+                raise CodegenError(
+                    f"no Dask scheduler answers ({error})",
+                    where=address,
+                    remedy="start one with `dask scheduler`, check the address",
+                ) from None
+            self._silence = silence.pop_all()
 
     def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         """See `Engine`. A worker that dies loses nothing: what it had goes to another.
 
         Raises:
-            CheckFailed: the cluster gave up, or went away.
+            CodegenError: the scheduler went away.
+            CheckFailed: the cluster gave up.
+            BuildError: a worker cannot compile, or lacks the instructions.
         """
+        try:
+            yield from self._run(work, numbers)
+        except (OSError, CancelledError) as error:
+            raise self._gone() from error
+        except RuntimeError as error:
+            # What the client says when it is asked for anything after it gave the scheduler up.
+            if self._client.status in ("running", "newly-created"):
+                raise
+            raise self._gone() from error
+
+    def _run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         client = self._client
         # Builds and plan go once to each worker; as a task, not as data: where all that have it die, it is sent again.
         sent = client.submit(_itself, work, key=f"work-{id(self)}-{id(work)}", pure=False)
@@ -131,16 +152,43 @@ class Dask:
                 yield number, _result(future, number)
                 submit(next(waiting, None))
         finally:
-            for future in under_way:
-                future.cancel()
+            with contextlib.suppress(Exception):  # nobody may be there any more to be told
+                for future in under_way:
+                    future.cancel()
 
     def _lost(self, future: Any) -> bool:
         """Whether a chunk has no result because the workers that drove it died."""
         return future.status == "error" and isinstance(future.exception(), self._killed)
 
+    def _gone(self) -> CodegenError:
+        return CodegenError(
+            "the Dask scheduler went away; what was finished is kept",
+            where=self.address,
+            remedy="run the same command again when it is back: it goes on from there",
+        )
+
     def close(self) -> None:
         """Leave the cluster, which goes on."""
-        self._client.close()
+        with self._silence:
+            self._client.close()
+
+
+@contextlib.contextmanager
+def _silent(names: tuple[str, ...]) -> Iterator[None]:
+    """Loggers of these names and all below them say nothing."""
+    known = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in names]
+    loggers = [logging.getLogger(name) for name in {*names, *known}]
+    for logger in loggers:
+        logger.addFilter(_nothing)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(_nothing)
+
+
+def _nothing(_record: logging.LogRecord) -> bool:
+    return False
 
 
 def _itself(work: Work) -> Work:
@@ -148,13 +196,20 @@ def _itself(work: Work) -> Work:
 
 
 def _call(work: Work, number: int) -> Any:
-    return work(number)
+    from distributed import get_worker
+
+    try:
+        return work(number)
+    except BuildError as error:
+        # No compiler, or not these instructions: of one machine among many, so that it must be named.
+        where = f"Dask worker {get_worker().address}{': ' if error.where else ''}{error.where}"
+        raise BuildError(error.what, where=where, remedy=error.remedy) from None
 
 
 def _result(future: Any, number: int) -> Any:
     try:
         return future.result()
-    except CodegenError:
+    except (CodegenError, CancelledError):
         raise
     except Exception as error:
         raise CheckFailed(

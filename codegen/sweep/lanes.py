@@ -1,7 +1,6 @@
 """From the factors of samples to what the batch in C takes.
 
-What a factor does not name stays as it is. The slope of the tyres at zero slip is kept under changes of mass, centre of
-gravity and peak, as in `hil_sim.suite.plants`: their factor B would otherwise carry it along.
+What a factor does not name stays as it is, the slope of the tyres at zero slip among it, as in `hil_sim.suite.plants`.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from codegen.sil.batch import Lanes
 from codegen.sweep import draw
 from codegen.sweep.profile import REFERENCE_ANGLE_DEG, Profile
 from codegen.sweep.spec import FACTORS, NOISE, Spec
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 
 FloatArray = npt.NDArray[np.float64]
 Factors = Mapping[str, FloatArray]
@@ -39,34 +38,29 @@ class Conditions:
 
 def cars(config: Config, factors: Factors, count: int) -> FloatArray:
     """Rows (count, k) of PLANT_PARAMETERS. Raises ConfigError where a centre of gravity leaves the wheelbase."""
-    base = plant_parameters(config)
-    table = np.repeat(base[np.newaxis], count, axis=0)
-    at = {name: table[:, index] for index, name in enumerate(PLANT_PARAMETERS)}
 
     def factor(key: str) -> FloatArray:
         return 1.0 + _of(factors, key, count) / 100.0
 
-    mass, shift, peak = factor("mass_percent"), _of(factors, "cg_shift_m", count), factor("tyre_peak_percent")
-    arms = {"front": config.vehicle.cg_to_rear_axle_m, "rear": config.vehicle.cg_to_front_axle_m}
-    if np.any(np.abs(shift) >= 0.9 * min(arms.values())):
+    shift = _of(factors, "cg_shift_m", count)
+    shift_max = 0.9 * min(config.vehicle.cg_to_front_axle_m, config.vehicle.cg_to_rear_axle_m)
+    if np.any(np.abs(shift) >= shift_max):
         raise ConfigError(
             f"shifts of up to {np.abs(shift).max():g} m bring the centre of gravity to an axle",
             where="factors.cg_shift_m",
-            remedy=f"stay below {0.9 * min(arms.values()):.2f} m",
+            remedy=f"stay below {shift_max:.2f} m",
         )
-    at["mass"] *= mass
-    at["yaw_inertia"] *= mass * factor("yaw_inertia_percent")
-    at["cg_to_front_axle"] -= shift
-    at["cg_to_rear_axle"] += shift
-    at["load_transfer_front"] *= mass
-    at["load_transfer_rear"] *= mass
-    for axle, sign in (("front", 1.0), ("rear", -1.0)):
-        load = mass * (1.0 + sign * shift / arms[axle])  # a front wheel carries m g lr/(2 L)
-        at[f"{axle}_static_load"] *= load
-        at[f"{axle}_peak_factor"] *= peak
-        at[f"{axle}_stiffness_factor"] *= factor(f"{axle}_stiffness_percent") / (load * peak)
+    table = varied_cars(
+        config,
+        mass=factor("mass_percent"),
+        yaw_inertia=factor("yaw_inertia_percent"),
+        cg_shift=shift,
+        tyre_peak=factor("tyre_peak_percent"),
+        front_stiffness=factor("front_stiffness_percent"),
+        rear_stiffness=factor("rear_stiffness_percent"),
+    )
     if "rear_lag_s" in factors:
-        at["rear_lag"][:] = factors["rear_lag_s"]
+        table[:, PLANT_PARAMETERS.index("rear_lag")] = factors["rear_lag_s"]
     return table
 
 
@@ -108,12 +102,13 @@ def lanes(
     )
 
 
-def only(every: Lanes, index: int) -> Lanes:
-    """One of several."""
+def only(every: Lanes, places: list[int]) -> Lanes:
+    """Some of several."""
     values = {field.name: getattr(every, field.name) for field in fields(every)}
     noise = values.pop("noise")
     return Lanes(
-        **{name: value[[index]] for name, value in values.items()}, noise=None if noise is None else noise[:, :, [index]]
+        **{name: value if np.ndim(value) == 0 else value[places] for name, value in values.items()},
+        noise=None if noise is None else noise[:, :, places],
     )
 
 

@@ -218,20 +218,23 @@ def _sine_with_dwell(runs: Runs, spun: FloatArray) -> Figures:
     limit = np.where(np.isnan(spun), np.inf, spun)
     found: Figures = {"spun_at_s": spun}
     peak = _second_peak(runs, reversal)
-    good: BoolArray = np.isnan(spun)
+    failed, measured = ~np.isnan(spun), np.ones(spun.shape, dtype=bool)
     for after, most in RATIO_TIMES:
         at = completion + after
         ratio = np.where((peak != 0.0) & (at <= end_of_run), 100.0 * _at(runs, at, "yaw_rate_rad_s") / peak, np.nan)
-        good &= ratio <= most
+        failed |= ratio > most
+        measured &= ~np.isnan(ratio)
         found[f"yaw_rate_ratio_{after:.2f}_s_percent".replace(".", "_", 1)] = np.where(
             np.minimum(np.where(np.isnan(at), np.inf, at), end_of_run) >= limit, np.nan, ratio
         )
     end = beginning + DISPLACEMENT_TIME
     displacement = np.where(end <= end_of_run, np.abs(_displacement(runs, beginning, end)), np.nan)
-    good &= displacement >= np.where(runs.mass <= HEAVY_MASS, DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY)
+    failed |= displacement < np.where(runs.mass <= HEAVY_MASS, DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY)
+    measured &= ~np.isnan(displacement)
     until = np.minimum(np.where(np.isnan(end), np.inf, end), end_of_run)
     found["lateral_displacement_m"] = np.where(until >= limit, np.nan, displacement)
-    found["meets_fmvss_126"] = good.astype(np.float64)
+    # A spin or one figure beyond its limit is a failure whatever the others are; to pass, all three must have been measured.
+    found["meets_fmvss_126"] = np.where(failed, 0.0, np.where(measured, 1.0, np.nan))
     after_start = slice(int(np.flatnonzero(runs.time >= runs.steer_time - 1e-9)[0]), None)
     rear = runs.degrees("rear_angle_rad")[after_start]
     common = {

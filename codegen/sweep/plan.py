@@ -29,6 +29,10 @@ from hil_sim.scenarios import SCENARIOS, find
 
 RUNS_PER_CHUNK = 512
 """About: enough for the vector units and for the interpreter's own work to vanish, few enough to be lost without pain."""
+CHUNK_BYTES = 128 * 2**20
+"""Most that a chunk's recording, noise and intermediate arrays may take: a long scenario has fewer samples in a chunk."""
+NUMBERS_PER_SAMPLE = 24
+"""In memory at once for each sample of the controller and run: nine columns, the noise as drawn and added, the work on them."""
 
 LENGTH_MIN = {"step": 2.0, "sine-with-dwell": 3.8}
 """s after the driver begins, by kind of scenario: a second to rise and one to be steady; the sine with dwell and 1.75 s."""
@@ -84,8 +88,11 @@ class Plan:
 
     @property
     def samples_per_chunk(self) -> int:
-        """Samples of every chunk but the last."""
-        return max(1, RUNS_PER_CHUNK // (len(self.profiles) * len(self.controllers)))
+        """Samples of every chunk but the last: by the spec and the sampling times alone, whatever the engine."""
+        steps = round(self.config.controller.sampling_time_s / self.config.plant.sampling_time_s)
+        longest: int = max(profile.inputs.shape[0] // steps for profile in self.profiles)
+        held: int = CHUNK_BYTES // (8 * NUMBERS_PER_SAMPLE * longest)
+        return max(1, min(RUNS_PER_CHUNK // (len(self.profiles) * len(self.controllers)), held))
 
     @property
     def chunk_count(self) -> int:

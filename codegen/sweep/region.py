@@ -2,13 +2,15 @@
 
 The linear part is `design.linearised`: gain and phase margin of the loop around the two-track plant, straight ahead and in a
 turn. Confirmed is the loop straight ahead: in every cell the generated C drives the nonlinear plant through a small steering
-pulse, and what is left of it decides. Both are computed here from nothing but a build.
+pulse, and what is left of it decides. So is the gain margin of every third cell: the plant's rear angle command is multiplied,
+which multiplies the gain of the loop exactly whatever the controller is, up to just within the margin and to just beyond it.
+All is computed here from nothing but a build.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,10 @@ import numpy.typing as npt
 from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.design.linearised import linearised
-from codegen.design.margins import loop_margins
-from codegen.design.sampled import frequency_grid
+from codegen.design.margins import Margins, loop_margins
+from codegen.design.sampled import SampledCar, frequency_grid
 from codegen.emit.laws import law_of
-from codegen.sil.batch import Isa, Lanes, compile_batch
+from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.lanes import cars
 
@@ -39,6 +41,10 @@ EARLY, LATE = (1.0, 4.0), (7.0, 10.0)
 """s of the drive: an unstable loop swings more in the second than in the first."""
 QUIET = 1e-5
 """rad/s. What swings less at the end has died out: float32 resolves a yaw rate at rest far finer."""
+MARGIN_SHARES = (0.9, 1.1)
+"""Of the gain margin as a factor: driven with the one the loop must be stable, with the other unstable."""
+MARGIN_EVERY = 3
+"""Of the cells, along every axis of the grid in turn: all speeds, frictions and masses come up, in a few seconds."""
 NEAR = 0.02
 """A loop whose slowest pole moves by less than this share in a second is neither seen to grow nor to die out."""
 
@@ -54,7 +60,11 @@ class Region:
         turn_gain_margin_db, turn_phase_margin_deg: in the turn; NaN where there is none.
         without: whether the car alone, its rear wheels held straight, is stable.
         growth: rate of the slowest pole, 1/s: below zero where the loop is stable.
+        gain_limit: straight ahead, the factor of the loop's gain at which it becomes unstable: above 1, or below where less
+            gain does it; NaN where there is none.
+        limit_growth: (2, masses, frictions, speeds), `growth` at MARGIN_SHARES of that; NaN where there is none.
         driven: whether it was stable when driven; None where it was not driven.
+        margin_driven: as `limit_growth`, whether it was stable when driven so (1 and 0), NaN where it was not driven.
     """
 
     speeds_km_h: tuple[float, ...]
@@ -69,7 +79,10 @@ class Region:
     turn_gain_margin_db: FloatArray
     turn_phase_margin_deg: FloatArray
     without: BoolArray
+    gain_limit: FloatArray
+    limit_growth: FloatArray
     driven: BoolArray | None = None
+    margin_driven: FloatArray | None = None
 
     @property
     def undecided(self) -> BoolArray:
@@ -83,6 +96,28 @@ class Region:
         if self.driven is None:
             return np.zeros(self.stable.shape, dtype=bool)
         otherwise: BoolArray = (self.driven != self.stable) & ~self.undecided
+        return otherwise
+
+    @property
+    def margin_sample(self) -> BoolArray:
+        """Cells whose gain margin is driven."""
+        place = np.indices(self.stable.shape).sum(axis=0)
+        chosen: BoolArray = (place % MARGIN_EVERY == 0) & np.isfinite(self.gain_limit)
+        return chosen
+
+    @property
+    def margin_undecided(self) -> BoolArray:
+        """Those of them that change too slowly about their margin for a drive of some seconds to tell."""
+        near: BoolArray = self.margin_sample & (np.abs(self.limit_growth) < NEAR).any(axis=0)
+        return near
+
+    @property
+    def margin_contradicted(self) -> BoolArray:
+        """Cells that are not stable just within the computed gain margin and unstable just beyond it, when driven."""
+        if self.margin_driven is None:
+            return np.zeros(self.stable.shape, dtype=bool)
+        within, beyond = self.margin_driven
+        otherwise: BoolArray = self.margin_sample & ~self.margin_undecided & ~((within == 1.0) & (beyond == 0.0))
         return otherwise
 
     def unstable_from(self, mass: int, friction: int) -> float | None:
@@ -107,6 +142,7 @@ def region(config: Config) -> Region | None:
     ahead = linearised(config, *arguments)
     turn = linearised(config, *arguments, grip_share=TURN_SHARE)
     straight, turning = (loop_margins(found.sampled, kp, ki, frequency) for found in (ahead, turn))
+    limit, limit_growth = _limits(ahead.sampled, kp, ki, straight)
     return Region(
         SPEEDS_KM_H,
         FRICTIONS,
@@ -120,7 +156,25 @@ def region(config: Config) -> Region | None:
         np.where(turn.found, turning.gain_margin_db, np.nan).reshape(shape),
         np.where(turn.found, turning.phase_margin_deg, np.nan).reshape(shape),
         ahead.sampled.open_loop_stable().reshape(shape),
+        limit.reshape(shape),
+        limit_growth.reshape(-1, *shape),
     )
+
+
+def _limits(car: SampledCar, kp: FloatArray, ki: FloatArray, margins: Margins) -> tuple[FloatArray, FloatArray]:
+    """`gain_limit` (n,) and `limit_growth` (2, n) of n loops. The margin is no direction: the poles beyond it tell."""
+    has = margins.stable & np.isfinite(margins.gain_margin_db)
+    factor = np.where(has, 10.0 ** (np.where(has, margins.gain_margin_db, 0.0) / 20.0), 1.0)
+    beyond = MARGIN_SHARES[1] * factor
+    less = (car.growth(kp / beyond, ki / beyond) > 0.0) & ~(car.growth(beyond * kp, beyond * ki) > 0.0)
+    limit = np.where(less, 1.0 / factor, factor)
+    growth = [car.growth(gain * kp, gain * ki) for gain in _gains_about(limit)]
+    return np.where(has, limit, np.nan), np.where(has, growth, np.nan)
+
+
+def _gains_about(limit: FloatArray) -> list[FloatArray]:
+    """Factors of the gain just within and just beyond a limit."""
+    return [np.where(limit < 1.0, limit / share, limit * share) for share in MARGIN_SHARES]
 
 
 def _grid() -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -130,7 +184,7 @@ def _grid() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, Any], isa: Isa | None = None) -> Region:
-    """The same with what the generated C does in every cell: all of them at once, in one batch.
+    """The same with what the generated C does in every cell, and about the gain margins of a third of them.
 
     Args:
         files, manifest: of the build.
@@ -138,18 +192,31 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
     Raises:
         BuildError: the C does not compile.
     """
-    from dataclasses import replace
-
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     software = compile_batch(files, manifest, config, isa=isa)
     mass, friction, speed = (values.ravel() for values in _grid())
+    driven = _is_stable(software, config, mass, friction, speed, np.ones(mass.size))
+    sample = linear.margin_sample.ravel()
+    margin = np.full((len(MARGIN_SHARES), mass.size), np.nan)
+    for row, gain in zip(margin, _gains_about(linear.gain_limit.ravel()[sample]), strict=True):
+        row[sample] = _is_stable(software, config, mass[sample], friction[sample], speed[sample], gain)
+    shape = linear.stable.shape
+    return replace(linear, driven=driven.reshape(shape), margin_driven=margin.reshape(-1, *shape))
+
+
+def _is_stable(
+    software: BatchSoftware, config: Config, mass: FloatArray, friction: FloatArray, speed: FloatArray, gain: FloatArray
+) -> BoolArray:
+    """(n,) whether the loop swings less late than early, each with its gain multiplied."""
     lanes = Lanes(
         cars=cars(config, {"mass_percent": mass}, mass.size),
         speed_factor=speed,
-        wheel_factor=np.ones(mass.size),
+        # A loop of more gain answers more: so the actuator stays in its linear range, and the controller calm.
+        wheel_factor=1.0 / np.maximum(gain, 1.0),
         friction=friction,
         friction_estimate=np.full(mass.size, np.nan),
         delay_samples=np.full(mass.size, config.tuning.delay_samples),
+        command_factor=gain,
         controlled=np.full(mass.size, fill_value=True),
         noise=None,
     )
@@ -162,8 +229,8 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
         return result
 
     late = swing(LATE)
-    driven = (late < swing(EARLY)) | (late < QUIET)
-    return replace(linear, driven=driven.reshape(linear.stable.shape))
+    died: BoolArray = (late < swing(EARLY)) | (late < QUIET * lanes.wheel_factor)
+    return died
 
 
 def _pulse(config: Config) -> FloatArray:

@@ -24,6 +24,7 @@ from codegen import __version__
 from codegen.errors import CodegenError
 from codegen.files import write_atomically
 from codegen.interrupts import deferred
+from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
 from codegen.sweep.plan import Plan
 
@@ -66,11 +67,7 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
     facts = folder / FACTS
     if facts.is_file():
         if facts.read_text(encoding="utf-8") != text:
-            raise CodegenError(
-                f"it holds another campaign: {_differing(facts, plan)} changed since",
-                where=folder,
-                remedy="name another folder with -o, or remove this one",
-            )
+            raise _other(facts, plan, folder, "name another folder with -o, or remove this one")
     elif any(folder.iterdir()):
         raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
     else:
@@ -90,11 +87,7 @@ def check_same(folder: Path, plan: Plan) -> None:
     if not facts.is_file():
         raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
     if facts.read_text(encoding="utf-8") != facts_text(plan):
-        raise CodegenError(
-            f"it holds another campaign: {_differing(facts, plan)} changed since",
-            where=folder,
-            remedy="drive it with the spec and the builds that it was made of",
-        )
+        raise _other(facts, plan, folder, "drive it with the spec and the builds that it was made of")
 
 
 def _check_finished(path: Path, plan: Plan) -> None:
@@ -144,15 +137,22 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _differing(path: Path, plan: Plan) -> str:
-    """Names of the facts that are not those of the plan."""
+def _other(path: Path, plan: Plan, folder: Path, remedy: str) -> CodegenError:
+    """That a folder holds another campaign: which facts are not those of the plan."""
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
-        return f"{path.name} has been"
+        return CodegenError(f"it holds another campaign: {path.name} has been changed since", where=folder, remedy=remedy)
     facts = json.loads(facts_text(plan))
     names = [name for name in facts if not isinstance(there, dict) or there.get(name) != facts[name]]
-    return f"{', '.join(names) or 'something'} {'have' if len(names) > 1 else 'has'}"
+    if names == ["isa"] and there.get("isa") in ISAS:
+        return CodegenError(
+            f"it was driven with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
+            where=folder,
+            remedy=f"give --isa {there['isa']}, or name another folder with -o",
+        )
+    told = f"{', '.join(names) or 'something'} {'have' if len(names) > 1 else 'has'}"
+    return CodegenError(f"it holds another campaign: {told} changed since", where=folder, remedy=remedy)
 
 
 class _Writable:
@@ -268,7 +268,9 @@ def _values(name: str, column: Any) -> npt.NDArray[Any]:
     if name in WHOLE:
         return np.asarray(column.to_numpy())
     if name in NAMES:
-        return np.asarray(column.to_pylist())
+        # The few names once, and each row's by its code: a string of its own for each row would outweigh the figures.
+        coded = column.unify_dictionaries().combine_chunks()
+        return np.asarray(np.asarray(coded.dictionary.to_pylist())[coded.indices.to_numpy()])
     if name in YES_NO:
         column = column.cast("int8").cast("float64")
     return np.asarray(column.cast("float64").to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -113,6 +113,44 @@ def plant_parameters(config: Config) -> FloatArray:
     return np.array([*astuple(car.chassis), *tyres], dtype=np.float64)
 
 
+def varied_cars(
+    config: Config,
+    mass: npt.ArrayLike = 1.0,
+    yaw_inertia: npt.ArrayLike = 1.0,
+    cg_shift: npt.ArrayLike = 0.0,
+    tyre_peak: npt.ArrayLike = 1.0,
+    front_stiffness: npt.ArrayLike = 1.0,
+    rear_stiffness: npt.ArrayLike = 1.0,
+) -> FloatArray:
+    """Cars that differ from the configured one: rows (n, k) in the order of PLANT_PARAMETERS.
+
+    The slope of the tyres at zero slip is kept under changes of mass, centre of gravity and peak: their factor B would
+    otherwise carry it along.
+
+    Args:
+        mass, yaw_inertia, tyre_peak, front_stiffness, rear_stiffness: factors, (n,) or a number; the yaw inertia's on top of
+            the mass's, which it goes with.
+        cg_shift: m forward; less than either arm.
+    """
+    given = (mass, yaw_inertia, cg_shift, tyre_peak, front_stiffness, rear_stiffness)
+    m, inertia, shift, peak, *stiffness = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in given))
+    table = np.repeat(plant_parameters(config)[np.newaxis], m.size, axis=0)
+    at = {name: table[:, index] for index, name in enumerate(PLANT_PARAMETERS)}
+    at["mass"] *= m
+    at["yaw_inertia"] *= m * inertia
+    at["cg_to_front_axle"] -= shift
+    at["cg_to_rear_axle"] += shift
+    at["load_transfer_front"] *= m
+    at["load_transfer_rear"] *= m
+    arms = config.vehicle.cg_to_rear_axle_m, config.vehicle.cg_to_front_axle_m
+    for axle, sign, arm, slope in zip(("front", "rear"), (1.0, -1.0), arms, stiffness, strict=True):
+        load = m * (1.0 + sign * shift / arm)  # a front wheel carries m g lr/(2 L)
+        at[f"{axle}_static_load"] *= load
+        at[f"{axle}_peak_factor"] *= peak
+        at[f"{axle}_stiffness_factor"] *= slope / (load * peak)
+    return table
+
+
 def plant_symbols() -> Any:
     """A column of symbols, one for each of PLANT_PARAMETERS."""
     return ca.vertcat(*(ca.SX.sym(name) for name in PLANT_PARAMETERS))

@@ -119,10 +119,11 @@ def measure(run: Run) -> list[Metric]:
         )
         for (after, limit), ratio, end in zip(RATIO_TIMES, ratios, ends, strict=True)
     ]
-    good = displacement is not None and displacement >= needed
-    good &= spin_time(run.record) is None and all(
-        ratio is not None and ratio <= limit for (_, limit), ratio in zip(RATIO_TIMES, ratios, strict=True)
-    )
+    within = [None if displacement is None else displacement >= needed]
+    within += [None if ratio is None else ratio <= limit for (_, limit), ratio in zip(RATIO_TIMES, ratios, strict=True)]
+    failed = spin_time(run.record) is not None or False in within
+    # One figure beyond its limit is a failure whatever the others are; to pass, all three must have been measured.
+    met = False if failed else None if None in within else True
     return [
         *rows,
         Metric(
@@ -134,6 +135,6 @@ def measure(run: Run) -> list[Metric]:
             displacement_end,
         ),
         # A car that spins has failed, whatever it does afterwards.
-        Metric("meets_fmvss_126", "meets these three", "", good, until=-math.inf),
+        Metric("meets_fmvss_126", "meets these three", "", met, until=-math.inf),
         *common(run),
     ]

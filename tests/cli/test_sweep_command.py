@@ -6,8 +6,11 @@ import json
 import shutil
 from pathlib import Path
 
+import click
 import pytest
 
+from codegen.cli.sweep_command import sweep
+from codegen.sil.vector import ISAS
 from tests.sweep.conftest import ROOT, write_spec
 
 from .conftest import Answer, Run
@@ -29,8 +32,9 @@ def test_a_campaign(driven: tuple[Path, Answer], spec: Path) -> None:
     folder, answer = driven
     assert answer.code == 0, answer
     assert f"{folder}/runs.parquet: 48 runs, 8 samples" in answer.out
-    assert f"codegen sweep --spec {spec} -o {folder} --replay " in answer.out
-    assert "codegen sweep --spec sweep.toml --replay " in (folder / "summary.md").read_text()
+    isa = json.loads((folder / "campaign.json").read_text())["isa"]
+    assert f"codegen sweep --spec {spec} -o {folder} --isa {isa} --replay RUN" in answer.out
+    assert f"codegen sweep --spec sweep.toml --isa {isa} --replay RUN" in (folder / "summary.md").read_text()
     assert {path.name for path in folder.iterdir()} >= {
         "campaign.json",
         "runs.parquet",
@@ -57,6 +61,25 @@ def test_a_run_of_another_campaign_is_not_driven(driven: tuple[Path, Answer], ru
     answer = run("sweep", "--spec", write_spec(tmp_path, samples=9), "-o", driven[0], "--replay", 1)
     assert answer.code == 2
     assert "it holds another campaign: spec, runs have changed since" in answer.err
+
+
+def test_the_instruction_set_is_chosen_and_kept(run: Run, spec: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    answer = run("sweep", "--spec", spec, "-o", out, "--isa", "none")
+    assert answer.code == 0, answer
+    assert "instruction set none" in answer.out
+    assert run("sweep", "--spec", spec, "-o", out, "--isa", "none", "--replay", 1).code == 0
+    answer = run("sweep", "--spec", spec, "-o", out, "--isa", "x86-64-v3", "--replay", 1)
+    assert answer.code == 2
+    assert f"{out}: it was driven with the instruction set none, not x86-64-v3" in answer.err
+    assert "give --isa none" in answer.err
+    assert answer.err.strip().count("\n") == 0
+
+
+def test_the_instruction_sets_are_those_of_the_batch() -> None:
+    (option,) = (parameter for parameter in sweep.params if parameter.name == "isa")
+    assert isinstance(option.type, click.Choice)
+    assert tuple(option.type.choices) == ISAS
 
 
 def test_an_edited_build_is_told(run: Run, spec: Path, tmp_path: Path) -> None:
@@ -108,7 +131,10 @@ def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tm
         (("--replay", 1, "--plot", "run.jpg"), "run.jpg"),
     ],
 )
-def test_what_is_refused(run: Run, spec: Path, tmp_path: Path, arguments: tuple[object, ...], told: str) -> None:
+def test_what_is_refused(
+    run: Run, spec: Path, tmp_path: Path, arguments: tuple[object, ...], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", "1s")
     given = [str(tmp_path / "out") if argument == "OUT" else argument for argument in arguments]
     answer = run("sweep", "--spec", spec, *given)
     assert answer.code == 2

@@ -264,7 +264,20 @@ def test_criteria_of_the_standard(
 def test_a_run_without_that_steering_has_none_of_its_figures() -> None:
     found = evaluate(find("sine-with-dwell"), CONFIG, {"straight": record(6.0)}).runs["straight"]
     assert found["lateral_displacement_m"] is None
-    assert found["meets_fmvss_126"] is False
+    assert found["meets_fmvss_126"] is None
+
+
+@pytest.mark.parametrize(("early", "met"), [(34.0, None), (36.0, False)])
+def test_a_run_that_ends_too_early_passes_nothing_and_fails_where_it_has_failed(
+    early: float, met: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(AFTER, 1.00, early)
+    made = dwell_record()
+    short = made[made[:, 0] < 1.0 + manoeuvres.DWELL_LENGTH + 1.5]
+    found = evaluate(find("sine-with-dwell"), CONFIG, {"one": short}).runs["one"]
+    assert found["yaw_rate_ratio_1_00_s_percent"] is not None
+    assert found["yaw_rate_ratio_1_75_s_percent"] is None
+    assert found["meets_fmvss_126"] is met
 
 
 def test_displacement_of_an_acceleration_that_rises_evenly() -> None:

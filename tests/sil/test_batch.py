@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import math
@@ -241,13 +242,14 @@ def mixed(count: int) -> tuple[Lanes, npt.NDArray[np.intp]]:
         delay_samples=generator.integers(0, 101, count),
         controlled=generator.random(count) < 0.8,
         noise=generator.normal(0.0, 1e-3, (SAMPLES, 3, count)),
+        command_factor=generator.uniform(0.5, 2.0, count),
     )
     return lanes, np.arange(count)
 
 
 def chosen(lanes: Lanes, index: Any) -> Lanes:
     """Some runs, in an order of their own."""
-    fields = ("cars", "speed_factor", "wheel_factor", "friction", "friction_estimate", "delay_samples", "controlled")
+    fields = [field.name for field in dataclasses.fields(lanes) if field.name != "noise"]
     picked: Mapping[str, Any] = {name: np.asarray(getattr(lanes, name))[index] for name in fields}
     assert lanes.noise is not None
     return Lanes(**picked, noise=lanes.noise[:, :, index])
@@ -338,6 +340,7 @@ FAULTS = {
     "delay": ("batch.c", "sample + DELAY_SLOTS - delay", "sample + DELAY_SLOTS - (delay / 2u)"),
     "noise of another signal": ("batch.c", "runs, sample, 1u, run", "runs, sample, 2u, run"),
     "noise of another run": ("batch.c", "runs, sample, 2u, run", "runs, sample, 2u, 0u"),
+    "command of another run": ("batch.c", "runs->command_factor[run]", "runs->command_factor[0]"),
     "friction estimate": ("batch.c", "runs->friction_estimate[run];", "runs->friction_estimate[self->first];"),
     "inhibit": ("batch.c", "(input->inhibit > 0.0)", "(input->inhibit > 2.0)"),
     "row of another block": ("batch.c", "((size_t)sample * runs->count) + self->first", "((size_t)sample * runs->count)"),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,11 +22,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from codegen.errors import CodegenError
+from codegen.errors import BuildError, CodegenError
 from codegen.sil.batch import DIFFERENCE_MAX_FLIPPED
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import compile_build
+from codegen.sil.vector import ISAS
 from codegen.sweep import chunk as chunks
+from codegen.sweep import plan as planning
 from codegen.sweep import store
 from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import Table, Work, replay, run_chunk
@@ -119,13 +125,78 @@ def test_a_dask_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(pla
             assert run_campaign(plan, tmp_path / "dask", engine).read_bytes() == whole.read_bytes()
             died = tmp_path / "died"
             again = run_campaign(plan, tmp_path / "dying", With(engine, died))
+            with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
+                list(engine.run(lacking_instructions, [0]))
         finally:
             engine.close()
     assert died.exists()
     assert again.read_bytes() == whole.read_bytes()
 
 
-def test_nobody_at_the_address() -> None:
+def lacking_instructions(_number: int) -> None:
+    raise BuildError("no such instructions", where="--isa", remedy="take others")
+
+
+@dataclass(frozen=True)
+class Loses:
+    """An engine whose scheduler is killed when the first chunk is finished."""
+
+    engine: Dask
+    scheduler: subprocess.Popen[str]
+
+    def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+        for number, table in self.engine.run(work, numbers):
+            yield number, table
+            self.scheduler.kill()
+            self.scheduler.wait()
+
+
+@contextlib.contextmanager
+def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_scheduler_that_dies_is_told_in_one_line_and_what_was_finished_is_kept(
+    plan: Plan, whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("distributed", "distributed.client"):  # wherever the library puts its own handlers
+        monkeypatch.setattr(logging.getLogger(name), "handlers", [caplog.handler])
+    folder = tmp_path / "lost"
+    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        assert scheduler.stderr is not None
+        address = next(found[0] for line in scheduler.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+        with dask_process("worker", address, "--nthreads", "1", "--no-nanny", "--death-timeout", "60"):
+            engine = Dask(address)
+            try:
+                with pytest.raises(CodegenError, match="the Dask scheduler went away") as caught:
+                    run_campaign(plan, folder, Loses(engine, scheduler))
+            finally:
+                engine.close()
+    assert caught.value.exit_code == 2
+    assert str(caught.value).startswith(address)
+    assert "run the same command again" in str(caught.value)
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
+    kept = {path.name for path in (folder / "parts").iterdir()}
+    assert kept
+    driven: list[int] = []
+
+    class Counting(Threads):
+        def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+            for number, table in super().run(work, numbers):
+                driven.append(number)
+                yield number, table
+
+    assert run_campaign(plan, folder, Counting(1)).read_bytes() == whole.read_bytes()
+    assert {part_path(folder, number).name for number in driven}.isdisjoint(kept)
+
+
+def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", "1s")
     with pytest.raises(CodegenError, match="no Dask scheduler answers"):
         Dask("tcp://127.0.0.1:9")
 
@@ -218,8 +289,41 @@ def test_one_campaign_at_a_time_in_a_folder(plan: Plan, whole: Path) -> None:
     assert run_campaign(plan, whole.parent, Threads(1)) == whole
 
 
-@pytest.mark.parametrize("run", [0, 1, 2, 3, 700, 6 * SAMPLES - 1])
-def test_a_run_again_is_the_run(plan: Plan, whole: Path, run: int) -> None:
+def test_another_instruction_set_is_another_campaign(plan: Plan, whole: Path) -> None:
+    other = replace(plan, isa=next(isa for isa in ISAS if isa != plan.isa))
+    with pytest.raises(CodegenError, match=rf"instruction set {plan.isa}, not {other.isa}, .*; give --isa {plan.isa}, or name"):
+        store.check_same(whole.parent, other)
+
+
+def test_a_machine_without_the_instructions_is_told(plan: Plan, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(chunks, "_COMPILED", {})
+    monkeypatch.setattr(chunks, "machine_runs", lambda isa: isa == "none")
+    monkeypatch.setattr(chunks, "best_isa", lambda: "none")
+    with pytest.raises(BuildError, match="no instructions of x86-64-v3; drive the whole campaign with --isa none"):
+        run_campaign(replace(plan, isa="x86-64-v3"), tmp_path / "out", Threads(1))
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_memory_of_a_chunk_is_bounded(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_chunk(plan, 0)  # what is compiled and kept does not count
+    per_sample = round(plan.config.controller.sampling_time_s / plan.config.plant.sampling_time_s)
+    samples = max(profile.inputs.shape[0] for profile in plan.profiles) // per_sample
+    of_one = 8 * planning.NUMBERS_PER_SAMPLE * samples
+    tracemalloc.start()
+    run_chunk(plan, 0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak <= of_one * plan.samples_per_chunk
+    monkeypatch.setattr(planning, "CHUNK_BYTES", 10 * of_one)
+    assert plan.samples_per_chunk == 10
+    assert plan.chunk_count == SAMPLES // 10
+    monkeypatch.setattr(planning, "CHUNK_BYTES", 1)
+    assert plan.samples_per_chunk == 1
+
+
+@pytest.mark.parametrize("run", [0, 1, 2, 3, 700, 6 * SAMPLES - 1, *range(10, 6 * SAMPLES, 61)])
+def test_a_run_again_is_the_run(plan: Plan, whole: Path, run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunks, "run_chunk", None)  # of its chunk it needs no other run
     found = replay(plan, run)
     row = {name: values[0] for name, values in pq.read_table(whole, filters=[("run", "=", run)]).to_pydict().items()}
     assert (found.controller, found.profile.name) == (row.pop("controller"), row.pop("scenario"))
@@ -262,8 +366,6 @@ def test_noise_reaches_the_controller_and_not_the_car_s_own_signals(plan: Plan) 
 
 
 def test_more_samples_leave_the_first_chunks_as_they_were(plan: Plan, tmp_path: Path) -> None:
-    from codegen.sweep import plan as planning
-
     longer = planning.read(write_spec(tmp_path, samples=5 * SAMPLES))
     one, other = run_chunk(plan, 0), run_chunk(longer, 0)
     assert one.keys() == other.keys()

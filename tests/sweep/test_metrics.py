@@ -92,3 +92,4 @@ def test_the_runs_above_are_of_all_sorts() -> None:
     ]
     assert True in good
     assert False in good
+    assert None in good

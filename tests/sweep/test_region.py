@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from codegen.config import Config
+from codegen.report.html.blocks import Table
+from codegen.report.html.robust import DRIVEN_HEADER, region_blocks
 from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
 from tests.sil import builds
 
@@ -53,6 +57,50 @@ def test_drives_of_another_controller_contradict(linear: Region) -> None:
     other = region(with_integral_gain(2.0))
     assert other is not None
     assert confirm(other, folder.files, folder.manifest).contradicted.sum() > 20
+
+
+def test_drives_confirm_the_gain_margins(driven: Region) -> None:
+    sample = driven.margin_sample
+    assert sample.sum() >= driven.stable.sum() // 4
+    assert sample.any(axis=(1, 2)).all()  # every mass, friction and speed at which a loop is stable
+    assert sample.any(axis=(0, 2)).all()
+    assert np.array_equal(sample.any(axis=(0, 1)), driven.stable.any(axis=(0, 1)))
+    assert driven.margin_driven is not None
+    assert (driven.margin_driven[0][sample] == 1.0).all()
+    assert (driven.margin_driven[1][sample] == 0.0).all()
+    assert np.isnan(driven.margin_driven[:, ~sample]).all()
+    assert not driven.margin_contradicted.any()
+    assert driven.margin_undecided.sum() < 0.05 * sample.sum()
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_margin_that_is_none_is_contradicted(linear: Region, factor: float) -> None:
+    folder = builds.paper().folder
+    wrong = confirm(replace(linear, gain_limit=factor * linear.gain_limit), folder.files, folder.manifest)
+    assert wrong.margin_contradicted.sum() > 0.9 * wrong.margin_sample.sum()
+    assert not wrong.contradicted.any()
+
+
+def test_poles_and_margins_say_the_same_of_the_gain(linear: Region) -> None:
+    has = np.isfinite(linear.gain_limit)
+    assert np.array_equal(has, linear.stable)  # each loop of the paper has a largest gain
+    assert (linear.limit_growth[0][has] < 0.0).all()
+    assert (linear.limit_growth[1][has] > 0.0).all()
+    assert np.allclose(20.0 * np.log10(linear.gain_limit[has]), linear.gain_margin_db[has])
+
+
+def test_the_report_counts_what_was_driven(driven: Region, linear: Region) -> None:
+    (table,) = (block for block in region_blocks({"pi": driven}) if isinstance(block, Table) and block.header == DRIVEN_HEADER)
+    (_, _, cells, near, agreed, otherwise), (_, what, *margin) = table.rows
+    assert (int(cells), int(otherwise)) == (driven.stable.size, 0)
+    assert int(near) + int(agreed) == driven.stable.size
+    assert what == "gain margin, at 0.9 and 1.1 times"
+    assert [int(cell) for cell in margin] == [driven.margin_sample.sum(), 0, driven.margin_sample.sum(), 0]
+    assert any(
+        block.rows == [("pi", "not driven", "0", "-", "-", "-")]
+        for block in region_blocks({"pi": linear})
+        if isinstance(block, Table)
+    )
 
 
 def test_a_kind_without_feedback_has_no_region() -> None:

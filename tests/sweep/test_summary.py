@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from codegen.report.sweep_plots import pictures
-from codegen.report.sweep_text import markdown, sections
+from codegen.report.sweep_text import TITLES, markdown, sections, short
 from codegen.sweep import store
 from codegen.sweep.campaign import run_campaign
 from codegen.sweep.engine import Threads
 from codegen.sweep.plan import Plan
-from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Summary, summarise
+from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Figure, Outcome, Summary, Worst, summarise
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +68,64 @@ def test_the_worst_are_the_worst(path: Path, summary: Summary) -> None:
 
 
 def test_text_and_pictures(summary: Summary) -> None:
-    told = dict(sections(summary, "codegen sweep --spec s.toml --replay"))
+    told = dict(sections(summary))
     assert list(told) == [f"{scenario}, {controller}" for scenario, controller in summary.outcomes]
-    assert "codegen sweep --spec s.toml --replay " in told["step-steer, pi"]
-    assert "meets FMVSS 126" in told["sine-with-dwell, tracking"]
-    assert markdown(summary, "again").count("## ") == len(summary.outcomes)
+    assert all(len(line) <= 80 for text in told.values() for line in text.splitlines())
+    assert "meet FMVSS 126" in told["sine-with-dwell, tracking"]
+    text = markdown(summary, "codegen sweep --spec s.toml --replay")
+    assert text.count("## ") == len(summary.outcomes)
+    assert text.endswith("```\ncodegen sweep --spec s.toml --replay RUN\n```\n")
     assert [name for name, _ in pictures(summary)] == ["overshoot", "sideslip", "ratio", "displacement"]
+
+
+def test_the_widest_numbers_fit_into_80_columns(summary: Summary) -> None:
+    for outcome in summary.outcomes.values():
+        wide = {name: Figure(1_000_000, -12.345, 1.0, -0.0123, 1234.5, (-1.234, -99.99, 123456.0)) for name in TITLES}
+        worst = {name: [Worst(99_999_999, -1234.5)] for name in JUDGED}
+        changed = replace(summary, outcomes={("s", "c"): Outcome(100_000_000, 5, {**outcome.figures, **wide}, worst)})
+        ((_, text),) = sections(changed)
+        assert max(len(line) for line in text.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0007, "0.00"),
+        (-0.0007, "0.00"),
+        (0.2234, "0.223"),
+        (-0.2234, "-0.22"),
+        (12.34, "12.3"),
+        (1234.5, "1234"),
+        (9e5, "9e+05"),
+    ],
+)
+def test_numbers_of_the_tables(value: float, text: str) -> None:
+    assert short(value) == text
+
+
+def far_out(*, below: bool) -> Summary:
+    """Some runs 1,000 times beyond the others."""
+    values = np.concatenate([np.linspace(-5.0, 5.0, 990), np.geomspace(100.0, 40_000.0, 10) * (-1.0 if below else 1.0)])
+    figure = Figure()
+    figure.add(values)
+    figure.sort_in(values)
+    figure.finish()
+    return Summary({("sine-with-dwell", "pi"): Outcome(1000, 0, {"yaw_rate_ratio_1_75_s_percent": figure})}, 1000)
+
+
+@pytest.mark.parametrize(
+    ("below", "wanted"),
+    [
+        (False, ["0", "100", "1000", "10000", "100000"]),
+        (True, ["-100000", "-10000", "-1000", "-100", "0", "100"]),
+    ],
+)
+def test_an_axis_far_beyond_the_usual_has_few_plain_ticks(below: bool, wanted: list[str]) -> None:
+    ((_, picture),) = pictures(far_out(below=below))
+    (axes,) = picture.axes
+    assert axes.get_xscale() == "symlog"
+    assert [label.get_text() for label in axes.get_xticklabels()] == wanted
+
+
+def test_an_axis_of_usual_figures_is_linear(summary: Summary) -> None:
+    assert {axes.get_xscale() for _, picture in pictures(summary) for axes in picture.axes} == {"linear"}

@@ -10,7 +10,7 @@ import numpy as np
 from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers, scale_of
 from codegen.report.html.maps import SPEED, colour_bar
-from codegen.sweep.region import TURN_SHARE, Region
+from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region
 
 GAIN_MARGIN_SHOWN = 30.0
 """dB: more is enough for anything, and would hide what is little."""
@@ -24,32 +24,41 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
         "The two-track plant is linearised by CasADi at each speed, friction and mass, and the loop around it judged by its "
         "poles and margins: straight ahead, and in a turn at "
         f"{100.0 * TURN_SHARE:.0f} % of what the road gives, with straight rear wheels and no estimate of the friction. "
-        "Straight ahead the generated C then drives the nonlinear plant "
-        "through a small steering pulse in every cell: the loop must answer as the linearisation says. The map sets what the "
-        "loop follows and is no part of it: the region is that of the controller with each of its maps."
+        "Straight ahead the generated C then drives the nonlinear plant through a small steering pulse in every cell: the loop "
+        "must answer as the linearisation says. In every third cell that has a gain margin it does so twice more, the command "
+        "to the plant's rear actuator multiplied, which multiplies the gain of the loop exactly: by "
+        f"{MARGIN_SHARES[0]:g} times the margin it must be stable, by {MARGIN_SHARES[1]:g} times unstable. "
+        "The map sets what the loop follows and is no part of it: the region is that of the controller with each of its maps."
     )
     for name, region in regions.items():
         yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))])
-        yield Text(f"{name}: {drives(region)}")
     header = ("controller", "mass", *(f"friction {friction:g}" for friction in _shown(next(iter(regions.values())))))
     yield Table(
         "First speed of the grid at which it is unstable straight ahead, km/h", header, list(_rows(regions)), words=(0,)
     )
+    yield Table("Computed, and driven straight ahead by the generated C", DRIVEN_HEADER, list(_driven(regions)), words=(0, 1))
     yield Table("Least margins of the stable cells", LEAST_HEADER, list(_least(regions)), words=(0, 1))
 
 
 LEAST_HEADER = ("controller", "where", "cells", "stable", "gain margin (dB)", "phase margin (deg)")
 
 
-def drives(region: Region) -> str:
-    """What driving every cell said of the linearisation, in a sentence."""
-    if region.driven is None:
-        return "not driven here; the linearisation alone."
-    decided = int((~region.undecided).sum())
-    agreed = decided - int(region.contradicted.sum())
-    near = int(region.undecided.sum())
-    left = f" {near} lie too near to the border for ten seconds to tell." if near else ""
-    return f"driven in {region.stable.size} cells; of {decided} that are decided, {agreed} as the linearisation says.{left}"
+DRIVEN_HEADER = ("controller", "what", "cells", "too near to tell", "as computed", "otherwise")
+
+
+def _driven(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
+    for name, region in regions.items():
+        if region.driven is None:
+            yield name, "not driven", "0", "-", "-", "-"
+            continue
+        every = np.ones_like(region.stable)
+        shares = " and ".join(f"{share:g}" for share in MARGIN_SHARES)
+        for what, cells, undecided, contradicted in (
+            ("stable or not", every, region.undecided, region.contradicted),
+            (f"gain margin, at {shares} times", region.margin_sample, region.margin_undecided, region.margin_contradicted),
+        ):
+            total, near, otherwise = (int(chosen.sum()) for chosen in (cells, undecided, contradicted))
+            yield name, what, str(total), str(near), str(total - near - otherwise), str(otherwise)
 
 
 def _shown(region: Region) -> tuple[float, ...]:
@@ -131,7 +140,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
                 SPEED, showgrid=False, zeroline=False, range=[region.speeds_km_h[0] - 10.0, region.speeds_km_h[-1] + 10.0]
             ),
             yaxis=axis("Friction of the road", showgrid=False, zeroline=False),
-            legend={"bgcolor": MUTED, "font": {"color": "white"}, "orientation": "h", "y": 1.08},
+            legend={"bgcolor": MUTED, "font": {"color": "white"}, "orientation": "h", "y": 1.02, "yanchor": "bottom"},
         ),
     }
     share = 100.0 * region.stable[mass].mean()
@@ -147,4 +156,6 @@ def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, Any]]:
     yield "unstable", "x-thin", ~region.stable[mass]
     if region.driven is not None:
         yield "driven: otherwise than computed", "diamond", region.contradicted[mass]
+        yield "gain margin driven: otherwise", "diamond-open", region.margin_contradicted[mass]
+        yield "too near to the border to tell", "square-open", (region.undecided | region.margin_undecided)[mass]
     yield "unstable in the turn", "circle-open", region.stable[mass] & region.turn_found[mass] & ~region.turn_stable[mass]
