@@ -49,7 +49,7 @@ def main() -> int:
 
     described = machine.description()
     print(described)
-    missed, told = 0, {}
+    missed = 0
     for name in options.names or [name for name in NAMES if name not in ON_REQUEST]:
         module: Any = importlib.import_module(f"benchmarks.{NAMES[name]}")
         try:
@@ -59,12 +59,12 @@ def main() -> int:
             missed += 1
             continue
         print(f"\n{report}", flush=True)
-        told[name] = results.section(name, report.markdown(), described)
+        if options.write is not None:
+            results.update(options.write, {name: results.section(name, report.markdown(), described)}, tuple(NAMES), READING)
         missed += sum(not comparison.met for comparison in report.comparisons)
     print(f"\n{READING}")
     print(f"At the end: {machine.load()}.")
     if options.write is not None:
-        results.update(options.write, told, tuple(NAMES), READING)
         print(f"written: {options.write}")
     return 1 if missed else 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -30,28 +31,34 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
             "codegen build": ("build", "--map", f"{scratch}/4ws2.npz", "-o", f"{scratch}/4ws2"),
         }
         arguments = PEERS | {name: ("-m", "codegen", *words) for name, words in commands.items()}
-        works: dict[str, Callable[[], object]] = {name: partial(_start, words) for name, words in arguments.items()}
-        works["codegen build"] = partial(_build_afresh, arguments["codegen build"], Path(scratch, "4ws2"))
+        start = partial(_start, Path(scratch, "bytecode"))
+        works: dict[str, Callable[[], object]] = {name: partial(start, words) for name, words in arguments.items()}
+        works["codegen build"] = partial(_afresh, Path(scratch, "4ws2"), works["codegen build"])
         times = interleaved(works, QUICK_REPEATS if quick else REPEATS)
-        notes = [f"{name} loads {_loaded(arguments[name])}" for name in commands]
+        notes = [f"{name} loads {_heavy(start(('-X', 'importtime', *arguments[name])))}" for name in commands]
     comparisons = [Comparison(name, times[peer], times[name]) for name in commands for peer in PEERS]
     return Report("Starting the command, whole processes", tuple(comparisons), tuple(notes))
 
 
-def _start(arguments: tuple[str, ...]) -> str:
-    """Run Python in the checkout; what it prints on standard error."""
-    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stderr
+def _start(bytecode: Path, arguments: tuple[str, ...]) -> str:
+    """Run Python in the checkout; what it prints on standard error.
+
+    With bytecode kept for all alike, as it is where packages are installed, whether or not the caller's Python may write it.
+    """
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment["PYTHONPYCACHEPREFIX"] = str(bytecode)
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True).stderr
 
 
-def _build_afresh(arguments: tuple[str, ...], target: Path) -> None:
+def _afresh(target: Path, build: Callable[[], object]) -> None:
     # A folder that is up to date is not written again.
     shutil.rmtree(target, ignore_errors=True)
-    _start(arguments)
+    build()
 
 
-def _loaded(arguments: tuple[str, ...]) -> str:
-    """Which of the heavy packages a command imports, by Python's own account."""
-    lines = _start(("-X", "importtime", *arguments)).splitlines()
+def _heavy(import_times: str) -> str:
+    """Which of the heavy packages were imported, by Python's own account."""
+    lines = import_times.splitlines()
     names = {line.rpartition("|")[2].strip().partition(".")[0] for line in lines if line.startswith("import time:")}
     return ", ".join(name for name in HEAVY if name in names) or f"none of {', '.join(HEAVY)}"

@@ -105,7 +105,8 @@ class Breakpoints:
 class Section(BaseModel):
     """A table of `ars.toml`: immutable, and unknown keys are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    # defer_build: of the tables by themselves, most are never asked for; building them all takes longer than to solve a map.
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 class Vehicle(Section):

@@ -14,16 +14,48 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 
+CAN = "tests/can"
+
+
+def _is_on_can(nodeid: str) -> bool:
+    return nodeid.startswith(f"{CAN}/")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The tests on CAN come last: see the scheduler below."""
+    items.sort(key=lambda item: _is_on_can(item.nodeid))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """With -n: the tests on CAN go to one worker, because each worker starts a guest of its own for them; the others anywhere.
+    """With -n: the tests on CAN run in one worker, when all others have ended; those anywhere.
+
+    In one worker, because each starts a guest of its own for them; and by themselves, because they run in real time: a
+    processor that is busy with other tests holds up frames and cycles, which are then told as the faults that they are.
 
     Not --dist=loadgroup: that needs node ids that can be changed, which pytest 9.2 no longer has.
     """
     from xdist.scheduler import LoadScopeScheduling
+    from xdist.workermanage import WorkerController
 
-    class OneWorkerForCan(LoadScopeScheduling):
+    class CanAloneAndLast(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return "tests/can" if nodeid.startswith("tests/can/") else nodeid
+            return CAN if _is_on_can(nodeid) else nodeid
 
-    return OneWorkerForCan(config, log) if config.getoption("dist") == "load" else None
+        def _reschedule(self, node: WorkerController) -> None:
+            """Where only CAN is left, the first worker waits until the others have run what they have and ended."""
+            if list(self.workqueue) != [CAN] or len(self.nodes) == 1:
+                super()._reschedule(node)
+            elif node is not self.nodes[0] and not node.shutting_down:
+                node.shutdown()
+
+        def remove_node(self, node: WorkerController) -> str | None:
+            crashed = super().remove_node(node)
+            for other in self.nodes:
+                self._reschedule(other)
+            return crashed
+
+    if config.getoption("dist") != "load":
+        return None
+    config.option.loadscopereorder = False  # in the order of collection
+    return CanAloneAndLast(config, log)
