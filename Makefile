@@ -45,7 +45,7 @@ verify: $(READY) ## every check of the committed builds, and coverage, mutation,
 	@$(BIN)/codegen verify generated/4ws2-tracking
 	@$(BIN)/python -m tests.campaign $(if $(QUICK),--quick)
 
-bench: $(READY) ## the benchmarks, also into benchmarks/results.md; some twenty minutes
+bench: $(READY) ## the benchmarks that every machine can run, also into benchmarks/results.md; half an hour
 	@$(BIN)/python -m benchmarks --write benchmarks/results.md
 
 bench-can: $(READY) ## the bench on vcan0: lock-step against real time, punctuality by the clock

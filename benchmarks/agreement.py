@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.dense_search import DenseSearch
 from benchmarks.random_cars import random_car, random_cells
-from benchmarks.timing import Report
+from benchmarks.tables import CountReport, Row
 from codegen.refmap.nonlinear import NonlinearTurns
 from tests.refmap.cars import CASE
 
@@ -68,7 +68,7 @@ def of_car(number: int, cells: int) -> Agreement:
     return result
 
 
-def run(quick: bool, say: Callable[[str], None]) -> Report:
+def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Search; `quick` takes fewer cars and cells."""
     cars, cells = (QUICK_CARS, QUICK_CELLS) if quick else (CARS, CELLS)
     total = Agreement()
@@ -78,8 +78,8 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
         for number, found in enumerate(pool.map(of_car, range(cars), [cells] * cars)):
             total.add(found)
             say(f"brute force: car {number + 1} of {cars}, {len(total.apart)} cells apart so far")
-    note = (
-        f"{total.cells:,} random cells over {cars} random cars: {total.feasible:,} feasible in both, yaw rates at most "
-        f"{total.largest:.1e} rad/s apart; {len(total.apart)} cells differ in feasibility or by more than {SAME:g} rad/s"
-    )
-    return Report("The nonlinear map against a search by brute force", (), (note, *total.apart))
+    header = ("random points", "cars", "feasible in both", "yaw rates apart [rad/s]", "points apart", "required")
+    required = f"none apart in feasibility or by more than {SAME:g} rad/s"
+    counts = (f"{total.cells:,}", f"{cars}", f"{total.feasible:,}", f"{total.largest:.1e}", f"{len(total.apart)}")
+    row = Row((*counts, f"{required}: {'MISSED' if total.apart else 'met'}"), not total.apart)
+    return CountReport((("The map with the nonlinear tyre, against brute force", header, (row,)),), tuple(total.apart))

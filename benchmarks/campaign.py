@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.timing import Comparison, Report, Times
+from codegen.errors import BuildError
 
 ROOT = Path(__file__).resolve().parents[1]
 REQUIRED_TWO = 1.9
@@ -44,19 +45,24 @@ from codegen.sweep.plan import read
 from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import Work, software
 from codegen.sweep.engine import Dask, Threads
+from codegen.sweep.store import to_arrow
 from codegen.sweep.summary import summarise
+
+def warm_up(plan, engine, workers):
+    # Workers compile, and what writes the file is loaded, before the clock runs.
+    for _, table in engine.run(Work(plan), range(2 * workers)):
+        to_arrow(table, plan)
 
 def drive(plan, folder, kind, workers):
     if kind == "threads":
+        warm_up(plan, Threads(workers), workers)
         start = time.perf_counter()
         path = run_campaign(plan, folder, Threads(workers))
         return path, time.perf_counter() - start
     from distributed import LocalCluster
     with LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
         engine = Dask(cluster.scheduler_address)
-        # Both workers compile before the clock runs, as the threads do.
-        for _ in engine.run(Work(plan), range(2 * workers)):
-            pass
+        warm_up(plan, engine, workers)
         start = time.perf_counter()
         path = run_campaign(plan, folder, engine)
         seconds = time.perf_counter() - start
@@ -119,7 +125,9 @@ def _child(scratch: Path, samples: int, kind: str, workers: int) -> dict[str, fl
         env=environment,
         capture_output=True,
         text=True,
-        check=True,
+        check=False,
     )
+    if done.returncode != 0:
+        raise BuildError(f"a campaign of {samples} runs ended with {done.returncode}: {done.stderr.strip().splitlines()[-1]}")
     found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return found

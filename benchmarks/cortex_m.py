@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import markdown_table
+from benchmarks.tables import CountReport, Row
 from benchmarks.tyre_curves import Candidate, Shape, candidates
 from codegen import config as configuration
 from codegen.config import Config, Kind
@@ -49,37 +48,6 @@ void frame(const float *x, float *y, uint32_t count)
     }
 }
 """
-
-
-@dataclass(frozen=True)
-class Row:
-    """A line of a table; `met` where nothing is asked, or what is."""
-
-    cells: tuple[str, ...]
-    met: bool = True
-
-
-@dataclass(frozen=True)
-class CountReport:
-    """What was counted: tables of text, and what has to be said beside them."""
-
-    tables: tuple[tuple[str, tuple[str, ...], tuple[Row, ...]], ...]
-    notes: tuple[str, ...]
-
-    @property
-    def comparisons(self) -> tuple[Row, ...]:
-        """Everything that may have been asked."""
-        return tuple(row for _, _, rows in self.tables for row in rows)
-
-    def __str__(self) -> str:
-        return "\n".join(
-            [line for title, header, rows in self.tables for line in _table(title, header, rows)] + list(self.notes)
-        )
-
-    def markdown(self) -> str:
-        """The same for a page."""
-        parts = [f"## {title}\n\n{markdown_table(header, [row.cells for row in rows])}" for title, header, rows in self.tables]
-        return "\n\n".join([*parts, "\n".join(f"- {note}" for note in self.notes)]).rstrip()
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
@@ -175,11 +143,3 @@ def _flash_bytes(image: bytes) -> int:
     elf: Any = module("elftools.elf.elffile", "pyelftools").ELFFile(io.BytesIO(image))
     sections = [elf.get_section_by_name(name) for name in (".text", ".rodata")]
     return sum(int(section["sh_size"]) for section in sections if section is not None)
-
-
-def _table(title: str, header: tuple[str, ...], rows: tuple[Row, ...]) -> list[str]:
-    cells = [header, *(row.cells for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
-    rule = "-" * max(map(len, lines))
-    return [title, *(f"  {line}" for line in (rule, lines[0], rule, *lines[1:], rule)), ""]

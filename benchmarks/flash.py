@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.cortex_m import CountReport, Row
 from benchmarks.paper_build import CONFIG
+from benchmarks.tables import CountReport, Row
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.place_ground import Ground, ground_of
 from codegen.refmap.place_sweep import FlashTable, flash_table

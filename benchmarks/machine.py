@@ -18,7 +18,7 @@ def description() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return "\n".join(
         (
-            f"{_processor()}, {usable} cores usable; {platform.system()} {platform.release()}; {load()}",
+            f"{_processor()}, {usable} cores usable; {_system()}; {load()}",
             f"{compiler_identity(compiler_command(), ())[0]}",
             f"Python {platform.python_version()}, {libraries}",
         )
@@ -28,6 +28,11 @@ def description() -> str:
 def load() -> str:
     """How busy the machine is with everything that runs on it."""
     return f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
+
+
+def _system() -> str:
+    """With the kernel's version, not with the name that who built it gave it."""
+    return f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}"
 
 
 def _processor() -> str:

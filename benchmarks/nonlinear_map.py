@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
+from benchmarks.agreement import SAME
 from benchmarks.paper_build import CONFIG
-from benchmarks.solving import CASES, CLOCK, NARROW
+from benchmarks.same import Sameness
+from benchmarks.solving import CASES, CLOCK
 from benchmarks.timing import Comparison, Report, Times, interleaved, once
 from codegen import config as configuration
 from codegen.config import Config
@@ -63,18 +63,6 @@ def _case(name: str, stride: int, repeats: int) -> tuple[Comparison, str]:
     seconds = once(by_ipopt(stride), CLOCK)
     cells = results[-1].feasible.size
     extrapolated = first_cell + (seconds - first_cell) * (solution.feasible.size - 1) / (cells - 1)
-    comparison = Comparison(name, Times("IPOPT", (extrapolated,)), ours, REQUIRED, paired=False)
-    return comparison, f"{name}: {_agreement(solution, results[-1], stride)}"
-
-
-def _agreement(ours: Solution, peer: Solution, stride: int) -> str:
-    cells = (slice(None, None, stride), slice(None, None, stride))
-    clear = ~(np.abs(ours.margin[cells]) < NARROW)
-    feasible = ours.feasible[cells]
-    both = clear & feasible & peer.feasible
-    largest = float(np.max(np.abs(ours.yaw_rate[cells] - peer.yaw_rate)[both]))
-    otherwise = int(np.sum(clear & (feasible != peer.feasible)))
-    return (
-        f"yaw rates differ by at most {largest:.1e} rad/s in {both.sum()} feasible cells, "
-        f"feasibility in {otherwise} of {clear.size}, {int(np.sum(~clear))} too narrow to compare"
-    )
+    sameness = Sameness.of(solution, results[-1], stride)
+    peer = Times("IPOPT", (extrapolated,))
+    return Comparison(name, peer, ours, REQUIRED, paired=False, same=sameness.within(SAME)), f"{name}: {sameness}"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-import numpy as np
-
 from benchmarks.paper_build import CONFIG
+from benchmarks.same import Sameness
 from benchmarks.timing import Comparison, Report, Times, interleaved, once
 from codegen.refmap import exact, ipopt
 from codegen.refmap.exact import Solution
@@ -19,8 +18,8 @@ REPEATS = 30
 CLOCK = time.process_time
 """Both keep one thread busy: what else runs on the machine shall not lengthen the one run that IPOPT has."""
 QUICK_STRIDE = 10
-NARROW = 1e-6
-"""rad. Cells whose feasible interval is narrower are counted, not compared: there, rounding decides."""
+SAME = 1e-6
+"""rad/s: how far apart the yaw rates of both may be."""
 
 
 def run(quick: bool, say: Callable[[str], None]) -> Report:
@@ -58,19 +57,6 @@ def _case(case: str, speed: FloatArray, front_angle: FloatArray, stride: int) ->
     seconds = once(by_ipopt(stride), CLOCK)
     cells = results[-1].feasible.size
     extrapolated = first_cell + (seconds - first_cell) * (solution.feasible.size - 1) / (cells - 1)
-    comparison = Comparison(case, Times("IPOPT", (extrapolated,)), ours, REQUIRED, paired=False)
-    return comparison, f"{case}: {_agreement(solution, results[-1], stride)}"
-
-
-def _agreement(ours: Solution, peer: Solution, stride: int) -> str:
-    cells = (slice(None, None, stride), slice(None, None, stride))
-    clear = np.abs(ours.margin[cells]) >= NARROW
-    feasible = ours.feasible[cells]
-    both = clear & feasible & peer.feasible
-    largest = float(np.max(np.abs(ours.yaw_rate[cells] - peer.yaw_rate)[both]))
-    otherwise = int(np.sum(clear & (feasible != peer.feasible)))
-    narrow = int(np.sum(~clear))
-    return (
-        f"yaw rates differ by at most {largest:.1e} rad/s in {both.sum()} feasible cells, "
-        f"feasibility in {otherwise} of {clear.size}, {narrow} too narrow to compare"
-    )
+    sameness = Sameness.of(solution, results[-1], stride)
+    peer = Times("IPOPT", (extrapolated,))
+    return Comparison(case, peer, ours, REQUIRED, paired=False, same=sameness.within(SAME)), f"{case}: {sameness}"

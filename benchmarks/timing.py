@@ -5,10 +5,13 @@ from __future__ import annotations
 import gc
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from benchmarks.tables import markdown_table, text_table
+
 Clock = Callable[[], float]
+HEADER = ("what", "peer", "ours", "times faster", "required")
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 
 
@@ -71,6 +74,7 @@ class Comparison:
     Attributes:
         required: how many times faster than the peer ours has to be.
         paired: whether times of the same index were taken side by side.
+        same: whether both gave the same answer, where answers were compared.
     """
 
     what: str
@@ -78,6 +82,7 @@ class Comparison:
     ours: Times
     required: float | None = None
     paired: bool = True
+    same: bool = True
 
     @property
     def ratios(self) -> tuple[float, ...]:
@@ -93,8 +98,8 @@ class Comparison:
 
     @property
     def met(self) -> bool:
-        """Whether ours is as much faster as it has to be."""
-        return self.required is None or self.ratio >= self.required
+        """Whether ours gave the same answer, as much faster as it has to."""
+        return self.same and (self.required is None or self.ratio >= self.required)
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -103,6 +108,8 @@ class Comparison:
         if len(self.ratios) > 1:
             ratio += f" ({number(min(self.ratios))}–{number(max(self.ratios))})"
         required = "-" if self.required is None else f">= {number(self.required)}: {'met' if self.met else 'MISSED'}"
+        if not self.same:
+            required += ", NOT THE SAME ANSWER"
         return self.what, str(self.peer), str(self.ours), ratio, required
 
 
@@ -115,24 +122,13 @@ class Report:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        if not self.comparisons:
-            return "\n".join([self.title, *(f"  {note}" for note in self.notes)])
-        rows = [("what", "peer", "ours", "times faster", "required"), *(line.cells for line in self.comparisons)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        rule = "-" * max(map(len, lines))
-        return "\n".join([self.title, *(f"  {line}" for line in (rule, lines[0], rule, *lines[1:], rule, *self.notes))])
+        table = text_table(self.title, HEADER, [line.cells for line in self.comparisons]) if self.comparisons else [self.title]
+        return "\n".join([*table, *(f"  {note}" for note in self.notes)])
 
     def markdown(self) -> str:
         """The same for a page."""
-        header = ("what", "peer", "ours", "times faster", "required")
-        table = [markdown_table(header, [line.cells for line in self.comparisons]), ""] if self.comparisons else []
+        table = [markdown_table(HEADER, [line.cells for line in self.comparisons]), ""] if self.comparisons else []
         return "\n".join([f"## {self.title}", "", *table, *(f"- {note}" for note in self.notes)]).rstrip()
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for a page."""
-    return "\n".join([f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)])
 
 
 def number(value: float) -> str:

@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks import results
 from benchmarks.closed_loop import Loops, slalom, step_steer
-from benchmarks.cortex_m import STEP_MAX, CountReport, step_row
+from benchmarks.cortex_m import STEP_MAX, step_row
+from benchmarks.tables import CountReport
 from benchmarks.timing import Comparison, Report, Times
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
@@ -81,6 +82,9 @@ def test_faster_means_less_time_than_the_peer() -> None:
     assert Comparison("work", peer, ours).ratios == (2.0, 4.0, 8.0)
     assert Comparison("work", peer, ours, required=4.0).met
     assert not Comparison("work", ours, peer, required=1.0).met
+    other_answer = Comparison("work", peer, ours, required=4.0, same=False)
+    assert not other_answer.met
+    assert other_answer.cells[-1] == ">= 4: MISSED, NOT THE SAME ANSWER"
 
 
 def test_a_missed_requirement_is_told_in_the_table() -> None:

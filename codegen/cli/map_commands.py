@@ -63,7 +63,7 @@ def init(folder: Path, preset: str) -> None:
     type=click.Choice(["exact", "ipopt"]),
     default="exact",
     show_default=True,
-    help="Closed form, or IPOPT point by point (the reference).",
+    help="All points at once (closed form; nonlinear tyre: Newton's method), or IPOPT point by point (the reference).",
 )
 @click.option(
     "--friction",
@@ -113,7 +113,8 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     "--max-error",
     type=yaw_rate_error,
     metavar="RATE",
-    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum, such as 0.05deg/s.",
+    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum (off the table of a map without an "
+    "optimum in closed form), such as 0.05deg/s.",
 )
 @click.option(
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."

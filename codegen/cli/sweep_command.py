@@ -31,7 +31,7 @@ EXAMPLE = "codegen sweep --spec sweep.toml -o campaign\n  codegen sweep --spec s
     "--output",
     type=folder_to_write,
     metavar="DIR",
-    help="The folder of the campaign; it goes on where one ended. With --replay: is it still that campaign?",
+    help="The folder of the campaign; one that was stopped goes on there. With --replay: refuse what differs from it.",
 )
 @click.option(
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786; by default threads of this machine."

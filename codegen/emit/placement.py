@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from codegen.refmap.place import Placed, Request
+from codegen.refmap.place_sample import POINTS
 
 AGAINST = {
     "optimum": "the optimum, solved anew at every point",
-    "table": "the bilinear interpolation of the map's own table: no optimum behind it is known",
+    "table": "the bilinear interpolation of the map's own table",
 }
 """What an error is measured against."""
 
@@ -29,6 +30,8 @@ def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
         "error_rad_s": _rounded(error.yaw_rate),
         "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),
     }
+    if placed.off_optimum is not None:
+        facts["sampled_off_optimum_rad_s"] = _rounded(placed.off_optimum)
     if with_rear_angle:
         facts["rear_angle_error_rad"] = _rounded(error.rear_angle)
         facts["rear_angle_error_whole_domain_rad"] = _rounded(error.rear_angle_whole)
@@ -56,10 +59,18 @@ def placement_text(placed: Placed) -> str:
     """For the README."""
     own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
     stored = "" if placed.total.scales is None else ", stored as int16"
+    sampled = None if placed.off_optimum is None else _rounded(placed.off_optimum)
     return (
         f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
-        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be"
+        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_sampled_text(sampled)}"
     )
+
+
+def _sampled_text(off_optimum: float | None) -> str:
+    if off_optimum is None:
+        return ""
+    degrees = math.degrees(off_optimum)
+    return f"; up to {degrees:.3g} deg/s off the optimum behind that table, solved at {POINTS} x {POINTS} points"
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -79,5 +90,6 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
     rear_text = "" if rear is None else f"; the rear angle at most {math.degrees(rear):.2g} deg"
     return (
         f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
-        f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be{rear_text}"
+        f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be"
+        f"{_sampled_text(facts.get('sampled_off_optimum_rad_s'))}{rear_text}"
     )

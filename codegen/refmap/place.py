@@ -19,6 +19,7 @@ from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place_axes import POINTS_MAX, Axes, Search, Spacing
 from codegen.refmap.place_error import MeasuredError, Ruler
 from codegen.refmap.place_ground import Ground, GroundLayer, Origin, ground_of, rule_at
+from codegen.refmap.place_sample import off_optimum
 from codegen.refmap.storage import Real, Scales, Storage, raw_of, table_bytes, values_of
 from codegen.refmap.total import TotalMap
 
@@ -84,6 +85,7 @@ class Placed:
         error: measured.
         rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
         origin: what the error is measured against.
+        off_optimum: where that is the map's own table, and there is an optimum behind it: see `place_sample`; rad/s.
     """
 
     total: TotalMap
@@ -92,6 +94,7 @@ class Placed:
     error: MeasuredError
     rounding: tuple[float, float]
     origin: Origin
+    off_optimum: float | None = None
 
 
 def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
@@ -106,20 +109,25 @@ def choose(reference_map: ReferenceMap, config: Config, request: Request, tables
         MapError: see `extend`.
     """
     maker = Maker(ground_of(reference_map, config), Target(tables, real, request.storage))
-    if request.max_error is None:
-        return _within_flash(maker, request)
-    placed = maker.for_error(request.max_error)
+    placed = _within_flash(maker, request) if request.max_error is None else _within_error(maker, request, request.max_error)
+    if placed.origin == "optimum":
+        return placed
+    return replace(placed, off_optimum=off_optimum(reference_map, placed.total, real))
+
+
+def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
+    placed = maker.for_error(max_error)
     if placed is None:
         raise BuildError(
-            f"{_degrees(request.max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored",
+            f"{_degrees(max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored",
             where="--max-error",
-            remedy=f"{_reachable(maker, request.max_error)} can be reached",
+            remedy=f"{_reachable(maker, max_error)} can be reached",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         best = maker.for_flash(request.max_flash)
         reached = "nothing" if best is None else _degrees(best.error.yaw_rate_whole, up=True)
         raise BuildError(
-            f"{_degrees(request.max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
+            f"{_degrees(max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
             where="--max-error, --max-flash",
             remedy=f"in {request.max_flash} bytes {reached} can be reached",
         )

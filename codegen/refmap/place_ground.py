@@ -28,6 +28,7 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.stack import layer_configs
 from codegen.refmap.tables import PLAUSIBLE
 from codegen.refmap.total import CapSteering, Rule, TotalMap
+from codegen.refmap.turns import Edge, LinearTurns, Solution, passively_feasible
 
 FloatArray = npt.NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
@@ -132,6 +133,8 @@ def optimum_of(reference_map: ReferenceMap, config: Config) -> Surface | None:
     if not reference_map.solved or reference_map.case is None:
         return None
     case = config.case(reference_map.case)
+    if case.tyre_model != "linear":
+        return None
     problem = SteadyTurnProblem.from_config(config, case)
     if not _holds(reference_map, problem, case.passive_safe):
         return None
@@ -164,7 +167,7 @@ def continued(
     without_grip = replace(problem, lateral_acceleration_max=UNBOUNDED, front_slip_max=UNBOUNDED, rear_slip_max=UNBOUNDED)
     ends_passively = passive_safe and problem.rear_angle_max > 0.0
     ending = replace(problem, rear_angle_max=0.0) if ends_passively else without_grip
-    bounded = _PassivelySafe(problem) if ends_passively else _Bounded(problem)
+    bounded = _PassivelySafe(LinearTurns(problem)) if ends_passively else LinearTurns(problem)
     cap, rear_max = problem.lateral_acceleration_cap, steering.rear_angle_max
     plain = extended(bounded.solve, bounded.edge, problem.car.yaw_gain, cap, speed, front_angle, steering)
     first_speed, first_angle = _first(speed), _first(front_angle)
@@ -186,34 +189,19 @@ def continued(
 
 
 @dataclass(frozen=True)
-class _Bounded:
-    """The optimum within all bounds, and where its front angles end."""
+class _PassivelySafe:
+    """Turns as far as the passive car goes: from there on with its slope, whatever ends it."""
 
-    problem: SteadyTurnProblem
+    turns: LinearTurns
 
-    def solve(self, speed: FloatArray, front_angle: FloatArray) -> exact.Solution:
-        return exact.solve(self.problem, speed, front_angle)
+    def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        found = self.turns.solve(speed, front_angle)
+        return replace(found, feasible=found.feasible & passively_feasible(self.turns, speed, front_angle))
 
-    def edge(self, speed: FloatArray) -> exact.Edge:
-        return exact.edge(self.problem, speed)
-
-
-@dataclass(frozen=True)
-class _PassivelySafe(_Bounded):
-    """The same as far as the passive car goes: from there on with its slope, whatever ends it."""
-
-    @property
-    def _passive(self) -> SteadyTurnProblem:
-        return replace(self.problem, rear_angle_max=0.0)
-
-    def solve(self, speed: FloatArray, front_angle: FloatArray) -> exact.Solution:
-        found = super().solve(speed, front_angle)
-        return replace(found, feasible=found.feasible & exact.solve(self._passive, speed, front_angle).feasible)
-
-    def edge(self, speed: FloatArray) -> exact.Edge:
-        end = exact.edge(self._passive, speed).front_angle
-        found = exact.solve(self.problem, speed, (end * JUST_INSIDE)[:, np.newaxis])
-        return exact.Edge(end, found.yaw_rate[:, 0], found.rear_angle[:, 0], np.zeros(speed.shape, dtype=bool))
+    def edge(self, speed: FloatArray) -> Edge:
+        end = self.turns.without_rear_steering().edge(speed).front_angle
+        found = self.turns.at(speed, end * JUST_INSIDE)
+        return Edge(end, found.yaw_rate, found.rear_angle, np.zeros(speed.shape, dtype=bool))
 
 
 def _first(axis: FloatArray) -> float:
@@ -221,8 +209,8 @@ def _first(axis: FloatArray) -> float:
 
 
 def extended(
-    solve: Callable[[FloatArray, FloatArray], exact.Solution],
-    edge: Callable[[FloatArray], exact.Edge],
+    solve: Callable[[FloatArray, FloatArray], Solution],
+    edge: Callable[[FloatArray], Edge],
     passive_gain: Callable[[FloatArray], FloatArray],
     cap: float,
     speed: FloatArray,

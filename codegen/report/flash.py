@@ -21,7 +21,7 @@ LOOKS = {
 HEADER = ("error [deg/s]", *(f"{way.name} [B]" for way in WAYS), *(f"{way.name} [%]" for way in WAYS), "breakpoints, uneven")
 AGAINST = {
     "optimum": "errors are against the optimum, solved anew at every point",
-    "table": "errors are against the bilinear interpolation of the map's own table: no optimum behind it is known",
+    "table": "errors are against the bilinear interpolation of the map's own table",
 }
 
 

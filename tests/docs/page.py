@@ -68,6 +68,7 @@ def own_configuration(folder: Path) -> None:
 
 
 SETUPS: Mapping[str, Callable[[Path], None]] = {
+    "docs/flash.md": own_configuration,
     "docs/import.md": import_examples,
     "docs/theory-map.md": own_configuration,
 }

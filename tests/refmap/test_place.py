@@ -27,6 +27,7 @@ from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, solve_stack
 from codegen.refmap.storage import RAW_MAX
 from codegen.refmap.total import Rule, TotalMap
+from codegen.refmap.turns import turns_of
 from tests.refmap.cars import CASE, random_config
 
 FloatArray = npt.NDArray[np.float64]
@@ -226,7 +227,7 @@ def test_a_bare_table_is_measured_against_its_own_interpolation(paper: Config, m
     arrays |= {"yaw_rate": solved.yaw_rate[cells], "feasible": solved.feasible[cells]}
     bare = from_arrays(arrays, "bare")
     found = placed(bare, paper, COARSE)
-    assert found.origin == "table"
+    assert (found.origin, found.off_optimum) == ("table", None)
     total = extend(bare, paper, paper.steering.front_angle_stop)
     own = Lookup.from_map(total, np.float64)
     assert largest_error(found.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= COARSE + ROUNDING
@@ -246,8 +247,19 @@ def test_a_map_with_the_nonlinear_tyre_is_measured_against_its_own_interpolation
     own = Lookup.from_map(total, np.float64)
     assert 0.4 * COARSE < largest_error(found.total, lambda v, a: own(v[:, np.newaxis], a), 8) <= COARSE + ROUNDING
     assert Rule.CONTINUED.value not in found.total.rule
+    # How far it is off the optimum itself is sampled: no less than a fifth below the largest of four times as many points.
+    speed, front_angle = np.linspace(*ends_of(ours.speed), 401), np.linspace(*ends_of(ours.front_angle), 401)
+    optimum = turns_of(config, config.case("4ws-2")).solve(speed, front_angle)
+    stored, _ = Lookup.from_map(found.total, np.float32).reference(speed[:, np.newaxis], front_angle, math.nan)
+    largest = float(np.abs(stored - optimum.yaw_rate)[optimum.feasible].max())
+    assert found.off_optimum is not None
+    assert 2.0 * COARSE < 0.8 * largest <= found.off_optimum <= largest
     # The linear car's optimum is not this map's, and so far beyond the bound that a table of it could not pass.
     assert largest_error(found.total, truth_of(with_linear_tyre(config), "4ws-2"), 8) > 5.0 * COARSE
+
+
+def ends_of(axis: npt.NDArray[np.float64]) -> tuple[float, float]:
+    return float(axis[0]), float(axis[-1])
 
 
 def with_linear_tyre(config: Config) -> Config:
