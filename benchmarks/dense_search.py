@@ -26,7 +26,8 @@ FloatArray = npt.NDArray[np.float64]
 
 BEYOND = 1.25
 """Slip angles are laid out up to this share of their bound, so that turns just beyond it are seen too."""
-ZOOMS = 6
+ZOOMS = 4
+"""The last yaw rates are some 1e-6 rad/s apart."""
 CLOSER = 1.5
 """Steps of the grid that the next one reaches to either side."""
 NEWTON_STEPS = 10
