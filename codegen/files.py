@@ -6,6 +6,7 @@ Layer 1: imports only `errors` and `interrupts`.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -41,6 +42,30 @@ def write_atomically(path: Path, content: bytes) -> None:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+
+
+def replace_durably(temporary: Path, path: Path) -> None:
+    """Put a finished temporary file in the place of `path`, in the same folder: on return a loss of power loses nothing of it.
+
+    Raises:
+        OSError: it cannot be synchronised or renamed.
+    """
+    with temporary.open("rb") as file:
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    sync_folder(path.parent)
+
+
+def sync_folder(path: Path) -> None:
+    """Bring the names in a folder to the disk. Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems sync only files
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def make_folder(path: Path) -> None:

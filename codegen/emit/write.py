@@ -3,7 +3,7 @@
 A new folder is made beside the old one and swapped in whole: a full disk, an interrupt or a kill leaves the old one or the
 new one, never a mixture. Only files that a folder's own manifest names are ever removed.
 
-Imports `errors` and, of this package, `folder`, whose public names are offered here as well.
+Imports `errors`, `files` and, of this package, `folder`, whose public names are offered here as well.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from codegen.emit.folder import (
     verify_hashes,
 )
 from codegen.errors import BuildError
+from codegen.files import sync_folder
 
 __all__ = [
     "BESIDE",
@@ -99,7 +100,7 @@ def _replace(place: Path, content: Mapping[str, bytes], target: Path) -> None:
         try:
             if old is not None:  # what was put there since the first look must not vanish with the old build
                 _refuse_foreign(old, target)
-            _sync_folder(place.parent)
+            sync_folder(place.parent)
         except BaseException:
             if old is None:
                 os.rename(place, new)
@@ -118,8 +119,8 @@ def _fill(folder: Path, content: Mapping[str, bytes]) -> None:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         _write_file(folder / path, data)
     for path in sorted(folders_of(content)):
-        _sync_folder(folder / path)
-    _sync_folder(folder)
+        sync_folder(folder / path)
+    sync_folder(folder)
 
 
 def _write_file(path: Path, content: bytes) -> None:
@@ -127,17 +128,6 @@ def _write_file(path: Path, content: bytes) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _sync_folder(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some file systems sync only files
-            raise
-    finally:
-        os.close(descriptor)
 
 
 def _swap(new: Path, place: Path, aside: Path) -> Path | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -19,6 +20,7 @@ from codegen.sweep.draw import draw
 from codegen.sweep.metrics import COLUMNS, Figures, Runs, figures
 from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.profile import Profile
+from codegen.sweep.spec import MAX_CONTROLLERS
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,18 +31,22 @@ DRIVEN = ("speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estima
 MASS = PLANT_PARAMETERS.index("mass")
 
 _LOCK = threading.Lock()
-_COMPILED: dict[tuple[str, str], BatchSoftware] = {}
+_COMPILED: dict[tuple[str, str, str], BatchSoftware] = {}
+COMPILED_MAX = MAX_CONTROLLERS
+"""Builds that a process keeps compiled, those that were used last: a worker of a cluster may serve campaign after campaign."""
 
 
 def software(plan: Plan, controller: Controller) -> BatchSoftware:
-    """A controller compiled with the batch plant: once in each process.
+    """A controller compiled with the batch plant of the plan's car: once in each process, but for COMPILED_MAX others since.
 
     Raises:
         BuildError: it does not compile, or this machine lacks the campaign's instructions.
     """
-    key = (controller.digest, plan.isa)
+    # The plant is of the plan's configuration: that of the first controller, whichever this one is.
+    key = (controller.digest, hashlib.sha256(plan.config.model_dump_json().encode()).hexdigest(), plan.isa)
     with _LOCK:
-        if key not in _COMPILED:
+        found = _COMPILED.pop(key, None)
+        if found is None:
             if not machine_runs(plan.isa):
                 raise BuildError(
                     f"this machine has no instructions of {plan.isa}",
@@ -48,8 +54,11 @@ def software(plan: Plan, controller: Controller) -> BatchSoftware:
                     remedy=f"drive the whole campaign with --isa {best_isa()}",
                 )
             with within(controller.folder or controller.name):
-                _COMPILED[key] = compile_batch(controller.files, controller.manifest, plan.config, isa=plan.isa)
-        return _COMPILED[key]
+                found = compile_batch(controller.files, controller.manifest, plan.config, isa=plan.isa)
+        _COMPILED[key] = found
+        while len(_COMPILED) > COMPILED_MAX:
+            del _COMPILED[next(iter(_COMPILED))]
+        return found
 
 
 @dataclass(frozen=True)
@@ -70,12 +79,13 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
         CodegenError: the car cannot do a scenario at a drawn speed, or the C does not compile.
     """
     samples = plan.samples_of(chunk)
-    factors = draw(plan.spec, chunk, samples)
+    factors = draw(plan.spec, samples)
     tables = []
     for place, profile in enumerate(plan.profiles):
         driven = lanes.conditions(plan.config, profile, factors, len(samples))
+        every = lanes.lanes(plan.spec, samples, place, profile, plan.config, factors, driven)
         for index, controller in enumerate(plan.controllers):
-            batch = lanes.lanes(plan.spec, chunk, place, profile, plan.config, factors, driven, controller.controlled)
+            batch = replace(every, controlled=controller.controlled)
             record = software(plan, controller).run(profile.inputs, batch, columns=COLUMNS)
             number = (np.arange(samples.start, samples.stop) * len(plan.profiles) + place) * len(plan.controllers) + index
             tables.append(
@@ -139,18 +149,17 @@ def replay(plan: Plan, run: int) -> Replayed:
         CodegenError: there is no such run; see also `run_chunk`.
     """
     key = plan.key(run)
-    chunk = key.sample // plan.samples_per_chunk
-    samples = plan.samples_of(chunk)
+    samples = plan.samples_of(key.sample // plan.samples_per_chunk)
     at = key.sample - samples.start
-    factors = draw(plan.spec, chunk, samples)
+    factors = draw(plan.spec, samples)
     profile, own = plan.profiles[key.scenario], plan.controllers[key.controller]
     driven = lanes.conditions(plan.config, profile, factors, len(samples))
-    every = lanes.lanes(plan.spec, chunk, key.scenario, profile, plan.config, factors, driven, own.controlled)
+    every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, factors, driven)
     # A run is the same in any company, but NumPy sums a lonely column in another order than one of several.
     alone = lanes.only(every, [at, (at + 1) % len(samples)] if len(samples) > 1 else [at])
     records, figures_of_run = {}, Figures()
     for controller in (own, *(other for other in plan.controllers if other is not own)):
-        batch = replace(alone, controlled=np.full_like(alone.controlled, controller.controlled))
+        batch = replace(alone, controlled=controller.controlled)
         record = software(plan, controller).run(profile.inputs, batch)
         records[controller.name] = np.ascontiguousarray(record[:, :, 0].T)
         if controller is own:

@@ -1,9 +1,10 @@
-"""The cars and roads of a campaign, by number: any of them can be drawn again alone, with the rest of its chunk."""
+"""The cars and roads of a campaign, by number: any of them can be drawn again alone, and a number names the same one whatever
+controllers and scenarios drive it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -12,32 +13,47 @@ from codegen.sweep.spec import FACTORS, Spec, Values
 
 FloatArray = npt.NDArray[np.float64]
 
+BLOCK = 1024
+"""Samples that share the random stream of a factor: a stream for each would take longer than what is drawn from it."""
 _NOISE_STREAM = 1_000_000
 """Numbers of the random streams of noise begin here; those of factors are their places in FACTORS."""
 
 
-def draw(spec: Spec, chunk: int, samples: range) -> dict[str, FloatArray]:
-    """Factor to its values (len(samples),) for the samples of a chunk, in the units of their names.
+def draw(spec: Spec, samples: range) -> dict[str, FloatArray]:
+    """Factor to its values (len(samples),) for samples by their numbers, in the units of the factors' names.
 
-    Every factor has a random stream of its own in each chunk: another factor in the spec leaves its values as they are.
+    Every factor has a random stream of its own: another factor in the spec leaves its values as they are.
     """
     if spec.design == "factorial":
         return _factorial(spec.factors, samples)
     return {
-        key: _random(values, np.random.default_rng(_stream(spec, chunk, place)), len(samples))
+        key: _of_blocks(values, spec, place, samples)
         for place, key in enumerate(FACTORS)
         if (values := spec.factors.get(key)) is not None
     }
 
 
-def noise(spec: Spec, chunk: int, scenario: int, samples: int, count: int) -> FloatArray:
-    """Standard normal numbers (samples, 3, count) of a scenario: the same for all controllers, so that they meet the same."""
-    stream = np.random.default_rng(_stream(spec, chunk, _NOISE_STREAM + scenario))
-    return stream.standard_normal((samples, 3, count))
+def noise(spec: Spec, samples: range, scenario: int, steps: int) -> FloatArray:
+    """Standard normal numbers (steps, 3, len(samples)) of a scenario, by its place in the spec.
+
+    They are the same for all controllers, so that they meet the same. Every sample has a stream of its own: in a long scenario
+    a block of them would not fit into memory.
+    """
+    found = np.empty((len(samples), steps, 3))
+    for row, sample in zip(found, samples, strict=True):
+        _stream(spec, sample, _NOISE_STREAM + scenario).standard_normal(out=row)
+    return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
 
-def _stream(spec: Spec, chunk: int, number: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(spec.seed, spawn_key=(chunk, number))
+def _stream(spec: Spec, block: int, number: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(spec.seed, spawn_key=(block, number)))
+
+
+def _of_blocks(values: Values, spec: Spec, place: int, samples: range) -> FloatArray:
+    """Drawn block by whole block, so that what comes out does not depend on where a chunk begins."""
+    first, last = samples.start // BLOCK, (samples.stop - 1) // BLOCK
+    drawn = np.concatenate([_random(values, _stream(spec, block, place), BLOCK) for block in range(first, last + 1)])
+    return drawn[samples.start - first * BLOCK :][: len(samples)]
 
 
 def _factorial(factors: Mapping[str, Values], samples: range) -> dict[str, FloatArray]:
@@ -61,7 +77,9 @@ def _random(values: Values, stream: np.random.Generator, count: int) -> FloatArr
     assert values.within is not None
     (mean, deviation), (low, high) = values.normal, values.within
     # By the inverse of the distribution, cut to the window: exact, and as quick for a narrow one.
-    shape = NormalDist(mean, deviation)
-    first, last = shape.cdf(low), shape.cdf(high)
-    share = np.clip(stream.uniform(first, last, size=count), np.nextafter(0.0, 1.0), np.nextafter(1.0, 0.0))
-    return np.clip([shape.inv_cdf(float(value)) for value in share], low, high)
+    from scipy.special import ndtr, ndtri
+
+    first, last = ndtr((np.array([low, high]) - mean) / deviation)
+    share = stream.uniform(first, last, size=count)
+    drawn: FloatArray = np.clip(mean + deviation * ndtri(share), low, high)
+    return drawn

@@ -10,11 +10,13 @@ import contextlib
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
 from typing import Any, Protocol
 
 from codegen.errors import BuildError, CheckFailed, CodegenError
+from codegen.sweep.versions import versions
 
 ADDRESS = re.compile(r"[a-z]+://[^\s/]+:\d+\Z")
 AHEAD = 2
@@ -108,7 +110,7 @@ class Dask:
         Raises:
             CodegenError: the scheduler went away.
             CheckFailed: the cluster gave up.
-            BuildError: a worker cannot compile, or lacks the instructions.
+            BuildError: a worker cannot compile, lacks the instructions, or has other versions.
         """
         try:
             yield from self._run(work, numbers)
@@ -123,25 +125,35 @@ class Dask:
     def _run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
         client = self._client
         # Builds and plan go once to each worker; as a task, not as data: where all that have it die, it is sent again.
-        sent = client.submit(_itself, work, key=f"work-{id(self)}-{id(work)}", pure=False)
+        # Keys are the scheduler's, and it serves other clients: none of them, and no run before, has these.
+        run = uuid.uuid4().hex
+        sent = client.submit(_itself, work, key=f"work-{run}", pure=False)
         waiting = iter(numbers)
+        coming = next(waiting, None)
         under_way: dict[Any, int] = {}
         deaths: dict[int, int] = {}
         ended = self._as_completed(loop=client.loop)
 
-        def submit(number: int | None) -> bool:
-            if number is None:
-                return False
-            key = f"chunk-{id(self)}-{number}-{deaths.get(number, 0)}"
-            future = client.submit(_call, sent, number, key=key, pure=False)
+        def submit(number: int) -> None:
+            key = f"chunk-{run}-{number}-{deaths.get(number, 0)}"
+            future = client.submit(_call, sent, number, versions(), key=key, pure=False)
             under_way[future] = number
             ended.add(future)
-            return True
 
-        window = AHEAD * max(sum(client.nthreads().values()), 1)
-        while len(under_way) < window and submit(next(waiting, None)):
-            pass
+        def refill() -> None:
+            nonlocal coming
+            if coming is None:
+                return
+            if client.status != "running":  # asked now, it would try to connect for long
+                raise self._gone()
+            # Each time anew: workers come and go.
+            window = AHEAD * max(sum(client.nthreads().values()), 1)
+            while coming is not None and len(under_way) < window:
+                submit(coming)
+                coming = next(waiting, None)
+
         try:
+            refill()
             while under_way:
                 future = next(ended)
                 number = under_way.pop(future)
@@ -150,7 +162,7 @@ class Dask:
                     submit(number)
                     continue
                 yield number, _result(future, number)
-                submit(next(waiting, None))
+                refill()
         finally:
             with contextlib.suppress(Exception):  # nobody may be there any more to be told
                 for future in under_way:
@@ -195,15 +207,26 @@ def _itself(work: Work) -> Work:
     return work
 
 
-def _call(work: Work, number: int) -> Any:
+def _call(work: Work, number: int, wanted: Mapping[str, str]) -> Any:
     from distributed import get_worker
 
     try:
+        _require(wanted)
         return work(number)
     except BuildError as error:
-        # No compiler, or not these instructions: of one machine among many, so that it must be named.
+        # No compiler, not these instructions or versions: of one machine among many, so that it must be named.
         where = f"Dask worker {get_worker().address}{': ' if error.where else ''}{error.where}"
         raise BuildError(error.what, where=where, remedy=error.remedy) from None
+
+
+def _require(wanted: Mapping[str, str]) -> None:
+    """Refuse a campaign of other versions (name to version) than are installed here. Raises BuildError."""
+    own = versions()
+    other = [name for name in wanted if own.get(name) != wanted[name]]
+    if other:
+        here = ", ".join(f"{name} {own.get(name, 'missing')}" for name in other)
+        there = ", ".join(f"{name} {wanted[name]}" for name in other)
+        raise BuildError(f"it has {here}, and the campaign {there}", remedy="install the same versions on all machines")
 
 
 def _result(future: Any, number: int) -> Any:

@@ -79,15 +79,14 @@ def conditions(config: Config, profile: Profile, factors: Factors, count: int) -
 
 def lanes(
     spec: Spec,
-    chunk: int,
+    samples: range,
     scenario: int,
     profile: Profile,
     config: Config,
     factors: Factors,
     driven: Conditions,
-    controlled: bool,
 ) -> Lanes:
-    """All samples of a chunk in one scenario, for one controller."""
+    """Some samples (their numbers) in one scenario (its place in the spec), for any controller."""
     count = driven.speed_km_h.size
     period = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     return Lanes(
@@ -97,8 +96,7 @@ def lanes(
         friction=driven.friction,
         friction_estimate=driven.friction_estimate,
         delay_samples=np.round(_of(factors, "delay_samples", count)).astype(np.int64),
-        controlled=np.full(count, controlled),
-        noise=_noise(spec, chunk, scenario, profile.inputs.shape[0] // period, factors, count),
+        noise=_noise(spec, samples, scenario, profile.inputs.shape[0] // period, factors),
     )
 
 
@@ -117,10 +115,10 @@ def _of(factors: Factors, key: str, count: int) -> FloatArray:
     return factors.get(key, np.full(count, np.nan if default is None else default))
 
 
-def _noise(spec: Spec, chunk: int, scenario: int, samples: int, factors: Factors, count: int) -> FloatArray | None:
-    deviations = np.stack([_of(factors, key, count) for key in NOISE])
+def _noise(spec: Spec, samples: range, scenario: int, steps: int, factors: Factors) -> FloatArray | None:
+    deviations = np.stack([_of(factors, key, len(samples)) for key in NOISE])
     if not deviations.any():
         return None
     in_si = deviations * np.array([[1.0], [np.pi / 180.0], [np.pi / 180.0]])
-    noise: FloatArray = draw.noise(spec, chunk, scenario, samples, count) * in_si
+    noise: FloatArray = draw.noise(spec, samples, scenario, steps) * in_si
     return noise

@@ -205,6 +205,9 @@ def _displacement(runs: Runs, begin: FloatArray, end: FloatArray) -> FloatArray:
     inside = np.where(left == begin, first, inside)
     inside_right = np.where(right == end, last, inside_right)
     step = right - left
+    # A car that leaves all numbers later does not take away what was measured before: NaN times zero is NaN.
+    taken = step > 0.0
+    inside, inside_right = np.where(taken, inside, 0.0), np.where(taken, inside_right, 0.0)
     gained = 0.5 * step * (inside + inside_right)
     speed = np.cumsum(gained, axis=0) - gained
     result: FloatArray = np.sum(step * speed + step**2 * (2.0 * inside + inside_right) / 6.0, axis=0)

@@ -25,7 +25,7 @@ from codegen.sweep.lanes import cars
 from codegen.sweep.metrics import MEASURES
 from codegen.sweep.profile import Profile, profile_of
 from codegen.sweep.spec import Spec
-from hil_sim.scenarios import SCENARIOS, find
+from hil_sim.scenarios import SCENARIOS, Scenario, find
 
 RUNS_PER_CHUNK = 512
 """About: enough for the vector units and for the interpreter's own work to vanish, few enough to be lost without pain."""
@@ -113,9 +113,9 @@ class Plan:
         return RunKey(sample, scenario, controller)
 
     def facts(self) -> dict[str, Any]:
-        """What the results depend on, for JSON: equal facts, equal bytes."""
+        """What the results depend on, for JSON: equal facts, equal bytes. Builds and scenarios by digest, wherever they are."""
         return {
-            "spec": self.spec.model_dump(mode="json", exclude_none=True),
+            "spec": self.spec.model_dump(mode="json", exclude_none=True, exclude={"controllers", "scenarios"}),
             "controllers": {controller.name: controller.digest for controller in self.controllers},
             "scenarios": {profile.name: profile.digest for profile in self.profiles},
             "isa": self.isa,
@@ -197,15 +197,37 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
         raise ConfigError(
             f"{scenario.name} has faults on the bus, and here is none", where=place, remedy="use codegen hil or codegen faults"
         )
-    if spec.length_s is not None and spec.length_s < LENGTH_MIN[scenario.kind]:
-        raise ConfigError(
-            f"{spec.length_s:g} s are too short for the figures of {scenario.name}",
-            where=f"{path}: length_s",
-            remedy=f"give {LENGTH_MIN[scenario.kind]:g} s or more",
-        )
+    _check_length(spec, scenario, path)
     profile = profile_of(scenario, config, spec.lead_s, spec.length_s)
     speeds = spec.factors.get("speed_km_h")
     if speeds is not None and "steering_wheel_angle_deg" not in spec.factors:
         # The ends tell whether the car can do the manoeuvre at all speeds between.
         profile.amplitudes(config, np.array(speeds.extremes) * KM_H)
+    told = not np.isnan(profile.estimate)
+    if told and "friction" in spec.factors and "friction_estimate_error" not in spec.factors:
+        raise ConfigError(
+            f"{scenario.name} tells the controller a friction of {profile.estimate:g}, whatever that of the road is",
+            where=f"{path}: factors.friction",
+            remedy="give friction_estimate_error, 0 for a controller that knows it",
+        )
     return profile
+
+
+def _check_length(spec: Spec, scenario: Scenario, path: Path) -> None:
+    """That what is driven after the driver begins is there, and long enough for the figures."""
+    longest, shortest = scenario.duration - scenario.steer_time, LENGTH_MIN[scenario.kind]
+    length = longest if spec.length_s is None else spec.length_s
+    # To a nanosecond: 12.1 s less 10 s are not 2.1 s to the last bit.
+    if length > longest + 1e-9:
+        raise ConfigError(
+            f"{scenario.name} ends {longest:g} s after the driver begins, before {length:g} s",
+            where=f"{path}: length_s",
+            remedy=f"give {longest:g} s or less, or raise duration_s in a scenario file whose base takes it",
+        )
+    if length < shortest - 1e-9:
+        place, remedy = "length_s", f"give {shortest:g} s or more"
+        if spec.length_s is None:
+            place, remedy = "scenarios", f"raise its duration_s by {shortest - length:g} s or more"
+        raise ConfigError(
+            f"{length:g} s are too short for the figures of {scenario.name}", where=f"{path}: {place}", remedy=remedy
+        )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+import json
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -53,8 +54,13 @@ class Profile:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the inputs, in hexadecimal digits."""
-        return hashlib.sha256(np.ascontiguousarray(self.inputs).tobytes()).hexdigest()
+        """SHA-256 of the inputs and of what `amplitudes` and the figures read, in hexadecimal digits."""
+        own = self.scenario
+        # The inputs have REFERENCE_ANGLE_DEG: the own amplitude is in the settings, or follows from the car by a rule.
+        read = (own.kind, own.steer_time, self.steer_time, own.angle_text, asdict(own.settings))
+        found = hashlib.sha256(json.dumps(read).encode())
+        found.update(np.ascontiguousarray(self.inputs).tobytes())
+        return found.hexdigest()
 
     def amplitudes(self, config: Config, speeds: FloatArray) -> FloatArray:
         """The scenario's own amplitude (rad at the steering wheel) at speeds (n,) in m/s, for the configured car.

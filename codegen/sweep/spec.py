@@ -36,6 +36,7 @@ from codegen.sections import Range, Section, check_name, check_number
 MAX_BYTES = 2**20
 MAX_SAMPLES = 100_000_000
 MAX_POINTS = 10_000
+MAX_CONTROLLERS = 20
 PASSIVE = "passive"
 """A controller's name that needs no build: the rear wheels stay straight."""
 
@@ -66,7 +67,9 @@ FACTORS: Mapping[str, Factor] = {
     "rear_stiffness_percent": Factor(-80.0, 300.0, 0.0, "cornering stiffness of the rear tyres"),
     "tyre_peak_percent": Factor(-60.0, 100.0, 0.0, "peak force of all tyres, at the same stiffness"),
     "friction": Factor(0.05, 1.5, None, "peak friction of the road"),
-    "friction_estimate_error": Factor(-1.0, 1.0, None, "what the controller is told, less the friction; without it, nothing"),
+    "friction_estimate_error": Factor(
+        -1.0, 1.0, None, "what the controller is told, less the friction; without it, as the scenario"
+    ),
     "speed_km_h": Factor(5.0, 400.0, None, "speed"),
     "steering_wheel_angle_deg": Factor(0.5, 1_500.0, None, "amplitude at the steering wheel"),
     "steering_percent": Factor(1.0, 500.0, 100.0, "of the scenario's own amplitude at that speed"),
@@ -172,7 +175,9 @@ class Spec(Section):
     scenarios: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(default_factory=lambda: ["step-steer"])
     lead_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
     length_s: Annotated[float, Range(1.0, 600.0, "s")] | None = None
-    controllers: Annotated[dict[Annotated[str, AfterValidator(check_name)], str], Field(min_length=1, max_length=20)]
+    controllers: Annotated[
+        dict[Annotated[str, AfterValidator(check_name)], str], Field(min_length=1, max_length=MAX_CONTROLLERS)
+    ]
     factors: Annotated[dict[str, Annotated[Values, BeforeValidator(_as_values)]], AfterValidator(_checked_factors)] = Field(
         default_factory=dict
     )

@@ -13,26 +13,30 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen import __version__
 from codegen.errors import CodegenError
-from codegen.files import write_atomically
+from codegen.files import replace_durably, write_atomically
 from codegen.interrupts import deferred
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
 from codegen.sweep.plan import Plan
+from codegen.sweep.versions import versions
 
 WHOLE = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")
 NAMES = ("scenario", "controller")
 ROWS_PER_GROUP = 2**16
 """About: of the finished file, so that a reader needs little memory."""
+
+WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
+READING: Mapping[str, Any] = {"page_checksum_verification": True}
+"""A page that a dying disk changed is told, and not counted."""
 
 FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 
@@ -45,8 +49,7 @@ def require_pyarrow() -> None:
 
 def facts_text(plan: Plan) -> str:
     """What the results depend on, as it stands in `campaign.json`."""
-    facts = {**plan.facts(), "tools": {"codegen": __version__, "numpy": np.__version__}}
-    return json.dumps(facts, indent=1) + "\n"
+    return json.dumps({**plan.facts(), "tools": versions()}, indent=1) + "\n"
 
 
 def prepare(folder: Path) -> None:
@@ -63,15 +66,13 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
     Raises:
         CodegenError: it holds another campaign, or files of somebody else's.
     """
-    text = facts_text(plan)
-    facts = folder / FACTS
-    if facts.is_file():
-        if facts.read_text(encoding="utf-8") != text:
-            raise _other(facts, plan, folder, "name another folder with -o, or remove this one")
-    elif any(folder.iterdir()):
-        raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
-    else:
-        write_atomically(facts, text.encode())
+    text, there = facts_text(plan).encode(), _facts(folder)
+    if there is None:
+        if any(folder.iterdir()):
+            raise CodegenError("it holds other files", where=folder, remedy="name a new or an empty folder")
+        write_atomically(folder / FACTS, text)
+    elif there != text:
+        raise _other(there, plan, folder, "name another folder with -o, or remove this one")
     if (folder / RUNS).is_file():
         _check_finished(folder / RUNS, plan)
         shutil.rmtree(folder / PARTS, ignore_errors=True)
@@ -83,11 +84,20 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
 
 def check_same(folder: Path, plan: Plan) -> None:
     """Refuse a folder that is not of this campaign. Raises CodegenError."""
-    facts = folder / FACTS
-    if not facts.is_file():
+    there = _facts(folder)
+    if there is None:
         raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
-    if facts.read_text(encoding="utf-8") != facts_text(plan):
-        raise _other(facts, plan, folder, "drive it with the spec and the builds that it was made of")
+    if there != facts_text(plan).encode():
+        raise _other(there, plan, folder, "drive it with the spec and the builds that it was made of")
+
+
+def _facts(folder: Path) -> bytes | None:
+    """What stands in `campaign.json`, be it text or not; None where there is none. Raises CodegenError."""
+    path = folder / FACTS
+    try:
+        return path.read_bytes() if path.is_file() else None
+    except OSError as error:
+        raise CodegenError(f"cannot be read ({error.strerror})", where=path, remedy="check its rights") from None
 
 
 def _check_finished(path: Path, plan: Plan) -> None:
@@ -100,7 +110,11 @@ def _check_finished(path: Path, plan: Plan) -> None:
     except (OSError, pa.ArrowException):
         whole = False
     if not whole:
-        raise CodegenError("it is damaged", where=path, remedy="remove it, and run the same command again")
+        raise _damaged(path)
+
+
+def _damaged(path: Path) -> CodegenError:
+    return CodegenError("it is damaged", where=path, remedy="remove it, and run the same command again")
 
 
 def _is_whole(path: Path) -> bool:
@@ -137,14 +151,15 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _other(path: Path, plan: Plan, folder: Path, remedy: str) -> CodegenError:
+def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenError:
     """That a folder holds another campaign: which facts are not those of the plan."""
     try:
-        there = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        return CodegenError(f"it holds another campaign: {path.name} has been changed since", where=folder, remedy=remedy)
+        there = json.loads(content)
+    except (ValueError, RecursionError):  # no JSON, not even text, or nested without end
+        return CodegenError(f"it holds another campaign: {FACTS} has been changed since", where=folder, remedy=remedy)
     facts = json.loads(facts_text(plan))
-    names = [name for name in facts if not isinstance(there, dict) or there.get(name) != facts[name]]
+    # As text, for the order of controllers, scenarios and factors counts.
+    names = [name for name in facts if not isinstance(there, dict) or json.dumps(there.get(name)) != json.dumps(facts[name])]
     if names == ["isa"] and there.get("isa") in ISAS:
         return CodegenError(
             f"it was driven with the instruction set {there['isa']}, not {plan.isa}, whose results differ by rounding",
@@ -181,7 +196,7 @@ def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
     import pyarrow.parquet as pq
 
     content = io.BytesIO()
-    pq.write_table(to_arrow(table, plan), content, compression="zstd")
+    pq.write_table(to_arrow(table, plan), content, **WRITING)
     write_atomically(part_path(folder, chunk), content.getvalue())
 
 
@@ -229,12 +244,12 @@ def merge(folder: Path, plan: Plan) -> Path:
                 rows += waiting[-1].num_rows
                 if rows >= ROWS_PER_GROUP or chunk == plan.chunk_count - 1:
                     group = pa.concat_tables(waiting).unify_dictionaries()
-                    writer = pq.ParquetWriter(temporary, group.schema, compression="zstd") if writer is None else writer
+                    writer = pq.ParquetWriter(temporary, group.schema, **WRITING) if writer is None else writer
                     writer.write_table(group, row_group_size=rows)
                     waiting, rows = [], 0
             if writer is not None:
                 writer.close()
-            os.replace(temporary, target)
+            replace_durably(temporary, target)  # before the parts go
     finally:
         temporary.unlink(missing_ok=True)
     shutil.rmtree(folder / PARTS, ignore_errors=True)
@@ -247,7 +262,7 @@ def _part(folder: Path, chunk: int) -> Any:
 
     path = part_path(folder, chunk)
     try:
-        return pq.read_table(path)
+        return pq.read_table(path, **READING)
     except (OSError, pa.ArrowException) as error:
         raise CodegenError(
             f"it cannot be read ({error})", where=path, remedy="remove it, and run the same command again"
@@ -255,13 +270,21 @@ def _part(folder: Path, chunk: int) -> Any:
 
 
 def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """The finished file group of rows by group: column to values; NaN for null, names as text, yes and no as 1 and 0."""
+    """The finished file group of rows by group: column to values; NaN for null, names as text, yes and no as 1 and 0.
+
+    Raises:
+        CodegenError: it is damaged.
+    """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
-        for group in range(file.num_row_groups):
-            table = file.read_row_group(group, columns=None if columns is None else list(columns))
-            yield {name: _values(name, table.column(name)) for name in table.column_names}
+    try:
+        with pq.ParquetFile(path, **READING) as file:
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group, columns=None if columns is None else list(columns))
+                yield {name: _values(name, table.column(name)) for name in table.column_names}
+    except (OSError, pa.ArrowException):
+        raise _damaged(path) from None
 
 
 def _values(name: str, column: Any) -> npt.NDArray[Any]:

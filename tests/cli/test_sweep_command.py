@@ -11,7 +11,7 @@ import pytest
 
 from codegen.cli.sweep_command import sweep
 from codegen.sil.vector import ISAS
-from tests.sweep.conftest import ROOT, write_spec
+from tests.sweep.conftest import ROOT, damage, write_spec
 
 from .conftest import Answer, Run
 
@@ -61,6 +61,33 @@ def test_a_run_of_another_campaign_is_not_driven(driven: tuple[Path, Answer], ru
     answer = run("sweep", "--spec", write_spec(tmp_path, samples=9), "-o", driven[0], "--replay", 1)
     assert answer.code == 2
     assert "it holds another campaign: spec, runs have changed since" in answer.err
+
+
+def test_an_edited_scenario_is_not_mixed_with_what_was_driven(run: Run, tmp_path: Path) -> None:
+    own, out = tmp_path / "mine.toml", tmp_path / "out"
+    own.write_text('name = "mine"\nbase = "step-steer"\nsteering_wheel_angle_deg = 60.0\n')
+    path = write_spec(tmp_path, samples=2)
+    path.write_text(path.read_text().replace('["step-steer", "sine-with-dwell"]', '["mine.toml"]'))
+    assert run("sweep", "--spec", path, "-o", out).code == 0
+    before = (out / "runs.parquet").read_bytes()
+    own.write_text(own.read_text().replace("60.0", "120.0"))
+    for more in ((), ("--replay", 1)):
+        answer = run("sweep", "--spec", path, "-o", out, *more)
+        assert answer.code == 2
+        assert f"{out}: it holds another campaign: scenarios has changed since" in answer.err
+        assert answer.err.strip().count("\n") == 0
+    assert (out / "runs.parquet").read_bytes() == before
+
+
+def test_a_finished_file_with_a_damaged_page_is_told(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(driven[0], out)
+    damage(out / "runs.parquet", 0)
+    answer = run("sweep", "--spec", spec, "-o", out)
+    assert answer.code == 2
+    assert answer.err.splitlines()[1:] == [  # the first tells the progress
+        f"error: {out}/runs.parquet: it is damaged; remove it, and run the same command again"
+    ]
 
 
 def test_the_instruction_set_is_chosen_and_kept(run: Run, spec: Path, tmp_path: Path) -> None:
@@ -151,6 +178,11 @@ def test_what_is_refused(
         ('"step-steer", ', '"ramp-steer", ', "has no figures for a campaign"),
         ('"step-steer", ', '"ecu-loss", ', "has no figures for a campaign"),
         ("length_s = 3.9", "length_s = 3.0", "length_s: 3 s are too short for the figures of sine-with-dwell"),
+        (
+            "length_s = 3.9",
+            "length_s = 5.5",
+            "length_s: step-steer ends 5 s after the driver begins, before 5.5 s; give 5 s or less",
+        ),
         ("mass_percent = {", "cg_shift_m = 1.6\nmass_percent = {", "bring the centre of gravity to an axle"),
         ("[40, 110]", "[5, 110]", "beyond steering.front_angle_stop_deg"),
     ],

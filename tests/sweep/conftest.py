@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from codegen.sweep import plan as planning
@@ -39,6 +40,15 @@ def write_spec(at: Path, samples: int = SAMPLES, more: str = "") -> Path:
     path = at / "sweep.toml"
     path.write_text(SPEC.format(samples=samples, root=ROOT) + more, encoding="utf-8")
     return path
+
+
+def damage(path: Path, column: int) -> None:
+    """Change a bit in the last page of a column of a Parquet file."""
+    found = pq.read_metadata(path).row_group(0).column(column)
+    begin = found.dictionary_page_offset if found.has_dictionary_page else found.data_page_offset
+    content = bytearray(path.read_bytes())
+    content[begin + found.total_compressed_size - 1] ^= 0x10
+    path.write_bytes(content)
 
 
 @pytest.fixture(scope="session")

@@ -22,6 +22,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from codegen import __version__
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.batch import DIFFERENCE_MAX_FLIPPED
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
@@ -112,7 +113,9 @@ class With:
         return self.engine.run(DiesOnce(work, self.mark), numbers)
 
 
-def test_a_dask_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(plan: Plan, whole: Path, tmp_path: Path) -> None:
+def test_a_dask_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import dask
     from distributed import LocalCluster
 
@@ -127,6 +130,10 @@ def test_a_dask_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(pla
             again = run_campaign(plan, tmp_path / "dying", With(engine, died))
             with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
                 list(engine.run(lacking_instructions, [0]))
+            monkeypatch.setattr("codegen.sweep.engine.versions", lambda: {"codegen": __version__, "numpy": "0.1"})
+            told = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign numpy 0\.1; install the same"
+            with pytest.raises(BuildError, match=told):
+                list(engine.run(Work(plan), [0]))
         finally:
             engine.close()
     assert died.exists()

@@ -51,7 +51,10 @@ def recordings(name: str) -> tuple[Scenario, list[FloatArray]]:
     still[:, 0] = odd[:, 0]
     swinging = found[0].copy()
     swinging[:, RECORD_COLUMNS.index("yaw_rate_rad_s")] += 0.05 * np.sin(20.0 * swinging[:, 0])
-    return SCENARIOS[name], [*found, odd, still, swinging]
+    gone = found[0].copy()
+    lost = [name for name in COLUMNS if name not in ("front_angle_rad", "status")]  # the driver and the controller stay
+    gone[len(gone) // 2 :, [RECORD_COLUMNS.index(name) for name in lost]] = math.nan
+    return SCENARIOS[name], [*found, odd, still, swinging, gone]
 
 
 @pytest.mark.parametrize("name", ["step-steer", "low-friction", "sine-with-dwell"])
@@ -78,6 +81,13 @@ def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
                 assert math.isnan(one), (index, key)
             else:
                 assert one == pytest.approx(float(value), rel=ROUNDING, abs=ROUNDING), (index, key)
+
+
+def test_what_was_measured_before_a_car_leaves_all_numbers_is_told() -> None:
+    told, records = recordings("sine-with-dwell")
+    evaluated = evaluate(told, builds.CONFIG, {"calm": records[0], "gone": records[-1]}).runs
+    assert evaluated["gone"]["lateral_displacement_m"] == evaluated["calm"]["lateral_displacement_m"]
+    assert evaluated["gone"].spun_at is not None
 
 
 def test_the_runs_above_are_of_all_sorts() -> None:
