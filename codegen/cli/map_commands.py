@@ -140,6 +140,7 @@ def build(
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.write import write_folder
+    from codegen.refmap.model_excess import excess_note
 
     request = _request(max_error, max_flash, storage)
     with console.status(f"generating the C of {map_path}"):
@@ -162,8 +163,9 @@ def build(
             console.say(f"{target}: up to date")
         return
     changed = write_folder(prepared.folder, target)
-    little_margin = margin_note(prepared.folder.manifest)
-    notes = [*prepared.chosen.notes, *filter(None, [little_margin])]
+    found_notes = (margin_note(prepared.folder.manifest), excess_note(prepared.reference_map, prepared.chosen.config))
+    cautions = [text for text in found_notes if text]
+    notes = [*prepared.chosen.notes, *cautions]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     if request is not None:
         result["placement"] = placement_summary(prepared.folder.manifest)
@@ -171,8 +173,8 @@ def build(
         console.print_json({**result, "notes": notes})
         return
     state = "" if changed else " (unchanged)"
-    if little_margin:
-        console.note(little_margin)
+    for text in cautions:
+        console.note(text)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
     if request is not None:
         console.say(placement_line(prepared.folder.manifest))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +17,8 @@ from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.refmap import ipopt
-from codegen.refmap.map import Binding, ReferenceMap
+from codegen.refmap.map import Binding, ReferenceMap, load
+from codegen.refmap.model_excess import excess_note, model_excess
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.problem import breakpoints
 from codegen.refmap.solve import solve_case
@@ -24,6 +27,7 @@ from codegen.sil.software import RECORD_COLUMNS, compile_build
 from codegen.vehicle.tyre import AxleTyres
 from tests.refmap.cars import CASE
 
+ROOT = Path(__file__).resolve().parents[2]
 PAPER = configuration.preset()
 CASES = ("fws", "4ws-1", "4ws-2")
 
@@ -123,6 +127,43 @@ def test_closed_loop_keeps_the_slip_bounds_in_steady_state(row: int, share: floa
     speed, front_angle = float(found.speed[row]), float(found.front_angle[column])
     slips = steady_slips(found, config, speed, front_angle)
     assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
+
+
+def tracking(trim_percent: float | None = None) -> Config:
+    """The recommended controller on the paper's car, with its tuned gains and the nonlinear tyre; by default its own trim."""
+    tuned = load(ROOT / "generated/4ws2-tracking.npz").config
+    assert tuned is not None
+    data = nonlinear(tuned, "4ws-2").model_dump(mode="json")
+    if trim_percent is not None:
+        data["controller"]["tracking"]["trim_max_percent"] = trim_percent
+    return configuration.parse(data, "test")
+
+
+def test_kind_tracking_keeps_them_with_the_trim_that_the_build_asks_for() -> None:
+    """At the operating point that is named; with the default trim the bound is exceeded there."""
+    config = tracking()
+    found = solve_case(config, "4ws-2")
+    told = excess_note(found, config)
+    assert told is not None
+    named = re.search(r"trim_max_percent = (\d+) keeps them", told)
+    assert named is not None
+    place, tyres = model_excess(found, config), AxleTyres.from_config(config)
+    bounds = np.array([tyres.front_slip_bound, tyres.rear_slip_bound])
+    before = steady_slips(found, config, place.speed, place.front_angle)
+    assert (before / bounds).max() > 1.0 + 2.0 * SLIP_SHARE
+    enough = tracking(float(named[1]))
+    assert excess_note(found, enough) is None
+    slips = steady_slips(found, enough, place.speed, place.front_angle)
+    assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
+
+
+def test_nothing_is_asked_of_other_maps_and_kinds() -> None:
+    assert excess_note(made(), nonlinear(PAPER, "4ws-2")) is None  # kind pi follows the map itself
+    config = load(ROOT / "generated/4ws2-tracking.npz").config
+    assert config is not None
+    linear = solve_case(config, "4ws-2")
+    assert excess_note(linear, config) is None
+    assert model_excess(linear, config).share < 1e-3  # the model does no more than a map of linear tyres asks for
 
 
 def test_the_linear_map_exceeds_them() -> None:
