@@ -13,6 +13,7 @@ from codegen.verify.proof import boxes, solver
 from codegen.verify.proof.boxes import Real
 from codegen.verify.proof.check import MAP
 from codegen.verify.proof.concrete import computed
+from codegen.verify.proof.encode import Encoder
 from codegen.verify.proof.executor import Executor
 from codegen.verify.proof.facts import Bounded, Fact, Facts
 from codegen.verify.proof.floats import FORMATS
@@ -22,7 +23,7 @@ from codegen.verify.proof.semantics import Value, signed
 from codegen.verify.proof.session import Report, Session
 from codegen.verify.proof.solver import Answer
 from codegen.verify.proof.source import CannotJudge, Program, Unit
-from codegen.verify.proof.terms import Pool, Term, inside
+from codegen.verify.proof.terms import BOOL, Pool, Term, inside
 from tests.verify import builds
 
 TYPES = """
@@ -517,3 +518,34 @@ def test_no_refinement_is_false(seed: int) -> None:
             values = computed([*cone, *(term for fact in facts for term in named(fact))], made.inputs())
             false = [fact for fact in facts if is_false(fact, values)]
             assert not false, (false[0], [(term, values[term]) for term in inside(named(false[0]))])
+
+
+def test_assumptions_that_share_no_input_with_a_goal_are_left_out() -> None:
+    """Also by way of others, and of facts; all others stay, for they may be what the goal rests on."""
+    pool = Pool()
+    a, b, c, d = (pool.variable(name, 32) for name in "abcd")
+    ten = pool.whole(10, 32)
+    of_a, of_b_and_c, of_c, of_d = (pool.apply("ult", BOOL, *pair) for pair in ((a, ten), (b, c), (c, ten), (d, ten)))
+    facts = Facts()
+    facts.add(Fact((Bounded(d, 0.0, 9.0),), Bounded(a, 0.0, 9.0)))
+    prover = solver.Prover(pool, Encoder(facts))
+    together = pool.and_(of_a, pool.and_(of_b_and_c, of_c))
+    assert prover.about([together, of_d], [pool.apply("ult", BOOL, b, ten)]) == [of_b_and_c, of_c]
+    assert prover.about([together, of_d], [pool.apply("ult", BOOL, a, ten)]) == [of_a, of_d]
+
+
+def test_what_a_comparison_is_known_to_give_decides_the_branch() -> None:
+    """Within the bounds that hold there, and not beyond them."""
+    body = """
+void ars_part(int32_t n, int32_t *out);
+void ars_part(int32_t n, int32_t *out)
+{
+    int32_t share = 0;
+    if (n > 5) {
+        if (n > 3) { share = 10 / n; } else { share = 10 / (n - n); }
+    }
+    *out = share;
+}
+"""
+    assert judged(body).is_proved
+    assert not judged(body.replace("n > 3", "n > 7")).is_proved

@@ -8,6 +8,7 @@ from typing import Any
 
 from pycparser import c_ast
 
+from codegen.verify.proof.boxes import FALSE, TRUE
 from codegen.verify.proof.c_types import (
     BOOL,
     DOUBLE,
@@ -276,7 +277,11 @@ class Expressions(Machine):
         ctype = common(left.ctype, right.ctype)
         a, b = (self.converted(state, each, ctype, node).term for each in (left, right))
         if op in COMPARISONS:
-            return Typed(BOOL, self._compared(op, a, b, ctype))
+            compared = self._compared(op, a, b, ctype)
+            box = state.scope.box(compared)
+            if box in (TRUE, FALSE):
+                compared = self.pool.true if box == TRUE else self.pool.false
+            return Typed(BOOL, compared)
         if ctype.family == Family.FLOAT:
             result = self._of_floats(state, op, a, b, node)
         else:

@@ -59,6 +59,7 @@ class Prover:
     def __init__(self, pool: Pool, encoder: Encoder) -> None:
         self._pool, self.encoder = pool, encoder
         self.questions = 0
+        self._inputs: dict[Term, frozenset[Term]] = {}
 
     def prove(
         self, assumptions: Sequence[Term], obligations: Iterable[Obligation], typical: Sequence[Term] = ()
@@ -97,7 +98,7 @@ class Prover:
         """Those of which z3 finds one after the other that they need not hold."""
         broken = {goal for goal in goals if goal is self._pool.false}
         left = [goal for goal in dict.fromkeys(goals) if goal not in broken and goal is not self._pool.true]
-        question = _Question(self, [*assumptions, self._pool.not_(self._pool.and_(*left))]) if left else None
+        question = _Question(self, [*self.about(assumptions, left), self._pool.not_(self._pool.and_(*left))]) if left else None
         while question is not None and left:
             answer, model = question.ask()
             if answer == z3.unsat:
@@ -113,13 +114,36 @@ class Prover:
     def _broken_together(self, assumptions: Sequence[Term], obligations: list[Obligation]) -> list[Obligation] | None:
         """Those that one answer of z3 breaks, none where all hold; None where z3 gives up."""
         violated = [self._pool.and_(each.path, self._pool.not_(each.goal)) for each in obligations]
-        answer, model = self._ask([*assumptions, self._pool.or_(*violated)])
+        answer, model = self._ask([*self.about(assumptions, violated), self._pool.or_(*violated)])
         if answer == z3.unsat:
             return []
         if model is None:
             return None
         seen = [z3.is_true(model.eval(self.encoder.truth(each), model_completion=True)) for each in violated]
         return [each for each, is_broken in zip(obligations, seen, strict=True) if is_broken] or None
+
+    def about(self, assumptions: Sequence[Term], terms: Sequence[Term]) -> list[Term]:
+        """Of the assumptions, part by part, those that share inputs with the terms, or with others that do.
+
+        To leave one out is never wrong: less is assumed. Those left out here change no answer either, where all assumptions
+        can hold together: that a map is valid, its thousands of numbers, says nothing of what is computed from three of them
+        that are taken by their bounds.
+        """
+        waiting = {part: self._inputs_of(part) for each in assumptions for part in _conjuncts(each)}
+        reached = frozenset[Term]().union(*(self._inputs_of(each) for each in terms))
+        kept: set[Term] = set()
+        while True:
+            near = {part for part, inputs in waiting.items() if not inputs or not inputs.isdisjoint(reached)}
+            if not near:
+                return [part for each in assumptions for part in _conjuncts(each) if part in kept]
+            kept |= near
+            reached = reached.union(*(waiting.pop(part) for part in near))
+
+    def _inputs_of(self, term: Term) -> frozenset[Term]:
+        """Variables and entries of tables, in the term and in the facts about it."""
+        if term not in self._inputs:
+            self._inputs[term] = frozenset(each for each in self.cone([term]) if each.op in ("var", "entry"))
+        return self._inputs[term]
 
     def _ask(self, terms: Sequence[Term]) -> tuple[Any, Any]:
         """Whether all can hold, and z3's numbers where they can."""
@@ -140,7 +164,8 @@ class Prover:
         return sorted(seen, key=lambda term: term.number)
 
     def _alone(self, assumptions: Sequence[Term], obligation: Obligation, typical: Sequence[Term]) -> Verdict:
-        terms = [*assumptions, obligation.path, self._pool.not_(obligation.goal)]
+        violated = [obligation.path, self._pool.not_(obligation.goal)]
+        terms = [*self.about(assumptions, violated), *violated]
         if typical:
             verdict = self._searched([*terms, *typical], obligation)
             if verdict.answer == Answer.COUNTEREXAMPLE:
@@ -215,6 +240,22 @@ class _Question:
     def learn(self, facts: Iterable[Fact]) -> None:
         """More of what is known."""
         self._solver.add(*(self._prover.encoder.fact(each) for each in facts))
+
+
+def _conjuncts(term: Term) -> list[Term]:
+    """What holds where the term does, part by part."""
+    found: list[Term] = []
+    waiting, seen = [term], set[Term]()
+    while waiting:
+        each = waiting.pop()
+        if each in seen:
+            continue
+        seen.add(each)
+        if each.op == "and":
+            waiting.extend(reversed(each.args))
+        else:
+            found.append(each)
+    return found
 
 
 def _named(fact: Fact) -> list[Term]:
