@@ -78,7 +78,8 @@ def _answer(error: BaseException) -> tuple[str, int]:
     if isinstance(error, CodegenError):
         return f"error: {error}", error.exit_code
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return INTERRUPTED, EXIT_INTERRUPTED
+        # Its text, where what was interrupted has one, tells what is kept.
+        return "; ".join([INTERRUPTED, *map(one_line, error.args)]), EXIT_INTERRUPTED
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         return error.format_message(), EXIT_BAD_INPUT
     if isinstance(error, click.ClickException):

@@ -157,8 +157,13 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
         console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **found.row})
         return
     from codegen.report.summary import table
+    from codegen.sweep.store import YES_NO
 
-    rows = [(name, f"{value:.6g}") for name, value in found.row.items() if name != "run"]
+    rows = [
+        (name, ("no", "yes")[int(value)] if name in YES_NO else f"{value:.6g}")
+        for name, value in found.row.items()
+        if name != "run"
+    ]
     console.say(f"run {run}: {found.profile.name}, {found.controller}")
     console.say(table(("", "value"), rows))
     for name, path in (("plot", plot), ("recording", run_path)):
@@ -170,6 +175,7 @@ def _figure(plan: Plan, found: Replayed, run: int) -> Any:
     from dataclasses import replace
 
     from codegen.report import plots
+    from codegen.report.sweep_text import factors_of
 
     scenario = found.profile.scenario
     settings = replace(
@@ -180,7 +186,7 @@ def _figure(plan: Plan, found: Replayed, run: int) -> Any:
         friction_estimate=round(found.row["friction_estimate"], 3) if "friction_estimate" in found.row else None,
     )
     shown = replace(scenario, settings=settings, steer_time=found.profile.steer_time)
-    return plots.scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}")
+    return plots.scenario_figure(shown, plan.config, found.records, f"run {run}, {found.controller}", factors_of(found.row))
 
 
 COMMANDS = (sweep,)

@@ -192,7 +192,7 @@ class QuantityType(click.ParamType[Quantity]):
         return Quantity(size, found["number"] + unit)
 
 
-_QUANTITY = re.compile(r"(?P<number>[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]{1,3})?|\.[0-9]+)\s*(?P<unit>[A-Za-z/]*)", re.ASCII)
+_QUANTITY = re.compile(r"(?P<number>-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)\s*(?P<unit>[A-Za-z/]*)", re.ASCII)
 
 yaw_rate_error = QuantityType("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
 memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MiB": 1048576.0}, "4KiB")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +25,15 @@ if TYPE_CHECKING:
 FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
 GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
 TITLE_LENGTH = 64
-"""Characters of a title that fit on one line."""
+"""Characters of name and title that go on one line."""
+LINE_LENGTH = 78
+"""Characters that fit on one line."""
 FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 
 
-def scenario_figure(scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], name: str = "") -> Figure:
+def scenario_figure(
+    scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], name: str = "", details: str = ""
+) -> Figure:
     """Runs of a scenario beside each other.
 
     Args:
@@ -36,11 +41,12 @@ def scenario_figure(scenario: Scenario, config: Config, runs: Mapping[str, Float
         config: of the car.
         runs: name -> array with columns RECORD_COLUMNS; see `run_figure`.
         name: of the build, for the title.
+        details: of the car and the run, below the title; lines that are too long go on below each other.
 
     Raises:
         PlotError: no run, or an array of another shape.
     """
-    title = _title(scenario, name)
+    title = _title(scenario, name, details)
     if scenario.kind == "frequency":
         return bode_figure(scenario, config, runs, title)
     if scenario.kind == "ramp":
@@ -53,13 +59,13 @@ def scenario_figure(scenario: Scenario, config: Config, runs: Mapping[str, Float
     return run_figure(runs, title)
 
 
-def _title(scenario: Scenario, name: str) -> str:
+def _title(scenario: Scenario, name: str, details: str) -> str:
     title = scenario.title.replace("m/s^2", "m/s²")
-    if not name:
-        return title
     named = f"{one_line(name)} – {title}"
     # What does not fit beside each other goes below each other.
-    return named if len(named) <= TITLE_LENGTH else f"{one_line(name)}\n{title}"
+    first = [] if not name else [named] if len(named) <= TITLE_LENGTH else [one_line(name)]
+    rest = [details] if named in first else [title, details]
+    return "\n".join([*first, *(part for line in rest for part in textwrap.wrap(line, LINE_LENGTH, break_on_hyphens=False))])
 
 
 def _whole(runs: Mapping[str, FloatArray]) -> tuple[float, float]:

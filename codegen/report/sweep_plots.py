@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 LINES = ("-", "--", "-.", ":")
 LOG_FROM = 20.0
 """Largest value over the medians, or over a limit that is drawn, from which an axis is logarithmic beyond what is usual."""
+FAR_FROM = 4.0
+"""Width of an axis with the limit over that of the data from which the limit is told in words: the curves would be one line."""
 TICKS_MAX = 4
 """On each side of the linear part of such an axis."""
 
@@ -30,8 +32,8 @@ PANELS = (
 )
 """Name of the picture, figure, label."""
 
-LIMITS = {"yaw_rate_ratio_1_75_s_percent": 20.0, "lateral_displacement_m": 1.83}
-"""Of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
+LIMITS = {"yaw_rate_ratio_1_75_s_percent": (20.0, "%"), "lateral_displacement_m": (1.83, "m")}
+"""Value and unit, of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
 
 
 def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
@@ -52,16 +54,27 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
             for place, (name, outcome) in enumerate(outcomes.items()):
                 if figure in outcome.figures:
                     _draw(axes, outcome.figures[figure], outcome, plain(name), place)
-            _scale(axes, shown, LIMITS.get(figure, 0.0))
+            _scale(axes, shown, LIMITS.get(figure, (0.0, ""))[0])
             axes.set_title(plain(scenario))
             axes.set_xlabel(label)
             axes.set_ylim(0.0, 100.0)
             axes.grid(visible=True)
             if figure in LIMITS:
-                axes.axvline(LIMITS[figure], color=GREY, linewidth=1.0, linestyle=(0, (2, 2)), label="limit of FMVSS 126")
+                _draw_limit(axes, shown, *LIMITS[figure])
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
         picture.axes[0].set_ylabel("Runs with at most that (%)")
         return picture
+
+
+def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
+    """A line, or a line in the legend alone where the axis would have to reach far beyond the data for it."""
+    low, high = min(one.low for one in shown), max(one.high for one in shown)
+    look: Mapping[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
+    label = f"limit of FMVSS 126, {limit:g} {unit}"
+    if max(high, limit) - min(low, limit) <= FAR_FROM * (high - low):
+        axes.axvline(limit, label=label, **look)
+    else:
+        axes.plot([], [], label=f"{label}:\nfar to the {'left' if limit < low else 'right'}", **look)
 
 
 def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from codegen.report.summary import table
+from codegen.sweep.chunk import DRIVEN
+from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, QUANTILES, Outcome, Summary
 
 TITLES = {
@@ -15,12 +17,36 @@ TITLES = {
     "sideslip_abs_max_deg": ("|sideslip|, largest", "deg"),
     "slip_front_abs_max_deg": ("|front slip|, largest", "deg"),
     "slip_rear_abs_max_deg": ("|rear slip|, largest", "deg"),
+    "slip_front_steady_of_bound_percent": ("steady front slip/bound", "%"),
+    "slip_rear_steady_of_bound_percent": ("steady rear slip/bound", "%"),
     "lateral_acceleration_max_m_s2": ("|a_y|, largest", "m/s^2"),
     "yaw_rate_ratio_1_00_s_percent": ("yaw-rate ratio, 1 s", "%"),
     "yaw_rate_ratio_1_75_s_percent": ("yaw-rate ratio, 1.75 s", "%"),
     "lateral_displacement_m": ("lateral displacement", "m"),
 }
 """Figures that are told, in order; all are in summary.json."""
+
+CRITERIA = {
+    "spin": "spin",
+    "yaw_rate_ratio_1_00_s": "ratio at 1 s",
+    "yaw_rate_ratio_1_75_s": "ratio at 1.75 s",
+    "lateral_displacement": "lateral displacement",
+}
+"""Of FMVSS 126: name in summary.json, and in words."""
+
+IN_TITLE = ("friction_estimate_error", "steering_percent")
+"""Factors whose outcome, the estimate and the angle, a title has already."""
+UNITS = (
+    ("percent", "%"),
+    ("samples", "samples"),
+    ("deg_s", "deg/s"),
+    ("m_s", "m/s"),
+    ("km_h", "km/h"),
+    ("deg", "deg"),
+    ("m", "m"),
+    ("s", "s"),
+)
+"""How a factor's key ends, and its unit; what ends like another stands first."""
 
 OF_WHICH = "Figures are of the runs that did not spin before. Overshoot is over the mean of\nthe last second, settled or not."
 
@@ -34,6 +60,18 @@ def sections(summary: Summary) -> Iterator[tuple[str, str]]:
     """Heading and text, at most 80 columns wide, of each scenario and controller."""
     for (scenario, controller), outcome in summary.outcomes.items():
         yield f"{scenario}, {controller}", _text(outcome)
+
+
+def factors_of(row: Mapping[str, float]) -> str:
+    """What a run was driven with besides speed, steering and road: "mass +12.3 %, delay 2 samples" from its row."""
+    told = []
+    for key in FACTORS:
+        if key in row and key not in DRIVEN and key not in IN_TITLE:
+            name, unit = next((key.removesuffix(f"_{ending}"), unit) for ending, unit in UNITS if key.endswith(f"_{ending}"))
+            # A percentage of this kind, and a shift, is a change of the configured car.
+            sign = "+" if FACTORS[key].low < 0.0 else ""
+            told.append(f"{name.replace('_', ' ')} {round(row[key], 3) + 0.0:{sign}.3g} {unit}")
+    return ", ".join(told)
 
 
 def again(replay: str) -> str:
@@ -54,6 +92,9 @@ def _text(outcome: Outcome) -> str:
     ]
     worst += [("earliest spin", f"{one.value:.3g} s", str(one.run)) for one in outcome.first_spins[:1]]
     parts = [textwrap.fill(", ".join(_shares(outcome)), WIDTH)]
+    if outcome.failed_by:
+        told = ", ".join(f"{CRITERIA[name]} {count}" for name, count in outcome.failed_by.items())
+        parts.append(textwrap.fill(f"Fail by: {told}", WIDTH))
     parts += [OF_WHICH, table(HEADER, rows)] if rows else []
     parts += [table(WORST_HEADER, worst)] if worst else []
     return "\n\n".join(parts)

@@ -27,17 +27,27 @@ def run_campaign(plan: Plan, folder: Path, engine: Engine, progress: Progress | 
 
     Raises:
         CodegenError: see `store.open_folder`, `chunk.run_chunk` and the engine.
+        KeyboardInterrupt: Ctrl-C; its text tells what is kept.
     """
     store.require_pyarrow()
     for controller in plan.controllers:
         software(plan, controller)  # what does not compile is told before anything is written
     store.prepare(folder)
     with store.locked(folder):
-        return _locked(plan, folder, engine, progress)
+        there = store.open_folder(folder, plan)
+        try:
+            return _drive(plan, folder, there, engine, progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_what_is_kept(store.kept(folder, plan), plan.chunk_count)) from None
 
 
-def _locked(plan: Plan, folder: Path, engine: Engine, progress: Progress | None) -> Path:
-    there = store.open_folder(folder, plan)
+def _what_is_kept(kept: int, of: int) -> str:
+    if kept == 0:
+        return f"no chunk of {of} was finished; the same command begins again"
+    return f"{kept} of {of} chunks {'is' if kept == 1 else 'are'} kept; the same command goes on"
+
+
+def _drive(plan: Plan, folder: Path, there: set[int], engine: Engine, progress: Progress | None) -> Path:
     total, done = plan.spec.run_count, sum(_runs(plan, chunk) for chunk in there)
     if progress is not None and total:
         progress(done, total)

@@ -22,6 +22,7 @@ from codegen.sweep.plan import Controller, Plan, RunKey
 from codegen.sweep.profile import Profile
 from codegen.sweep.spec import MAX_CONTROLLERS
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
+from hil_sim.metrics.step import slip_bounds
 
 FloatArray = npt.NDArray[np.float64]
 Table = dict[str, npt.NDArray[Any]]
@@ -113,6 +114,7 @@ def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes) -> 
         steer_time=profile.steer_time,
         steering_ratio=plan.config.steering.ratio,
         mass=batch.cars[:, MASS],
+        slip_bounds=slip_bounds(plan.config),
     )
     return figures(profile.kind, runs)
 

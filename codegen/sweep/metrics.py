@@ -45,6 +45,7 @@ class Runs:
         steer_time: s, when the driver begins.
         steering_ratio: of steering wheel to road wheel.
         mass: (n,) kg.
+        slip_bounds: rad, of front and rear axle of the configured car; None where it has none.
     """
 
     time: FloatArray
@@ -52,6 +53,7 @@ class Runs:
     steer_time: float
     steering_ratio: float
     mass: FloatArray
+    slip_bounds: tuple[float, float] | None = None
 
     def __getitem__(self, name: str) -> FloatArray:
         return self.signals[name]
@@ -104,6 +106,8 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
     outside = np.abs(yaw_rate - mean)[after] > SETTLING_SHARE * size
     last_outside = time.size - 1 - outside[::-1].argmax(axis=0)
     inside_from = np.where(settled & outside.any(axis=0), time[np.minimum(last_outside + 1, time.size - 1)], start)
+    slips = [runs.degrees(f"slip_{axle}_rad")[steady].mean(axis=0) for axle in ("front", "rear")]
+    bounds = np.rad2deg((np.nan, np.nan) if runs.slip_bounds is None else runs.slip_bounds)
     wheel = runs.degrees("front_angle_rad")[steady].mean(axis=0) * runs.steering_ratio
     found = {
         "settled": settled.astype(np.float64),
@@ -123,6 +127,10 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
         "rear_angle_steady_deg": rear[steady].mean(axis=0),
         "slip_front_abs_max_deg": _largest(runs.degrees("slip_front_rad")[after]),
         "slip_rear_abs_max_deg": _largest(runs.degrees("slip_rear_rad")[after]),
+        "slip_front_steady_deg": slips[0],
+        "slip_rear_steady_deg": slips[1],
+        "slip_front_steady_of_bound_percent": 100.0 * np.abs(slips[0]) / bounds[0],
+        "slip_rear_steady_of_bound_percent": 100.0 * np.abs(slips[1]) / bounds[1],
         "lateral_acceleration_max_m_s2": _largest(runs["lateral_acceleration_m_s2"][after]),
     }
     return {"spun_at_s": spun} | {name: np.where(np.isnan(spun), values, np.nan) for name, values in found.items()}

@@ -131,7 +131,11 @@ def read(path: Path, isa: Isa | None = None) -> Plan:
         CodegenError: the spec, a build or a scenario cannot be used.
     """
     spec = specification.load(path)
-    builds = {name: _build(name, path, folder) for name, folder in spec.controllers.items() if folder}
+    builds = {}
+    for name, folder in spec.controllers.items():
+        if folder:
+            with within(f"{path}: controllers.{name}"):
+                builds[name] = _build(name, path, folder)
     first = next(iter(builds.values()))
     config = configuration.parse(first.manifest["configuration"], f"{first.name}: manifest.json: configuration")
     for controller in builds.values():

@@ -37,6 +37,8 @@ MAX_BYTES = 2**20
 MAX_SAMPLES = 100_000_000
 MAX_POINTS = 10_000
 MAX_CONTROLLERS = 20
+WHOLE = {"samples": (1, MAX_SAMPLES), "seed": (0, 2**63 - 1), "points": (2, MAX_POINTS)}
+"""Keys of whole numbers: the smallest and the largest that is taken."""
 PASSIVE = "passive"
 """A controller's name that needs no build: the rear wheels stay straight."""
 
@@ -96,7 +98,7 @@ class Values(Section):
     normal: _Pair | None = None
     within: _Pair | None = None
     values: Annotated[list[_Number], Field(min_length=1, max_length=MAX_POINTS)] | None = None
-    points: int | None = Field(default=None, ge=2, le=MAX_POINTS)
+    points: int | None = Field(default=None, ge=WHOLE["points"][0], le=WHOLE["points"][1])
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -170,8 +172,8 @@ class Spec(Section):
 
     schema_version: Literal[1] = 1
     design: Literal["monte-carlo", "factorial"] = "monte-carlo"
-    samples: int | None = Field(default=None, ge=1, le=MAX_SAMPLES)
-    seed: int = Field(default=0, ge=0, lt=2**63)
+    samples: int | None = Field(default=None, ge=WHOLE["samples"][0], le=WHOLE["samples"][1])
+    seed: int = Field(default=0, ge=WHOLE["seed"][0], le=WHOLE["seed"][1])
     scenarios: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(default_factory=lambda: ["step-steer"])
     lead_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
     length_s: Annotated[float, Range(1.0, 600.0, "s")] | None = None
@@ -258,6 +260,10 @@ def _first_fault(error: ValidationError, where: object) -> CodegenError:
         return ConfigError("unknown key", where=place, remedy=remedy)
     if fault["type"] == "missing":
         return ConfigError("this key is missing", where=place, remedy="add it")
+    if parts and parts[-1] in WHOLE and fault["type"] in ("int_type", "greater_than_equal", "less_than_equal"):
+        low, high = WHOLE[parts[-1]]
+        told = f"{shown(fault['input'])} is no whole number from {low} to {high}"
+        return ConfigError(told, where=place, remedy="give one, without a point or an exponent")
     message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return ConfigError(what, where=place, remedy=remedy or "mend the value")

@@ -191,6 +191,13 @@ def part_path(folder: Path, chunk: int) -> Path:
     return folder / PARTS / f"{chunk:08d}.parquet"
 
 
+def kept(folder: Path, plan: Plan) -> int:
+    """Chunks that a campaign that stops now does not drive again."""
+    if (folder / RUNS).is_file():
+        return plan.chunk_count
+    return sum(1 for _ in (folder / PARTS).glob("[0-9]*.parquet"))
+
+
 def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
     """Write the part of a chunk, whole or not at all. Raises CodegenError."""
     import pyarrow.parquet as pq

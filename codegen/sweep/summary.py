@@ -16,8 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.sweep.lanes import cars
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import YES_NO, read_groups
+from codegen.vehicle.plant_car import PLANT_PARAMETERS
+from hil_sim.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIO_TIMES
 
 FloatArray = npt.NDArray[np.float64]
 Group = tuple[str, str]
@@ -32,6 +35,8 @@ JUDGED: Mapping[str, bool] = {
     "overshoot_percent": True,
     "sideslip_abs_max_deg": True,
     "slip_rear_abs_max_deg": True,
+    "slip_front_steady_of_bound_percent": True,
+    "slip_rear_steady_of_bound_percent": True,
     "settling_time_s": True,
     "yaw_rate_ratio_1_75_s_percent": True,
     "lateral_displacement_m": False,
@@ -115,6 +120,7 @@ class Outcome:
         figures: by name.
         worst: name of a figure to its worst runs, the worst first.
         first_spins: runs that spin, the earliest spin first: (run, s).
+        failed_by: of a sine with dwell, each criterion of FMVSS 126 to the runs that fail it; one may fail several.
     """
 
     runs: int = 0
@@ -122,6 +128,7 @@ class Outcome:
     figures: dict[str, Figure] = field(default_factory=dict)
     worst: dict[str, list[Worst]] = field(default_factory=dict)
     first_spins: list[Worst] = field(default_factory=list)
+    failed_by: dict[str, int] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -138,6 +145,7 @@ class Outcome:
             },
             "worst": {name: rows(found) for name, found in self.worst.items()},
             "first_spins_s": rows(self.first_spins),
+            **({"fmvss_126_failed_by": self.failed_by} if self.failed_by else {}),
         }
 
 
@@ -160,8 +168,11 @@ def summarise(path: Path, plan: Plan) -> Summary:
     """The summary of a finished campaign's file. Raises what reading it raises."""
     groups = [(profile.name, controller.name) for profile in plan.profiles for controller in plan.controllers]
     outcomes = {group: Outcome() for group in groups}
+    dwells = {profile.name for profile in plan.profiles if profile.kind == "sine-with-dwell"}
     for group, names, table in _by_group(path, groups):
         _count(outcomes[group], names, table)
+        if group[0] in dwells:
+            _count_failures(outcomes[group].failed_by, table, plan)
     for group, names, table in _by_group(path, groups):
         for name in names:
             values = table[name]
@@ -192,6 +203,21 @@ def _count(outcome: Outcome, names: list[str], table: Mapping[str, npt.NDArray[A
         outcome.figures.setdefault(name, Figure()).add(values[~np.isnan(values)])
         if name in JUDGED and not np.isnan(values).all():
             outcome.worst[name] = _merged(outcome.worst.get(name, []), run, values, largest=JUDGED[name])
+
+
+def _count_failures(failed_by: dict[str, int], table: Mapping[str, npt.NDArray[Any]], plan: Plan) -> None:
+    """By each criterion of `hil_sim.metrics.sine_with_dwell` (FMVSS 126, S5.2); what a spin took away is the spin's alone."""
+    spun = table["spun_at_s"]
+    factors = {name: values for name, values in table.items() if name == "mass_percent"}
+    heavy = cars(plan.config, factors, spun.size)[:, PLANT_PARAMETERS.index("mass")] > HEAVY_MASS
+    fails = {"spin": ~np.isnan(spun)}
+    for after, most in RATIO_TIMES:
+        name = f"yaw_rate_ratio_{after:.2f}_s".replace(".", "_", 1)
+        fails[name] = table[f"{name}_percent"] > most
+    least = np.where(heavy, DISPLACEMENT_MIN_HEAVY, DISPLACEMENT_MIN)
+    fails["lateral_displacement"] = table["lateral_displacement_m"] < least
+    for name, where in fails.items():
+        failed_by[name] = failed_by.get(name, 0) + int(np.count_nonzero(where))
 
 
 def _merged(found: list[Worst], run: npt.NDArray[Any], values: FloatArray, *, largest: bool) -> list[Worst]:

@@ -6,11 +6,15 @@ reference, while a PI on a static reference overshoots it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from codegen.config import Config
+from codegen.errors import ConfigError
 from codegen.sil.software import Status
+from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics.run import FloatArray, Metric, Run, column
 
 STEADY_WINDOW = 1.0
@@ -53,6 +57,8 @@ class StepMetrics:
     slip_front_abs_max_deg: float
     slip_rear_abs_max_deg: float
     lateral_acceleration_max_m_s2: float
+    slip_front_steady_deg: float
+    slip_rear_steady_deg: float
 
     def to_dict(self) -> dict[str, float | bool | None]:
         """Name to value."""
@@ -77,6 +83,8 @@ DESCRIBED = (
     ("slip_front_abs_max_deg", "|front slip|, largest", "deg", 2),
     ("slip_rear_abs_max_deg", "|rear slip|, largest", "deg", 2),
     ("lateral_acceleration_max_m_s2", "lateral acceleration, largest", "m/s^2", 2),
+    ("slip_front_steady_deg", "front slip, steady", "deg", 2),
+    ("slip_rear_steady_deg", "rear slip, steady", "deg", 2),
 )
 """Key, title, unit and digits of the rows below `settled`."""
 
@@ -130,6 +138,8 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
         rear_angle_steady_deg=float(rear[steady].mean()),
         slip_front_abs_max_deg=float(np.abs(degrees("slip_front_rad")[after]).max()),
         slip_rear_abs_max_deg=float(np.abs(degrees("slip_rear_rad")[after]).max()),
+        slip_front_steady_deg=float(degrees("slip_front_rad")[steady].mean()),
+        slip_rear_steady_deg=float(degrees("slip_rear_rad")[steady].mean()),
         lateral_acceleration_max_m_s2=float(np.abs(column(record, "lateral_acceleration_m_s2")[after]).max()),
     )
 
@@ -138,4 +148,18 @@ def measure(run: Run) -> list[Metric]:
     """The step response as rows."""
     found = step_metrics(run.record, run.scenario.steer_time, run.config.steering.ratio)
     rows = [Metric("settled", "settled at the end", "", found.settled, words=("NO: means only", "yes"))]
-    return rows + [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in DESCRIBED]
+    rows += [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in DESCRIBED]
+    for axle, bound in zip(("front", "rear"), slip_bounds(run.config) or (None, None), strict=True):
+        slip = abs(getattr(found, f"slip_{axle}_steady_deg"))
+        share = None if bound is None else 100.0 * slip / math.degrees(bound)
+        rows.append(Metric(f"slip_{axle}_steady_of_bound_percent", f"|{axle} slip|, steady, of its bound", "%", share, 1))
+    return rows
+
+
+def slip_bounds(config: Config) -> tuple[float, float] | None:
+    """rad: the slip angles of front and rear axle that a map of the configured car keeps to; None for tyres without."""
+    try:
+        tyres = AxleTyres.from_config(config)
+    except ConfigError:  # tyres that hardly bend: a build of a map from elsewhere needs no bound
+        return None
+    return tyres.front_slip_bound, tyres.rear_slip_bound

@@ -102,6 +102,39 @@ def test_a_signal_while_the_compiler_runs(tmp_path: Path, arguments: tuple[objec
     assert everything_in(tmp_path) == {"tmp": "folder", "cache": "folder"}
 
 
+IN_CAMPAIGN = """
+from codegen.sweep import store
+real = store.save_part
+saved = []
+def save_part(*arguments):
+    if len(saved) == KEPT:
+        os.kill(os.getpid(), signal.SIGINT)
+    real(*arguments)
+    saved.append(1)
+store.save_part = save_part
+from codegen.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("kept", "told"),
+    [
+        (0, "no chunk of 3 was finished; the same command begins again"),
+        (1, "1 of 3 chunks is kept; the same command goes on"),
+        (2, "2 of 3 chunks are kept; the same command goes on"),
+    ],
+)
+def test_ctrl_c_of_a_campaign_tells_what_is_kept(tmp_path: Path, kept: int, told: str) -> None:
+    controllers = f'[controllers]\npi = "{BUILD}"\npassive = ""\n'
+    (tmp_path / "s.toml").write_text(f"samples = 600\nlead_s = 0.1\nlength_s = 2.0\n{controllers}")
+    command = ("sweep", "--spec", "s.toml", "-o", "out", "--workers", 1)
+    ended = started(f"KEPT = {kept}\n{IN_CAMPAIGN}", *command, folder=tmp_path)
+    assert ended.returncode == 130, ended
+    assert ended.stderr.splitlines()[-1] == f"{QUIET.strip()}; {told}"
+    assert len(list((tmp_path / "out/parts").iterdir())) == kept
+
+
 IN_CHECK = """
 import tempfile
 from codegen.verify import runner

@@ -9,8 +9,10 @@ from pathlib import Path
 import click
 import pytest
 
-from codegen.cli.sweep_command import sweep
+from codegen.cli.sweep_command import _figure, sweep
 from codegen.sil.vector import ISAS
+from codegen.sweep import plan as planning
+from codegen.sweep.chunk import replay
 from tests.sweep.conftest import ROOT, damage, write_spec
 
 from .conftest import Answer, Run
@@ -141,6 +143,17 @@ def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tm
     assert told["overshoot_percent"] == worst["value"]
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert record.read_text().startswith("time_s,")
+    words = run("sweep", "--spec", spec, "--replay", worst["run"]).out.split()
+    assert words[words.index("settled") + 1] == ("yes" if told["settled"] else "no")
+
+
+def test_the_picture_of_a_run_tells_its_car(spec: Path) -> None:
+    plan = planning.read(spec)
+    found = replay(plan, 1)
+    title = " ".join(_figure(plan, found, 1).get_suptitle().split())
+    for key, words in (("mass_percent", "mass {:+.3g} %"), ("rear_stiffness_percent", "rear stiffness {:+.3g} %")):
+        assert words.format(round(found.row[key], 3)) in title
+    assert f"delay {found.row['delay_samples']:g} samples, yaw rate noise 0.1 deg/s" in title
 
 
 @pytest.mark.parametrize(
@@ -173,7 +186,7 @@ def test_what_is_refused(
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('generated/4ws2"', 'generated/none"', "none"),
+        ('generated/4ws2"', 'generated/none"', "sweep.toml: controllers.pi: "),
         ('"step-steer", ', '"step-stear", ', "sweep.toml: scenarios: there is no scenario 'step-stear'"),
         ('"step-steer", ', '"ramp-steer", ', "has no figures for a campaign"),
         ('"step-steer", ', '"ecu-loss", ', "has no figures for a campaign"),

@@ -16,11 +16,13 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.refmap.solve import solve_case
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.single_track import SingleTrack
+from codegen.vehicle.tyre import AxleTyres
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
 from hil_sim.metrics import Run, evaluate, frequency, others, ramp, sine_with_dwell, spin_time, step, step_metrics
 from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS, Scenario, find
+from hil_sim.suite.plants import changed
 
 CONFIG = configuration.preset()
 RATIO = CONFIG.steering.ratio
@@ -132,6 +134,32 @@ def check_step() -> None:
 
 def test_step() -> None:
     check_step()
+
+
+def test_steady_slip_is_told_beside_the_bound_of_the_axle() -> None:
+    """Of the last second alone: the transient before is larger."""
+    tyres = AxleTyres.from_config(CONFIG)
+    made = record(
+        6.0,
+        yaw_rate_rad_s=0.3,
+        front_angle_rad=0.05,
+        slip_front_rad=lambda t: np.where(t < 4.9, -2.0, -0.5) * tyres.front_slip_bound,
+        slip_rear_rad=lambda t: np.where(t < 4.9, 0.5, 1.25) * tyres.rear_slip_bound,
+    )
+    found = evaluate(replace(find("step-steer"), steer_time=2.0), CONFIG, {"run": made}).runs["run"]
+    assert found["slip_front_steady_deg"] == pytest.approx(-0.5 * math.degrees(tyres.front_slip_bound))
+    assert found["slip_rear_steady_deg"] == pytest.approx(1.25 * math.degrees(tyres.rear_slip_bound))
+    assert found["slip_front_steady_of_bound_percent"] == pytest.approx(50.0)
+    assert found["slip_rear_steady_of_bound_percent"] == pytest.approx(125.0)
+
+
+def test_tyres_without_a_slip_bound_have_their_steady_slip_in_degrees_alone() -> None:
+    soft = {"rear": {"cornering_stiffness_n_per_rad": 5_000.0}}
+    config = changed(CONFIG, {"limits": {"slip_departure_percent": 50.0}, "tyre": soft})
+    made = record(6.0, yaw_rate_rad_s=0.3, slip_rear_rad=0.02)
+    found = evaluate(replace(find("step-steer"), steer_time=2.0), config, {"run": made}).runs["run"]
+    assert found["slip_rear_steady_deg"] == pytest.approx(math.degrees(0.02))
+    assert found["slip_rear_steady_of_bound_percent"] is None
 
 
 # --- ramp --------------------------------------------------------------------------------------------------------------

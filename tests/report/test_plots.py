@@ -686,6 +686,21 @@ def test_a_long_title_goes_on_two_lines() -> None:
     )
 
 
+def test_long_details_of_a_run_are_wrapped_and_whole() -> None:
+    details = ", ".join(f"factor number {number} +{number} %" for number in range(12))
+    scenario = replace(find("low-friction-estimated"), subject="A scenario of my own with quite a long name")
+    figure = plots.scenario_figure(scenario, CONFIG, {"a": made_run()}, "run 7, pi", details)
+    lines = figure.get_suptitle().splitlines()
+    assert lines[0] == "run 7, pi"
+    assert " ".join(lines[1:]) == f"{scenario.title} {details}"
+    assert max(map(len, lines)) <= 78
+    figure.draw_without_rendering()
+    (title,) = [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
+    box, whole = title.get_window_extent(), figure.bbox
+    assert whole.x0 <= box.x0 <= box.x1 <= whole.x1
+    assert box.y1 <= whole.y1
+
+
 # --- the overview ------------------------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ import pytest
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sweep.metrics import COLUMNS, Runs, figures
 from hil_sim.metrics import evaluate
+from hil_sim.metrics.step import slip_bounds
 from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS, Scenario
 from hil_sim.suite.plants import changed
@@ -69,6 +70,7 @@ def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
         steer_time=told.steer_time,
         steering_ratio=config.steering.ratio,
         mass=np.full(len(records), config.vehicle.mass_kg),
+        slip_bounds=slip_bounds(config),
     )
     found = figures(told.kind, runs)
     for index, record in enumerate(records):

@@ -108,3 +108,11 @@ def test_an_estimate_of_the_scenario_s_does_not_go_with_another_friction(tmp_pat
     )
     planning.read(edited(tmp_path, own, ("[factors]", "[factors]\nfriction_estimate_error = 0.0")))
     planning.read(edited(tmp_path, own, ("friction = {", "tyre_peak_percent = {"), ("0.4, 1.0", "-20, 10")))
+
+
+def test_the_guide_says_from_what_size_a_campaign_has_more_than_one_chunk(tmp_path: Path) -> None:
+    assert f"make up to {planning.RUNS_PER_CHUNK} runs" in (ROOT / "docs/sweep.md").read_text(encoding="utf-8")
+    runs_per_sample = 6
+    most = planning.RUNS_PER_CHUNK // runs_per_sample
+    assert planning.read(write_spec(tmp_path, samples=most)).chunk_count == 1
+    assert planning.read(write_spec(tmp_path, samples=most + 1)).chunk_count == 2

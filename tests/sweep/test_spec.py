@@ -47,7 +47,15 @@ def test_a_factorial_design_counts_its_combinations() -> None:
     ("tables", "told"),
     [
         ({"sampels": 5}, "sampels: unknown key; did you mean 'samples'?"),
-        ({"samples": 0}, "samples: Input should be greater than or equal to 1 (not 0)"),
+        ({"samples": 0}, "samples: 0 is no whole number from 1 to 100000000; give one"),
+        ({"samples": 1e30}, "samples: 1e+30 is no whole number from 1 to 100000000; give one, without a point or an exponent"),
+        ({"samples": 100_000_001}, "samples: 100000001 is no whole number from 1 to 100000000"),
+        ({"seed": -1}, "seed: -1 is no whole number from 0 to 9223372036854775807"),
+        ({"seed": 2**63}, "seed: 9223372036854775808 is no whole number from 0 to 9223372036854775807"),
+        (
+            {"factors": {"friction": {"uniform": [0.4, 0.9], "points": 1}}},
+            "factors.friction.points: 1 is no whole number from 2 to 10000",
+        ),
         ({"samples": None}, "samples is missing; a monte-carlo design needs it"),
         ({"samples": True}, "samples: "),
         ({"design": "random"}, "design: "),

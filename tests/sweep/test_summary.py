@@ -10,12 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from codegen.report.sweep_plots import pictures
-from codegen.report.sweep_text import TITLES, markdown, sections, short
+from codegen.report.sweep_text import CRITERIA, TITLES, factors_of, markdown, sections, short
 from codegen.sweep import store
 from codegen.sweep.campaign import run_campaign
 from codegen.sweep.engine import Threads
 from codegen.sweep.plan import Plan
-from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Figure, Outcome, Summary, Worst, summarise
+from codegen.sweep.spec import FACTORS
+from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Figure, Outcome, Summary, Worst, _count_failures, summarise
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +68,53 @@ def test_the_worst_are_the_worst(path: Path, summary: Summary) -> None:
         assert [one.run for one in outcome.first_spins] == spins.run.tolist()[:WORST]
 
 
+def test_what_fmvss_126_is_failed_by(path: Path, plan: Plan, summary: Summary) -> None:
+    table = pq.read_table(path).to_pandas()
+    told = dict(sections(summary))
+    assert all(not outcome.failed_by for (scenario, _), outcome in summary.outcomes.items() if scenario == "step-steer")
+    assert "fmvss_126_failed_by" not in summary.outcomes["step-steer", "pi"].to_dict()
+    for name in ("pi", "tracking", "passive"):
+        rows = table[(table.scenario == "sine-with-dwell") & (table.controller == name)]
+        mass = plan.config.vehicle.mass_kg * (1.0 + rows.mass_percent / 100.0)
+        assert mass.max() < 3500.0
+        fails = {
+            "spin": rows.spun_at_s.notna(),
+            "yaw_rate_ratio_1_00_s": rows.yaw_rate_ratio_1_00_s_percent > 35.0,
+            "yaw_rate_ratio_1_75_s": rows.yaw_rate_ratio_1_75_s_percent > 20.0,
+            "lateral_displacement": rows.lateral_displacement_m < 1.83,
+        }
+        found = summary.outcomes["sine-with-dwell", name].to_dict()["fmvss_126_failed_by"]
+        assert found == {criterion: int(where.sum()) for criterion, where in fails.items()}
+        # Together they are the runs that fail, and no others.
+        union = fails["spin"] | fails["yaw_rate_ratio_1_00_s"] | fails["yaw_rate_ratio_1_75_s"] | fails["lateral_displacement"]
+        assert (union == (rows.meets_fmvss_126 == False)).all()  # noqa: E712
+        words = " ".join(told[f"sine-with-dwell, {name}"].split())
+        assert (
+            f"Fail by: spin {found['spin']}, ratio at 1 s {found['yaw_rate_ratio_1_00_s']}, "
+            f"ratio at 1.75 s {found['yaw_rate_ratio_1_75_s']}, lateral displacement {found['lateral_displacement']}"
+        ) in words
+
+
+def test_a_heavy_car_fails_by_less_displacement(plan: Plan) -> None:
+    percent = 100.0 * (np.array([3499.0, 3501.0, 3501.0]) / plan.config.vehicle.mass_kg - 1.0)
+    table = {
+        "spun_at_s": np.array([np.nan, np.nan, 2.0]),
+        "mass_percent": percent,
+        "yaw_rate_ratio_1_00_s_percent": np.array([36.0, 35.0, np.nan]),
+        "yaw_rate_ratio_1_75_s_percent": np.array([0.0, 21.0, np.nan]),
+        "lateral_displacement_m": np.array([1.7, 1.7, 1.5]),
+    }
+    failed_by: dict[str, int] = {}
+    for _ in range(2):  # a file of two groups of rows
+        _count_failures(failed_by, table, plan)
+    assert failed_by == {
+        "spin": 2,
+        "yaw_rate_ratio_1_00_s": 2,
+        "yaw_rate_ratio_1_75_s": 2,
+        "lateral_displacement": 4,
+    }
+
+
 def test_text_and_pictures(summary: Summary) -> None:
     told = dict(sections(summary))
     assert list(told) == [f"{scenario}, {controller}" for scenario, controller in summary.outcomes]
@@ -82,7 +130,10 @@ def test_the_widest_numbers_fit_into_80_columns(summary: Summary) -> None:
     for outcome in summary.outcomes.values():
         wide = {name: Figure(1_000_000, -12.345, 1.0, -0.0123, 1234.5, (-1.234, -99.99, 123456.0)) for name in TITLES}
         worst = {name: [Worst(99_999_999, -1234.5)] for name in JUDGED}
-        changed = replace(summary, outcomes={("s", "c"): Outcome(100_000_000, 5, {**outcome.figures, **wide}, worst)})
+        failed_by = dict.fromkeys(CRITERIA, 100_000_000)
+        changed = replace(
+            summary, outcomes={("s", "c"): Outcome(100_000_000, 5, {**outcome.figures, **wide}, worst, failed_by=failed_by)}
+        )
         ((_, text),) = sections(changed)
         assert max(len(line) for line in text.splitlines()) <= 80
 
@@ -129,3 +180,36 @@ def test_an_axis_far_beyond_the_usual_has_few_plain_ticks(below: bool, wanted: l
 
 def test_an_axis_of_usual_figures_is_linear(summary: Summary) -> None:
     assert {axes.get_xscale() for _, picture in pictures(summary) for axes in picture.axes} == {"linear"}
+
+
+def of_ratios(low: float, high: float) -> Summary:
+    values = np.linspace(low, high, 1000)
+    figure = Figure()
+    figure.add(values)
+    figure.sort_in(values)
+    figure.finish()
+    return Summary({("sine-with-dwell", "pi"): Outcome(1000, 0, {"yaw_rate_ratio_1_75_s_percent": figure})}, 1000)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "drawn"),
+    [(-0.5, 0.5, False), (0.0, 0.0, False), (30.0, 31.0, False), (-0.5, 12.0, True), (-1.0, 50.0, True)],
+)
+def test_a_limit_far_from_the_data_is_told_in_words(low: float, high: float, drawn: bool) -> None:
+    ((_, picture),) = pictures(of_ratios(low, high))
+    (axes,) = picture.axes
+    left, right = axes.get_xlim()
+    assert (left <= 20.0 <= right) == drawn
+    (label,) = [text.get_text() for text in axes.get_legend().get_texts() if "limit" in text.get_text()]
+    assert label.startswith("limit of FMVSS 126, 20 %")
+    assert ("far to the" in label) == (not drawn)
+    assert ("left" in label) == (low > 20.0)
+
+
+def test_the_factors_of_a_run_in_words() -> None:
+    row = dict.fromkeys(FACTORS, 12.3456) | {"delay_samples": 2.0, "mass_percent": -0.0, "overshoot_percent": 7.0}
+    assert factors_of(row) == (
+        "mass +0 %, yaw inertia +12.3 %, cg shift +12.3 m, front stiffness +12.3 %, rear stiffness +12.3 %, tyre peak +12.3 %, "
+        "rear lag 12.3 s, delay 2 samples, speed noise 12.3 m/s, front angle noise 12.3 deg, yaw rate noise 12.3 deg/s"
+    )
+    assert factors_of({"friction": 0.5}) == ""
