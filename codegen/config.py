@@ -196,6 +196,13 @@ class Config(Section):
             remedy=f"known cases: {', '.join(self.cases)}{suggestion(name, self.cases)}",
         )
 
+    def with_tyre_model(self, tyre_model: str | None) -> Config:
+        """The same with this tyre, "linear" or "magic-formula", in all cases; None leaves each case its own."""
+        if tyre_model is None:
+            return self
+        cases = {name: case.model_copy(update={"tyre_model": tyre_model}) for name, case in self.cases.items()}
+        return self.model_copy(update={"cases": cases})
+
     def to_json(self) -> str:
         """Canonical text: the same configuration gives the same bytes."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)

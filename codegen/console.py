@@ -6,8 +6,8 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
-from typing import Any, TextIO
+from collections.abc import Iterator
+from typing import Any, Protocol, TextIO
 
 
 def say(text: str) -> None:
@@ -50,12 +50,15 @@ def status(title: str) -> Iterator[None]:
         yield
 
 
-@contextlib.contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal, a plain line for each tenth elsewhere; both on standard error.
+class Tell(Protocol):
+    """Takes what is done, of how much in all, and, where steps are long enough to be named, what comes next."""
 
-    Yields a function of (done, in all).
-    """
+    def __call__(self, done: int, total: int, step: str = "") -> None: ...
+
+
+@contextlib.contextmanager
+def progress(title: str) -> Iterator[Tell]:
+    """A progress bar on a terminal, a plain line for each tenth or named step elsewhere; both on standard error."""
     if _is_screen(sys.stderr):
         from rich.console import Console
         from rich.progress import Progress
@@ -64,14 +67,22 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
         console = Console(stderr=True, no_color=not has_colour(sys.stderr))
         with Progress(console=console, transient=True) as bar:
             task = bar.add_task(Text(title).markup, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
+
+            def draw(done: int, total: int, step: str = "") -> None:
+                named = f"{title}: {step}" if step else title
+                bar.update(task, completed=done, total=total, description=Text(named).markup)
+
+            yield draw
         return
     told = 0
 
-    def tell(done: int, total: int) -> None:
+    def tell(done: int, total: int, step: str = "") -> None:
         nonlocal told
         tenths = 10 * done // total
-        if tenths > told:
+        if step:
+            told = tenths
+            print(f"{title}: {100 * done // total} %, {step}", file=sys.stderr, flush=True)
+        elif tenths > told:
             told = tenths
             print(f"{title}: {10 * tenths} %", file=sys.stderr, flush=True)
 

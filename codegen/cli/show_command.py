@@ -27,7 +27,11 @@ EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --again
     "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
 )
 @click.option("--against", type=map_file, metavar="OTHER.npz", help="Instead: what changes from this map to another one.")
-@click.option("--flash", is_flag=True, help="Instead: the bytes that chosen breakpoints take, for errors from 1 to 0.02 deg/s.")
+@click.option(
+    "--flash",
+    is_flag=True,
+    help="Instead: the bytes that chosen breakpoints take, for errors from 1 to 0.02 deg/s; takes minutes.",
+)
 @click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml of the kind of controller.")
 @json_option
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
@@ -59,6 +63,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
         return
     note_lateral_acceleration(reference_map)
     console.say(f"{map_path}: {summary.headline}")
+    if summary.tyre_line:
+        console.say(summary.tyre_line)
     console.say(table(("", "from", "to", "unit", "points"), summary.axis_rows))
     console.say("")
     console.say(table(("", "from", "to", "unit"), summary.value_rows))

@@ -240,6 +240,8 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
+        # Told where it is not the paper's: builds from before the other one do not change with it.
+        "tyre": "" if reference_map.tyre_model == "linear" else reference_map.tyre_model or "",
         "map_file": comment_text(inputs.map_file),
         "flags": flags,
         "borrowed": inputs.config_source == "preset",

@@ -104,6 +104,11 @@ class ReferenceMap:
         """Whether the map came from the optimisation: its configuration, case and binding constraints are known."""
         return self.config is not None and self.case is not None and self.active is not None
 
+    @property
+    def tyre_model(self) -> str | None:
+        """Of the optimisation, "linear" or "magic-formula"; None where configuration or case are not known."""
+        return None if self.config is None or self.case is None else self.config.case(self.case).tyre_model
+
 
 def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
     """The `meta` of a solved map. No clock, user or host: the same input and versions give the same text."""

@@ -69,15 +69,15 @@ def flash_table(
     tables: int,
     real: Real = np.float32,
     bounds: Sequence[float] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> FlashTable:
-    """Place breakpoints for each bound and way.
+    """Place breakpoints for each bound and way. What a way cannot hold, it is not searched for again with smaller bounds.
 
     Args:
         bounds: rad/s, falling; by default BOUNDS.
         config: the car, for a map that does not bring its own configuration.
         tables: 2 where the kind of controller looks the rear angle up, else 1.
-        progress: called with (points done, points in all).
+        progress: called with (points done, points in all, what comes next).
 
     Raises:
         MapError: see `extend`.
@@ -85,14 +85,21 @@ def flash_table(
     ground = ground_of(reference_map, config)
     total = ground.total
     plain = Target(tables, real, "float")
-    points = []
+    points: list[FlashPoint] = []
     chosen = BOUNDS if bounds is None else bounds
+    hopeless: set[str] = set()
     for bound in chosen:
         for way in WAYS:
-            placed = Maker(ground, Target(tables, real, way.storage)).for_error(bound, way.spacings)
+            placed = None
+            if way.name not in hopeless:
+                if progress is not None:
+                    progress(len(points), len(chosen) * len(WAYS), f"{math.degrees(bound):g} deg/s, {way.name}")
+                placed = Maker(ground, Target(tables, real, way.storage)).for_error(bound, way.spacings)
+            if placed is None:
+                hopeless.add(way.name)
             points.append(FlashPoint(way.name, bound, placed))
-            if progress is not None:
-                progress(len(points), len(chosen) * len(WAYS))
+    if progress is not None:
+        progress(len(points), len(points), "")
     grid = (total.speed.size, total.front_angle.size)
     return FlashTable(
         points=tuple(points),

@@ -16,7 +16,7 @@ from codegen.config import KM_H
 from codegen.errors import MapError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.slip_use import ABOVE, SlipUse, slip_use
-from codegen.report.summary import BINDING_NAMES, map_summary
+from codegen.report.summary import BINDING_NAMES, TYRE, map_summary
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -127,7 +127,7 @@ class MapDifference:
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
         sides = (self.first, self.second)
-        yield "tyre of the optimisation", *(side.tyre_model or "-" for side in sides)
+        yield TYRE, *(side.tyre_model or "-" for side in sides)
         yield "feasible cells", *(f"{side.feasible_cells} of {side.cells}" for side in sides)
         yield "feasible in both", str(self.both), str(self.both)
         yield "feasible in this map alone", str(self.only_first), str(self.only_second)
@@ -224,7 +224,7 @@ def _side(one: ReferenceMap, used: SlipUse | None) -> Side:
         binding = {"none": int((flags == 0).sum())}
         binding |= {name: int((flags & int(flag) != 0).sum()) for flag, name in BINDING_NAMES.items()}
     return Side(
-        tyre_model=None if one.config is None or one.case is None else one.config.case(one.case).tyre_model,
+        tyre_model=one.tyre_model,
         feasible_cells=summary.feasible_cells,
         cells=summary.cells,
         lateral_acceleration_max_m_s2=summary.lateral_acceleration_max_m_s2,

@@ -24,6 +24,13 @@ BINDING_NAMES = {
     Binding.REAR_ANGLE: "rear angle",
 }
 
+TYRE = "tyre of the optimisation"
+
+
+def tyre_note(tyre_model: str | None) -> str:
+    """What follows a name in captions and legends; "" for the linear tyre, and where it is not known."""
+    return "" if tyre_model in (None, "linear") else f" ({tyre_model})"
+
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Text columns: the first flush left, the others flush right."""
@@ -55,10 +62,12 @@ class LayerSummary:
 class MapSummary:
     """A map in figures. Ranges are (smallest, largest) over feasible cells, in the units of the names.
 
+    `tyre_model` is that of the optimisation, None for a bare map.
     `friction` is the one of the map itself, None where no configuration tells it; `stack` has the lower ones, rising.
     """
 
     case: str | None
+    tyre_model: str | None
     speed_points: int
     front_angle_points: int
     speed_km_h: tuple[float, float]
@@ -87,6 +96,11 @@ class MapSummary:
             f"{origin}, {self.speed_points} speeds x {self.front_angle_points} front angles, "
             f"{self.feasible_cells} of {self.cells} cells feasible ({100.0 * self.feasible_cells / self.cells:.1f} %){stack}"
         )
+
+    @property
+    def tyre_line(self) -> str:
+        """The tyre of the optimisation; "" where the map does not tell."""
+        return f"{TYRE}: {self.tyre_model}" if self.tyre_model else ""
 
     @property
     def axis_rows(self) -> list[tuple[str, ...]]:
@@ -148,6 +162,7 @@ def map_summary(reference_map: ReferenceMap) -> MapSummary:
     degrees = math.degrees(1.0)
     return MapSummary(
         case=reference_map.case,
+        tyre_model=reference_map.tyre_model,
         speed_points=reference_map.speed.size,
         front_angle_points=reference_map.front_angle.size,
         speed_km_h=(float(reference_map.speed[0] / KM_H), float(reference_map.speed[-1] / KM_H)),

@@ -120,9 +120,9 @@ class Region:
         otherwise: BoolArray = self.margin_sample & ~self.margin_undecided & ~((within == 1.0) & (beyond == 0.0))
         return otherwise
 
-    def unstable_from(self, mass: int, friction: int) -> float | None:
-        """The lowest speed of the grid, km/h, at which the loop is unstable; None where there is none."""
-        found = np.flatnonzero(~self.stable[mass, friction])
+    def unstable_from(self, mass: int, friction: int, feedback: bool = True) -> float | None:
+        """The lowest speed of the grid, km/h, at which the loop, or the car alone, is unstable; None where there is none."""
+        found = np.flatnonzero(~(self.stable if feedback else self.without)[mass, friction])
         return self.speeds_km_h[int(found[0])] if found.size else None
 
 

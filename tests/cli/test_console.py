@@ -64,6 +64,21 @@ def told(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> str:
     return stream.getvalue()
 
 
+def test_a_named_step_stands_on_the_bar_and_is_a_line_of_its_own_elsewhere(
+    streams: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for stream, last in ((io.StringIO(), ""), (Terminal(), "c [d]")):  # a bar is drawn for certain at its end
+        monkeypatch.setattr(sys, "stderr", stream)
+        with console.progress("placing") as progress:
+            for done, step in enumerate(("a [b]", "c [d]")):
+                progress(done, 20, step)
+            progress(20, 20, last)
+        if last:
+            assert "placing: c [d]" in stream.getvalue()
+        else:
+            assert stream.getvalue() == "placing: 0 %, a [b]\nplacing: 5 %, c [d]\nplacing: 100 %\n"
+
+
 def test_elsewhere_it_is_plain_lines(streams: None, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = "half [of it]: 50 %\nhalf [of it]: 100 %\n"
     assert told(monkeypatch, io.StringIO()) == lines

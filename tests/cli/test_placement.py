@@ -120,11 +120,42 @@ def test_error_against_flash_as_table_plot_and_json(run: Run, tmp_path: Path, mo
     lines = answer.out.splitlines()
     assert "as it is 102 x 102 breakpoints" in lines[0]
     assert [line.split()[0] for line in lines if line[:1].isdigit()] == ["1", "0.5"]
+    steps = [line.split(" %, ")[-1] for line in answer.err.splitlines()]
+    named = [f"{bound} deg/s, {way}" for bound in ("1", "0.5") for way in ("even", "uneven", "int16")]
+    assert steps == [*named, "placing breakpoints: 100 %"]
     told = json.loads(run("show", solved, "--flash", "--json").out)
     assert {point["way"] for point in told["placed"]} == {"even", "uneven", "int16"}
     for point in told["placed"]:
         assert point["error_whole_domain_rad_s"] <= point["max_error_rad_s"]
         assert point["flash_bytes"] < 0.1 * told["grid"]["flash_bytes"]
+
+
+def test_what_a_way_cannot_hold_is_not_searched_for_again(solved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the line of progress does not name it."""
+    reference_map = npz.load(solved)
+    found = place_sweep.Maker.for_error
+    asked: list[float] = []
+
+    def for_error(self: place_sweep.Maker, bound: float, spacings: tuple[place_sweep.Spacing, ...]) -> object:
+        if spacings == ("even",):
+            asked.append(bound)
+            return None
+        return found(self, bound, spacings)
+
+    monkeypatch.setattr(place_sweep.Maker, "for_error", for_error)
+    bounds = (math.radians(1.0), math.radians(0.9))
+    steps: list[tuple[int, int, str]] = []
+    assert reference_map.config is not None
+    made = place_sweep.flash_table(
+        reference_map, reference_map.config, 1, bounds=bounds, progress=lambda *step: steps.append(step)
+    )
+    assert asked == [bounds[0]]
+    assert [point.placed is None for point in made.points] == [True, False, False] * 2
+    assert steps == [
+        *((done, 6, f"1 deg/s, {way}") for done, way in enumerate(("even", "uneven", "int16"))),
+        *((done, 6, f"0.9 deg/s, {way}") for done, way in ((4, "uneven"), (5, "int16"))),
+        (6, 6, ""),
+    ]
 
 
 def test_a_configuration_goes_with_flash_alone(refused: Refused, solved: Path, tmp_path: Path) -> None:

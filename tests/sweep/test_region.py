@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.config import Config
-from codegen.report.html.blocks import Table
+from codegen.report.html.blocks import Gallery, Table, Text
 from codegen.report.html.robust import DRIVEN_HEADER, region_blocks
 from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
 from tests.sil import builds
@@ -105,6 +105,40 @@ def test_the_report_counts_what_was_driven(driven: Region, linear: Region) -> No
 
 def test_a_kind_without_feedback_has_no_region() -> None:
     assert region(builds.FEEDFORWARD_CONFIG) is None
+
+
+def test_kinds_without_feedback_are_told_as_the_car_alone(linear: Region) -> None:
+    """Of an oversteering car, which has a critical speed; its loop is unstable elsewhere."""
+    config = builds.CONFIG
+    car = config.vehicle.model_copy(update={"cg_to_front_axle_m": 1.8, "cg_to_rear_axle_m": 1.2})
+    alone = region(config.model_copy(update={"vehicle": car}))
+    assert alone is not None
+    assert (~alone.without).any()
+    blocks = list(region_blocks({"pi": alone}))
+    (said,) = (block.text for block in blocks if isinstance(block, Text) and "Kinds without feedback" in block.text)
+    assert "(feedforward, proportional)" in said
+    rows = next(block for block in blocks if isinstance(block, Table)).rows
+    assert [row[0] for row in rows] == ["pi"] * len(MASSES_PERCENT) + ["without feedback"] * len(MASSES_PERCENT)
+    for mass, row in enumerate(rows[len(MASSES_PERCENT) :]):
+        for stable, cell in zip(alone.without[mass, ::2], row[2:], strict=True):
+            first = next((speed for speed, ok in zip(SPEEDS_KM_H, stable, strict=True) if not ok), None)
+            assert cell == ("not up to 380" if first is None else f"{first:g}")
+    assert linear.without.all()  # the paper's car
+
+
+def test_the_line_of_6_db_is_named_in_the_legend(linear: Region) -> None:
+    """Where there is one; its labels would be rotated, "9" for 6."""
+
+    def names(one: Region) -> list[list[str]]:
+        gallery = next(block for block in region_blocks({"pi": one}) if isinstance(block, Gallery))
+        for chart in gallery.charts:
+            (line,) = (trace for trace in chart.figure["data"] if trace["type"] == "contour")
+            assert not line["contours"]["showlabels"]
+        return [[trace.get("name", "") for trace in chart.figure["data"]] for chart in gallery.charts]
+
+    assert all("gain margin of 6 dB" in one for one in names(linear))
+    ample = replace(linear, gain_margin_db=np.full_like(linear.gain_margin_db, 12.0))
+    assert not any("gain margin of 6 dB" in one for one in names(ample))
 
 
 def test_growth_and_stability_say_the_same(linear: Region) -> None:

@@ -29,9 +29,9 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
     gain = mine - theirs
     reach = max(float(np.nanmax(np.abs(gain))) if np.isfinite(gain).any() else 0.0, LEAST)
     shown = (
-        (f"compare-first-{number}", one.name, mine, "viridis", low, high),
-        (f"compare-second-{number}", other.name, theirs, "viridis", low, high),
-        (f"compare-difference-{number}", f"{one.name} minus {other.name}", gain, "BrBG", -reach, reach),
+        (f"compare-first-{number}", one.title, mine, "viridis", low, high),
+        (f"compare-second-{number}", other.title, theirs, "viridis", low, high),
+        (f"compare-difference-{number}", f"{one.title} minus {other.title}", gain, "BrBG", -reach, reach),
     )
     charts = []
     for name, title, table, scale, smallest, largest in shown:

@@ -15,6 +15,7 @@ from codegen.report.html.charts import axis, layout, line
 from codegen.report.html.maps import SPEED
 from codegen.report.published import PAPER_TABLE, TABLE_SPEED_KM_H
 from codegen.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, WHITE, FloatArray
+from codegen.report.summary import tyre_note
 from codegen.report.tyre_plots import LOAD_SHARES, TYRE_SLIP_MAX
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
@@ -68,26 +69,29 @@ def _tyre_lines(tyre: MagicFormulaTyre, slip: FloatArray) -> Iterator[dict[str, 
     yield line(np.degrees(ends), tangent / 1e3, "tangent at zero slip", INK, dash="dash", width=1.5, hoverinfo="skip")
 
 
-def front_angle_chart(config: Config, front_angle_deg: float, paper: bool) -> Chart:
+def front_angle_chart(config: Config, front_angle_deg: float, paper: bool, own: str | None = None) -> Chart:
     """Yaw rate and sideslip of the optimum over speed at one front angle, a line for each case of the configuration.
 
     Args:
         config: of the car, its limits and its cases.
         front_angle_deg: at the road wheels.
         paper: whether the paper's table is about this car and this angle, and is marked.
+        own: the case of the map. Of cases that are alike in all, the first is drawn, and this one in any case.
     """
     speed = np.linspace(config.grid.speed_min_km_h, config.grid.speed_max_km_h, 401)
     angle = np.array([math.radians(front_angle_deg)])
     others = iter(OTHER_LOOKS * len(config.cases))
     data: list[dict[str, Any]] = []
-    for name in config.cases:
+    names = _unlike(config, own)
+    for name in names:
         solution = turns_of(config, config.case(name)).solve(speed * KM_H, angle)
+        title = f"{name.upper()}{tyre_note(config.case(name).tyre_model)}"
         colour, dash = CASE_LOOKS.get(name) or next(others)
         for row, (table, unit) in enumerate(((solution.yaw_rate, "deg/s"), (solution.sideslip, "deg"))):
             values = np.degrees(table[:, 0])
-            told = f"{name.upper()}: %{{y:.3f}} {unit} at %{{x:.1f}} km/h<extra></extra>"
+            told = f"{title}: %{{y:.3f}} {unit} at %{{x:.1f}} km/h<extra></extra>"
             where = {"xaxis": "x", "yaxis": "y" if row == 0 else "y2", "legendgroup": name, "showlegend": row == 0}
-            data.append(line(speed, values, name.upper(), colour, dash=dash, hovertemplate=told, **where))
+            data.append(line(speed, values, title, colour, dash=dash, hovertemplate=told, **where))
             if paper and name in PAPER_TABLE:
                 here = float(np.interp(TABLE_SPEED_KM_H, speed, values))
                 ring = {"symbol": "circle", "size": 9, "color": WHITE, "line": {"color": colour, "width": 2}}
@@ -111,5 +115,17 @@ def front_angle_chart(config: Config, front_angle_deg: float, paper: bool) -> Ch
     caption = (
         f"The optimum of each case at a front angle of {front_angle_deg:g} deg; lines end where no steady turn is feasible."
     )
-    spoken = f"Yaw rate and sideslip over speed at a front angle of {front_angle_deg:g} deg, cases {', '.join(config.cases)}."
+    spoken = f"Yaw rate and sideslip over speed at a front angle of {front_angle_deg:g} deg, cases {', '.join(names)}."
     return Chart("front-angle-cut", {"data": data, "layout": look}, caption, spoken, 560)
+
+
+def _unlike(config: Config, own: str | None) -> list[str]:
+    """Names of the cases, without those that are another one by another name."""
+    chosen: list[str] = []
+    for name, case in config.cases.items():
+        twin = next((other for other in chosen if config.case(other) == case), None)
+        if twin is None:
+            chosen.append(name)
+        elif name == own:
+            chosen[chosen.index(twin)] = name
+    return chosen

@@ -23,7 +23,7 @@ from codegen.report.html.charts import (
 )
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import BLACK, BLUE, GREY, ORANGE, WHITE, phase_lines
-from codegen.report.summary import binding_text
+from codegen.report.summary import binding_text, tyre_note
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,6 +38,11 @@ class NamedMap:
 
     name: str
     map: ReferenceMap
+
+    @property
+    def title(self) -> str:
+        """The name, and the tyre of the optimisation where it is not linear: for captions and legends."""
+        return f"{self.name}{tyre_note(self.map.tyre_model)}"
 
     @property
     def speed_km_h(self) -> FloatArray:
@@ -191,12 +196,12 @@ def _surface(quantity: Quantity, tables: Sequence[tuple[NamedMap, FloatArray]]) 
     low, high = quantity.limits([table for _, table in tables])
     traces = []
     for k, (one, table) in enumerate(tables):
-        whose = f"{one.name}: " if len(tables) > 1 else ""
+        whose = f"{one.title}: " if len(tables) > 1 else ""
         # No colour bar: the axis tells the height, and the heat map has the colours.
         colours: dict[str, Any] = {"colorscale": scale_of(quantity.scale), "cmin": low, "cmax": high, "showscale": False}
         if len(tables) > 1:  # one colour each: the height tells the value
             colour = (BLUE, ORANGE)[k]
-            colours = {"colorscale": [[0, colour], [1, colour]], "showscale": False, "name": one.name, "showlegend": True}
+            colours = {"colorscale": [[0, colour], [1, colour]], "showscale": False, "name": one.title, "showlegend": True}
         traces.append(
             {
                 "type": "surface",
@@ -216,7 +221,7 @@ def _surface(quantity: Quantity, tables: Sequence[tuple[NamedMap, FloatArray]]) 
         "aspectratio": {"x": 1.15, "y": 1.15, "z": 0.75},
     }
     figure = {"data": traces, "layout": layout(scene=scene, margin={"l": 0, "r": 0, "t": 10, "b": 0})}
-    what = " and ".join(one.name for one, _ in tables) if len(tables) > 1 else quantity.name
+    what = " and ".join(one.title for one, _ in tables) if len(tables) > 1 else quantity.name
     name = f"surface-{quantity.attribute.replace('_', '-')}" if len(tables) == 1 else "surface-compared"
     caption = f"{what} ({quantity.unit}), as a surface; drag to turn it."
     return Chart(name, figure, caption, f"Surface of {quantity.name} over speed and front angle: {what}.", 360)
@@ -235,7 +240,7 @@ def _cut_data(one: NamedMap) -> dict[str, Any]:
         flags = np.unique(one.map.active).tolist()
         binding = {"codes": small(one.map.active), "names": {str(flag): binding_text(flag) for flag in flags}}
     return {
-        "name": one.name,
+        "name": one.title,
         "speed_km_h": numbers(one.speed_km_h),
         "front_angle_deg": numbers(one.front_angle_deg),
         "tables": {name: numbers(table) for name, table in tables.items() if table is not None},

@@ -30,8 +30,8 @@ from codegen.report.html.runs import run_blocks
 from codegen.report.map_difference import same_car
 from codegen.report.map_plots import is_paper
 from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
-from codegen.report.published import TABLE_FRONT_ANGLE_DEG
-from codegen.report.summary import map_summary
+from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG
+from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
 from hil_sim.metrics import StepMetrics, step_metrics
 from hil_sim.scenarios import Scenario
@@ -73,10 +73,13 @@ class Material:
 
 
 def to_compare(one: ReferenceMap) -> NamedMap | None:
-    """The map of the same car without rear steering, where the configuration has that case and this map is not it."""
+    """The map of the same car without rear steering, where the configuration has that case and this map is not it.
+
+    Solved with the tyre of this map, so that the rear steering is all that differs.
+    """
     if one.config is None or one.case == WITHOUT_REAR_STEER or WITHOUT_REAR_STEER not in one.config.cases:
         return None
-    return NamedMap(WITHOUT_REAR_STEER.upper(), solve_case(one.config, WITHOUT_REAR_STEER))
+    return NamedMap(WITHOUT_REAR_STEER.upper(), solve_case(one.config.with_tyre_model(one.tyre_model), WITHOUT_REAR_STEER))
 
 
 def sections(material: Material) -> Iterator[Section]:
@@ -102,6 +105,8 @@ def _summary(material: Material) -> Iterator[Block]:
         yield Text(note, "notice")
     summary = map_summary(material.map.map)
     yield Text(f"{material.map.name}: {summary.headline}.", "lead")
+    if summary.tyre_line:
+        yield Text(f"{summary.tyre_line.capitalize()}.")
     yield Table("Axes", ("", "from", "to", "unit", "points"), summary.axis_rows, words=(0, 3))
     yield Table("Values, where feasible", ("", "from", "to", "unit"), summary.value_rows, words=(0, 3))
     if summary.binding_rows:
@@ -145,7 +150,9 @@ SOLVED = (
 
 def _compared(material: Material) -> Iterator[Block]:
     for number, other in enumerate(material.others, start=1):
-        yield Text(f"{material.map.name} beside {other.name}{_same_car(material.map.map, other.map)}.")
+        yield Text(
+            f"{material.map.name} beside {other.name}{_same_car(material.map.map, other.map)}{_tyres(material.map, other)}."
+        )
         yield comparison(material.map, other, number)
         yield from difference_in_figures(material.map, other)
 
@@ -156,6 +163,16 @@ def _same_car(one: ReferenceMap, other: ReferenceMap) -> str:
     if same is None:
         return "; of what car, a bare map does not tell"
     return ", the same car on the same road" if same else ": another car, or another road"
+
+
+def _tyres(one: NamedMap, other: NamedMap) -> str:
+    """The tyres of two optimisations, where one of them is not linear."""
+    models = (one.map.tyre_model, other.map.tyre_model)
+    if not any(tyre_note(model) for model in models):
+        return ""
+    if models[0] == models[1]:
+        return f"; {TYRE} of both: {models[0]}"
+    return f"; {TYRE}: {models[0] or 'not known'} of {one.name}, {models[1] or 'not known'} of {other.name}"
 
 
 def _beyond(material: Material) -> Iterator[Block]:
@@ -169,8 +186,10 @@ def _optimum(material: Material) -> Iterator[Block]:
             "A bare map brings no car, so there is nothing to optimise: `codegen solve` makes a map that does.", "notice"
         )
         return
-    paper = is_paper(material.map.map)
-    yield front_angle_chart(material.config, TABLE_FRONT_ANGLE_DEG, paper)
+    paper = is_paper(material.map.map) and PAPER_TABLE.keys() <= material.config.cases.keys()
+    yield front_angle_chart(
+        material.config.with_tyre_model(material.map.map.tyre_model), TABLE_FRONT_ANGLE_DEG, paper, material.map.map.case
+    )
     if paper:
         header, rows = optimum_table(optimum_rows(material.config))
         yield Table(

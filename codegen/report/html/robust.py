@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from codegen.config import preset
+from codegen.emit.laws import LAWS
 from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers, scale_of
 from codegen.report.html.maps import SPEED, colour_bar
@@ -16,6 +18,7 @@ GAIN_MARGIN_SHOWN = 30.0
 """dB: more is enough for anything, and would hide what is little."""
 WANTED = 6.0
 """dB: the usual least gain margin."""
+WITHOUT = "without feedback"
 
 
 def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
@@ -29,6 +32,11 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
         "to the plant's rear actuator multiplied, which multiplies the gain of the loop exactly: by "
         f"{MARGIN_SHARES[0]:g} times the margin it must be stable, by {MARGIN_SHARES[1]:g} times unstable. "
         "The map sets what the loop follows and is no part of it: the region is that of the controller with each of its maps."
+    )
+    yield Text(
+        f"Kinds without feedback ({', '.join(_open_loop())}) have neither loop nor margins: they steer the rear wheels by "
+        "speed and front angle alone, whatever the car does, and it is as stable as with its rear wheels held. So they have no "
+        f'chart; the rows "{WITHOUT}" of the first table are those of all of them.'
     )
     for name, region in regions.items():
         yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))])
@@ -65,10 +73,18 @@ def _shown(region: Region) -> tuple[float, ...]:
     return region.frictions[::2]
 
 
+def _open_loop() -> Iterator[str]:
+    """Kinds of controller that do not feed back what the car does."""
+    paper = preset()
+    yield from (kind for kind, law in LAWS.items() if not law.scheduled and law.gains(paper) is None)
+
+
 def _rows(regions: Mapping[str, Region]) -> Iterator[tuple[str, ...]]:
-    for name, region in regions.items():
+    first = next(iter(regions.values()))
+    shown = [(name, region, True) for name, region in regions.items()]
+    for name, region, feedback in (*shown, (WITHOUT, first, False)):
         for place, mass in enumerate(region.masses_percent):
-            found = [region.unstable_from(place, at) for at in range(0, len(region.frictions), 2)]
+            found = [region.unstable_from(place, at, feedback) for at in range(0, len(region.frictions), 2)]
             last = f"not up to {region.speeds_km_h[-1]:g}"
             yield (
                 name,
@@ -111,7 +127,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "type": "contour",
             **look,
             "z": numbers(margin),
-            "contours": {"coloring": "lines", "start": WANTED, "end": WANTED, "size": 1, "showlabels": True},
+            "contours": {"coloring": "lines", "start": WANTED, "end": WANTED, "size": 1, "showlabels": False},
             "line": {"width": 2},
             "colorscale": [[0, "white"], [1, "white"]],
             "showscale": False,
@@ -119,6 +135,10 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "hoverinfo": "skip",
         },
     ]
+    has_line = bool((margin < WANTED).any() and (margin > WANTED).any())
+    if has_line:  # an entry of its own: that of a contour shows its colour scale
+        entry = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "hoverinfo": "skip"}
+        data.append({**entry, "name": f"gain margin of {WANTED:g} dB", "line": {"width": 2, "color": "white"}})
     for title, symbol, cells in _marks(region, mass):
         at = np.argwhere(cells)
         if at.size:
@@ -144,7 +164,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
         ),
     }
     share = 100.0 * region.stable[mass].mean()
-    line = f"White line: {WANTED:g} dB. " if (margin < WANTED).any() else ""
+    line = f"White line: {WANTED:g} dB. " if has_line else ""
     caption = (
         f"{name}, {weight}: gain margin straight ahead; stable in {share:.0f} % of the cells. {line}"
         f"More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
