@@ -27,6 +27,6 @@ def random_cells(turns: NonlinearTurns, config: Config, rng: np.random.Generator
     """Speeds (m/s) and front angles (rad), (count,) each, from straight ahead to a third beyond where the map ends."""
     grid = config.grid
     speed = rng.uniform(grid.speed_min_km_h, grid.speed_max_km_h, count) / 3.6
-    edge = turns.edge(speed).front_angle
-    last = np.minimum(np.where(np.isfinite(edge), 1.3 * edge, np.inf), math.radians(grid.front_angle_max_deg))
-    return speed, rng.uniform(0.0, 1.0, count) * last
+    largest = math.radians(grid.front_angle_max_deg)
+    edge = turns.edge(speed, largest).front_angle
+    return speed, rng.uniform(0.0, 1.0, count) * np.minimum(1.3 * edge, largest)
