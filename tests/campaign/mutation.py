@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import multiprocessing
+import signal
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -138,7 +139,9 @@ def _judge(benches: list[Bench], todo: list[tuple[int, Mutant]]) -> list[Judged]
     gc.collect()
     gc.freeze()  # a collection would copy all that the processes share
     fates: list[tuple[Fate, str]] = []
-    with multiprocessing.get_context("fork").Pool(PROCESSES) as pool, progress("mutants") as tell:
+    # A copy of a process that catches SIGTERM would not be ended by it, and the pool would wait for it for ever.
+    ending = (signal.SIGTERM, signal.SIG_DFL)
+    with multiprocessing.get_context("fork").Pool(PROCESSES, signal.signal, ending) as pool, progress("mutants") as tell:
         for fate in pool.imap(_judge_one, range(len(todo)), chunksize=8):
             fates.append(fate)
             tell(len(fates), len(todo))
