@@ -56,10 +56,7 @@ def model_excess(reference_map: ReferenceMap, config: Config) -> Excess:
 
 def excess_note(reference_map: ReferenceMap, config: Config) -> str | None:
     """What to say of a build of kind "tracking" whose trim does not reach; None where it does, or nothing is asked."""
-    own, case = reference_map.config, reference_map.case
-    if config.controller.kind != "tracking" or not reference_map.solved or own is None or case is None:
-        return None
-    if own.case(case).tyre_model == "linear":
+    if config.controller.kind != "tracking" or not reference_map.solved or reference_map.tyre_model == "linear":
         return None
     excess, allowed = model_excess(reference_map, config), config.controller.tracking.trim_max_percent
     percent = 100.0 * excess.share

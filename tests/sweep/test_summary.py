@@ -156,7 +156,13 @@ def test_numbers_of_the_tables(value: float, text: str) -> None:
 
 def far_out(*, below: bool) -> Summary:
     """Some runs 1,000 times beyond the others."""
-    values = np.concatenate([np.linspace(-5.0, 5.0, 990), np.geomspace(100.0, 40_000.0, 10) * (-1.0 if below else 1.0)])
+    return of_ratios(
+        np.concatenate([np.linspace(-5.0, 5.0, 990), np.geomspace(100.0, 40_000.0, 10) * (-1.0 if below else 1.0)])
+    )
+
+
+def of_ratios(values: np.ndarray) -> Summary:
+    """Of one controller in a sine with dwell, (1000,) ratios in percent."""
     figure = Figure()
     figure.add(values)
     figure.sort_in(values)
@@ -182,21 +188,12 @@ def test_an_axis_of_usual_figures_is_linear(summary: Summary) -> None:
     assert {axes.get_xscale() for _, picture in pictures(summary) for axes in picture.axes} == {"linear"}
 
 
-def of_ratios(low: float, high: float) -> Summary:
-    values = np.linspace(low, high, 1000)
-    figure = Figure()
-    figure.add(values)
-    figure.sort_in(values)
-    figure.finish()
-    return Summary({("sine-with-dwell", "pi"): Outcome(1000, 0, {"yaw_rate_ratio_1_75_s_percent": figure})}, 1000)
-
-
 @pytest.mark.parametrize(
     ("low", "high", "drawn"),
     [(-0.5, 0.5, False), (0.0, 0.0, False), (30.0, 31.0, False), (-0.5, 12.0, True), (-1.0, 50.0, True)],
 )
 def test_a_limit_far_from_the_data_is_told_in_words(low: float, high: float, drawn: bool) -> None:
-    ((_, picture),) = pictures(of_ratios(low, high))
+    ((_, picture),) = pictures(of_ratios(np.linspace(low, high, 1000)))
     (axes,) = picture.axes
     left, right = axes.get_xlim()
     assert (left <= 20.0 <= right) == drawn
