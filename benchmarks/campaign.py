@@ -50,7 +50,7 @@ from codegen.sweep.summary import summarise
 
 def warm_up(plan, engine, workers):
     # Workers compile, and what writes the file is loaded, before the clock runs.
-    for _, table in engine.run(Work(plan), range(2 * workers)):
+    for _, table in engine.run(Work(plan), range(min(2 * workers, plan.chunk_count))):
         to_arrow(table, plan)
 
 def drive(plan, folder, kind, workers):

@@ -158,15 +158,14 @@ def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatA
     front_angle, feasible = reference_map.front_angle, reference_map.feasible
     filled = np.where(feasible, table, np.nan)
     rule = np.where(feasible, Rule.SOLVED.value, Rule.PASSIVE_SLOPE.value)
-    for row, known in enumerate(feasible):
-        if not known.any():
-            continue
-        last = int(np.flatnonzero(known)[-1])
-        gaps = np.flatnonzero(~known[: last + 1])
+    last = feasible.shape[1] - 1 - np.argmax(feasible[:, ::-1], axis=1)
+    gap = ~feasible & (np.arange(feasible.shape[1]) < last[:, np.newaxis]) & feasible.any(axis=1)[:, np.newaxis]
+    for row in np.flatnonzero(gap.any(axis=1)):
+        known = feasible[row]
         points = np.concatenate([[0.0], front_angle[known]])
         values = np.concatenate([[0.0], filled[row, known]])
-        filled[row, gaps] = np.interp(front_angle[gaps], points, values)
-        rule[row, gaps] = Rule.BETWEEN.value
+        filled[row, gap[row]] = np.interp(front_angle[gap[row]], points, values)
+    rule[gap] = Rule.BETWEEN.value
     return filled, rule
 
 

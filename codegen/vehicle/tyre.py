@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -125,19 +126,29 @@ class MagicFormulaTyre:
         Raises:
             ConfigError: the tyre stays within `departure` of its tangent up to 45 degrees.
         """
-        slips = np.linspace(0.0, SLIP_SEARCH_MAX, SLIP_SEARCH_POINTS + 1)[1:]
-        beyond = np.flatnonzero(self.departure(slips) >= departure)
-        if not beyond.size:
+        found = _slip_bound(self, departure)
+        if found is None:
             raise ConfigError(
                 f"the tyre never departs {100.0 * departure:.3g} % from its tangent below 45 deg of slip",
                 where=where,
                 remedy="check its Magic Formula factors or lower limits.slip_departure_percent",
             )
-        high = float(slips[beyond[0]])
-        low = 0.5 * SLIP_SEARCH_MAX / SLIP_SEARCH_POINTS if beyond[0] == 0 else float(slips[beyond[0] - 1])
-        while self.departure(low) >= departure:
-            low *= 0.5
-        return bracketed_root(lambda slip: float(self.departure(slip)) - departure, low, high)
+        return found
+
+
+# One configuration asks for the same bound in many places.
+@lru_cache(maxsize=64)
+def _slip_bound(tyre: MagicFormulaTyre, departure: float) -> float | None:
+    """See `MagicFormulaTyre.slip_bound`; None where there is none."""
+    slips = np.linspace(0.0, SLIP_SEARCH_MAX, SLIP_SEARCH_POINTS + 1)[1:]
+    beyond = np.flatnonzero(tyre.departure(slips) >= departure)
+    if not beyond.size:
+        return None
+    high = float(slips[beyond[0]])
+    low = 0.5 * SLIP_SEARCH_MAX / SLIP_SEARCH_POINTS if beyond[0] == 0 else float(slips[beyond[0] - 1])
+    while tyre.departure(low) >= departure:
+        low *= 0.5
+    return bracketed_root(lambda slip: float(tyre.departure(slip)) - departure, low, high)
 
 
 @dataclass(frozen=True)

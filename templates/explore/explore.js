@@ -292,6 +292,7 @@
   function nameTheme() {
     element("theme").textContent = isDark() ? "Light" : "Dark";
     element("theme").setAttribute("aria-label", isDark() ? "Light colours" : "Dark colours");
+    plots.recolour();
     if (picture) draw();
   }
 

@@ -10,7 +10,10 @@ const plots = (() => {
   };
   const CONFIG = { responsive: true, displaylogo: false, displayModeBar: false, scrollZoom: false };
 
-  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  /* Asked for once in each drawing: between pictures the browser would work out the styles of the whole page again. */
+  let colours = {};
+  const colour = (name) => (colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  const recolour = () => { colours = {}; };
 
   /* Rows of a packed table. */
   function unpacked(table) {
@@ -37,7 +40,7 @@ const plots = (() => {
   function axis(title, more) {
     return {
       title: { text: title, standoff: 6 }, gridcolor: colour("grid"), linecolor: colour("muted"), zerolinecolor: colour("line"),
-      tickcolor: colour("muted"), ticks: "outside", ticklen: 4, ...more,
+      tickcolor: colour("muted"), ticks: "outside", ticklen: 4, tickangle: 0, ticklabeloverflow: "allow", ...more,
     };
   }
 
@@ -183,5 +186,5 @@ const plots = (() => {
     return Plotly.react(target, traces, shape, CONFIG);
   }
 
-  return { drawMap, drawCut, drawStep, drawMargins, unpacked };
+  return { drawMap, drawCut, drawStep, drawMargins, recolour, unpacked };
 })();
