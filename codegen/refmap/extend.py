@@ -158,8 +158,9 @@ def _fill_inside(reference_map: ReferenceMap, table: FloatArray) -> tuple[FloatA
     front_angle, feasible = reference_map.front_angle, reference_map.feasible
     filled = np.where(feasible, table, np.nan)
     rule = np.where(feasible, Rule.SOLVED.value, Rule.PASSIVE_SLOPE.value)
-    last = feasible.shape[1] - 1 - np.argmax(feasible[:, ::-1], axis=1)
-    gap = ~feasible & (np.arange(feasible.shape[1]) < last[:, np.newaxis]) & feasible.any(axis=1)[:, np.newaxis]
+    # None after the last of a row, none in a row without any.
+    later = np.logical_or.accumulate(feasible[:, ::-1], axis=1)[:, ::-1]
+    gap: BoolArray = ~feasible & later
     for row in np.flatnonzero(gap.any(axis=1)):
         known = feasible[row]
         points = np.concatenate([[0.0], front_angle[known]])

@@ -43,6 +43,8 @@ MEETING_ACCEPTED = 1e-11
 MEETING_STEPS = 12
 LIMIT_TOLERANCE = 1e-10
 """Of the distance between two samples: the end of a curve."""
+SHORT_OF_BOUND = 1.0 - 1e-6
+"""Of the way from a sample to a slip bound: where rounding does not put the turn beyond it."""
 BRACKET_TOLERANCE = 1e-13
 
 SLIP_FRONT, SLIP_REAR, SIDESLIP, REAR_ANGLE, END = range(5)
@@ -194,23 +196,40 @@ def _with(found: Curves, cells: IndexArray, others: Curves) -> Curves:
 def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, lowest: FloatArray) -> Curves:
     """The curves, each ended where the turn comes too near to the stability limit, if that is inside the other bounds."""
     spare = car.stability(found.points.speed, found.turns.rates[REAR_ANGLE])
-    beyond = (found.turns.values < lowest[:, np.newaxis]).any(axis=0)
-    first = np.where((spare <= 0.0).any(axis=0), (spare <= 0.0).argmax(axis=0), SAMPLES)
-    outside = np.where(beyond.any(axis=0), beyond.argmax(axis=0), SAMPLES)
-    cells = np.flatnonzero((first < SAMPLES) & (first <= outside) & (first > 0))
-    if not cells.size:
-        return found
-    points, at = found.points[cells], first[cells]
+    below = found.turns.values < lowest[:, np.newaxis]
+    last = _first(below.any(axis=0) | (spare <= 0.0))
+    cells = np.flatnonzero((last > 0) & (last < SAMPLES))
+    last = last[cells]
+    low, high = found.turns.yaw_rate[last - 1, cells], found.turns.yaw_rate[last, cells]
+    left_low, left_high = spare[last - 1, cells], spare[last, cells]
 
     def left(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
         """What is left to the limit."""
-        turns = car.turns(points.speed[some], points.front_angle[some], yaw_rate, found.between(cells[some], yaw_rate))
-        check(turns, points[some])
-        return car.stability(points.speed[some], turns.rates[REAR_ANGLE])
+        here = cells[some]
+        points = found.points[here]
+        turns = car.turns(points.speed, points.front_angle, yaw_rate, found.between(here, yaw_rate))
+        check(turns, points)
+        return car.stability(points.speed, turns.rates[REAR_ANGLE])
 
-    low, high = found.turns.yaw_rate[at - 1, cells], found.turns.yaw_rate[at, cells]
-    end, _ = shrink(left, low, high, spare[at - 1, cells], spare[at, cells], LIMIT_TOLERANCE)
-    return _with(found, cells, _sampled(problem, car, points, end))
+    # Beyond a slip bound the force goes on as no tyre's does: there the limit may be missed. It is asked for at the bound.
+    rows, at = np.nonzero(below[[SLIP_FRONT, SLIP_REAR]][:, last, cells])
+    if at.size:
+        met = meetings(car, found, cells[at], rows, lowest[rows, 0], last[at] - 1)
+        np.minimum.at(high, at, low[at] + (met - low[at]) * SHORT_OF_BOUND)
+        asked = np.unique(at)
+        left_high[asked] = left(asked, high[asked])
+    some = np.flatnonzero(left_high <= 0.0)
+    if not some.size:
+        return found
+    end, _ = shrink(
+        lambda k, yaw_rate: left(some[k], yaw_rate), low[some], high[some], left_low[some], left_high[some], LIMIT_TOLERANCE
+    )
+    return _with(found, cells[some], _sampled(problem, car, found.points[cells[some]], end))
+
+
+def _first(there: BoolArray) -> IndexArray:
+    """(p,): of the samples (SAMPLES, p) the first that is; SAMPLES where none is."""
+    return np.where(there.any(axis=0), there.argmax(axis=0), SAMPLES)
 
 
 def meetings(

@@ -48,6 +48,17 @@ def test_against_a_dense_search(seed: int) -> None:
             assert abs(best.yaw_rate - found.yaw_rate[index]) < SAME
 
 
+def test_stability_ends_the_curve_just_short_of_a_slip_bound() -> None:
+    """A heavy car with a rear tyre that hardly rises at its bound: the samples at both sides of the limit are stable ones."""
+    config = random_car(np.random.default_rng([1, 14]))
+    case = config.cases[CASE]
+    speed, front_angle = 135.163 / 3.6, math.radians(1.5787)
+    best = DenseSearch.of(config, case).best(speed, front_angle)
+    found = NonlinearTurns.from_config(config, case).at(np.array([speed]), np.array([front_angle]))
+    assert found.active == 0  # no bound of the problem: the margin of stability
+    assert abs(best.yaw_rate - float(found.yaw_rate[0])) < SAME
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_against_ipopt(case: str) -> None:
     config = nonlinear(PAPER, case)
