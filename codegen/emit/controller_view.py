@@ -188,8 +188,12 @@ def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:
     ]
     real = numpy_type(precision)
     lookup = Lookup.from_map(total, real)
+    known = {}
+    for road in dict.fromkeys(road for _, _, road in points):
+        speeds, angles = np.array([point[:2] for point in points if point[2] == road]).T
+        known[road] = iter(lookup(speeds, angles, road))
     rows = []
     for speed, angle, road in points:
-        yaw_rate = lookup(np.array(speed), np.array(angle), road).item()
-        rows.append(", ".join(literal(number, precision) for number in (speed, angle, road, yaw_rate)))
+        numbers = (speed, angle, road, next(known[road]).item())
+        rows.append(", ".join(literal(number, precision) for number in numbers))
     return tuple(rows)

@@ -213,8 +213,9 @@ def _end_of_cells(reference_map: ReferenceMap, turns: SteadyTurns) -> Edge:
 def _from_neighbours(speed: FloatArray, table: FloatArray, empty: BoolArray) -> FloatArray:
     """A table (n, m) whose `empty` rows (n,) come from the rows around them."""
     filled = table.copy()
-    for column in range(filled.shape[1]):
-        filled[empty, column] = np.interp(speed[empty], speed[~empty], table[~empty, column])
+    if empty.any():
+        for column in range(filled.shape[1]):
+            filled[empty, column] = np.interp(speed[empty], speed[~empty], table[~empty, column])
     return filled
 
 
