@@ -10,7 +10,7 @@ const plots = (() => {
   };
   const CONFIG = { responsive: true, displaylogo: false, displayModeBar: false, scrollZoom: false };
 
-  /* Asked for once in each drawing: between pictures the browser would work out the styles of the whole page again. */
+  /* Asked for once in each theme: between pictures the browser would work out the styles of the whole page again. */
   let colours = {};
   const colour = (name) => (colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   const recolour = () => { colours = {}; };
