@@ -65,7 +65,7 @@ class ChildSession:
         # -vv: a failed comparison is told in full, whatever this pytest is asked for.
         options = ["-vv", "--color=no", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={SECONDS_TO_TRACE}"]
         tests = [sys.executable, "-m", "pytest", *options, *node_ids]
-        place = [*PLACE, "--writable", str(cache_folder())]
+        place = [*PLACE, "--steady", "--writable", str(cache_folder())]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
         environment |= {REPORTS: str(self._reports), "ARS_CACHE": str(cache_folder())}
         with self._output.open("wb") as output:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -37,9 +38,12 @@ def cache(tmp_path: Path) -> Path:
     return folder
 
 
-def start(cache: Path, *command: str, timeout: str = LONG, writable: Path | None = None) -> subprocess.Popen[str]:
+def start(
+    cache: Path, *command: str, timeout: str = LONG, writable: Path | None = None, steady: bool = False
+) -> subprocess.Popen[str]:
     """In a guest; the output can be read while it runs."""
     options = ["--backend", "uml", "--timeout", timeout, *(["--writable", str(writable)] if writable else [])]
+    options += ["--steady"] if steady else []
     return subprocess.Popen(
         [sys.executable, "-m", "tests.can.vcan_run", *options, "--", *command],
         cwd=ROOT,
@@ -149,6 +153,42 @@ def test_two_guests_at_once_have_a_bus_each(cache: Path, tmp_path: Path) -> None
     assert finish(second) == (0, "2\n", "")
 
 
+# Cycles of 10 ms by absolute deadlines; the largest lateness [s].
+CYCLES = """
+import time
+print("begun", flush=True)
+late, deadline = 0.0, time.monotonic()
+for _ in range(200):
+    deadline += 0.01
+    time.sleep(max(0.0, deadline - time.monotonic()))
+    late = max(late, time.monotonic() - deadline)
+print(late)
+"""
+HELD_UP = 0.5
+"""s."""
+
+
+def largest_lateness(cache: Path, *, steady: bool) -> float:
+    """Of a guest that is held up twice in its two seconds."""
+    process = start(cache, sys.executable, "-c", CYCLES, steady=steady)
+    assert process.stdout is not None
+    if process.stdout.readline() == "begun\n":
+        (kernel,) = map(int, Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
+        for _ in range(2):
+            os.kill(kernel, signal.SIGSTOP)
+            time.sleep(HELD_UP)
+            os.kill(kernel, signal.SIGCONT)
+            time.sleep(0.1)
+    code, output, errors = finish(process)
+    assert (code, errors) == (0, "")
+    return float(output)
+
+
+def test_a_steady_clock_does_not_count_what_the_host_takes_away(cache: Path) -> None:
+    assert largest_lateness(cache, steady=True) < 0.01  # no cycle lost
+    assert largest_lateness(cache, steady=False) > 0.9 * HELD_UP
+
+
 class Choice:
     """`vcan_run.run` on a machine that the test describes; which way it has gone is in `way`."""
 
@@ -167,7 +207,7 @@ class Choice:
             raise subprocess.SubprocessError
         self.way = "own network" if prepare else "the interface that is there"
 
-    def run_in_guest(self, command: Sequence[str], timeout: float | None, writable: Sequence[Path]) -> int:
+    def run_in_guest(self, command: Sequence[str], timeout: float | None, writable: Sequence[Path], steady: bool) -> int:
         self.way = "guest"
         return 5
 

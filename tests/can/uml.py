@@ -22,6 +22,7 @@ from tests.can.guest_init import TEMPORARY, Job
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+XSTATE, CLOCK = HERE / "uml-xstate.c", HERE / "uml-clock.c"
 PACKAGE = "user-mode-linux"
 MODULES = ("can_raw", "can_bcm", "vcan")
 MEMORY_MB = 1024
@@ -83,10 +84,9 @@ def _call(command: Sequence[str], folder: str | None = None) -> None:
         raise Unavailable(f"{shlex.join(command)}: {told}; install {PACKAGE}, or run apt-get update") from error
 
 
-def compile_preload() -> Path:
-    """`uml-xstate.so`, newer than its source, in the cache. Raises Unavailable, BuildError: there is no compiler."""
-    source = HERE / "uml-xstate.c"
-    library = cache_folder() / "uml-xstate.so"
+def compile_preload(source: Path) -> Path:
+    """The library of a source, newer than that, in the cache. Raises Unavailable, BuildError: there is no compiler."""
+    library = cache_folder() / f"{source.stem}.so"
     if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
         scratch = library.with_suffix(f".{os.getpid()}")
         _call([*compiler_command(), "-O2", "-shared", "-fPIC", "-o", str(scratch), str(source)])
@@ -147,11 +147,15 @@ def kernel_command(folder: Path, kernel: Kernel) -> list[str]:
     ]
 
 
-def kernel_environment() -> dict[str, str]:
-    """The guest's memory is an executable mapping of a file in TMPDIR: /dev/shm, where that is large enough and not noexec."""
+def kernel_environment(*, steady: bool) -> dict[str, str]:
+    """Of linux.uml itself. `steady`: its clock does not count what the host takes away (uml-clock.c).
+
+    The guest's memory is an executable mapping of a file in TMPDIR: /dev/shm, where that is large enough and not noexec.
+    """
     folder = "/tmp"
     if Path("/dev/shm").is_dir():
         status = os.statvfs("/dev/shm")
         if not status.f_flag & os.ST_NOEXEC and status.f_bavail * status.f_frsize >= MEMORY_MB << 20:
             folder = "/dev/shm"
-    return os.environ | {"LD_PRELOAD": str(compile_preload()), "TMPDIR": folder}
+    preloads = [XSTATE, CLOCK] if steady else [XSTATE]
+    return os.environ | {"LD_PRELOAD": ":".join(str(compile_preload(source)) for source in preloads), "TMPDIR": folder}

@@ -1,10 +1,12 @@
 """Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
 
-    python -m tests.can.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... -- COMMAND...
+    python -m tests.can.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady] -- COMMAND...
 
 native: this kernel has SocketCAN; the command gets a network namespace of its own with lo and vcan0, or, where it may not have
         one, the vcan0 that is there.
 uml:    it has not; a User Mode Linux guest whose root is the host's, read-only, but for the current folder and --writable ones.
+
+--steady: in a guest, the clock does not count what a busy host takes away from it; for tests, never for measurements.
 
 Standard input is closed. Exit codes of its own: 124 timeout, 125 the guest died, 69 neither of the two is possible here.
 """
@@ -46,7 +48,7 @@ def main() -> int:
     if sys.platform == "linux":  # a guest does not outlive a pytest that is killed
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     try:
-        return run(options.command, options.backend, options.timeout, options.writable)
+        return run(options.command, options.backend, options.timeout, options.writable, steady=options.steady)
     except (Unavailable, CodegenError) as error:
         print(f"vcan_run: {error}", file=sys.stderr)
         return UNAVAILABLE
@@ -63,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--backend", choices=["native", "uml"], help="default: native, else uml")
     parser.add_argument("--timeout", type=float, metavar="SECONDS")
     parser.add_argument("--writable", type=Path, action="append", default=[], metavar="FOLDER")
+    parser.add_argument("--steady", action="store_true")
     parser.add_argument("command", nargs="+")
     return parser
 
@@ -73,7 +76,9 @@ def _stop(number: int, frame: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
 
 
-def run(command: Sequence[str], backend: str | None, timeout: float | None, writable: Sequence[Path]) -> int:
+def run(
+    command: Sequence[str], backend: str | None, timeout: float | None, writable: Sequence[Path], *, steady: bool = False
+) -> int:
     """The command's exit code, or DIED. Raises Unavailable, OSError, subprocess.TimeoutExpired."""
     if backend != "uml":
         try:
@@ -81,7 +86,7 @@ def run(command: Sequence[str], backend: str | None, timeout: float | None, writ
         except Unavailable:
             if backend == "native":
                 raise
-    return _run_in_guest(command, timeout, writable)
+    return _run_in_guest(command, timeout, writable, steady)
 
 
 def _run_native(command: Sequence[str], timeout: float | None) -> int:
@@ -111,14 +116,14 @@ def _enter_own_network() -> None:
     add_vcan(INTERFACE)
 
 
-def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Sequence[Path]) -> int:
+def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Sequence[Path], steady: bool) -> int:
     kernel = uml.find_kernel()
     # Not below TMPDIR: that may be in /run or /dev/shm, which the guest has its own of.
     folder = Path(tempfile.mkdtemp(prefix="guest-", dir=cache_folder()))
     try:
         uml.write_job(folder, kernel, command, [Path.cwd(), *writable])
         try:
-            process = _start(uml.kernel_command(folder, kernel), uml.kernel_environment())
+            process = _start(uml.kernel_command(folder, kernel), uml.kernel_environment(steady=steady))
         except OSError as error:
             raise Unavailable(str(error)) from error
         code = _finish(process, timeout)
