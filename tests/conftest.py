@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.can.interfaces import has_socketcan
+
 os.environ["MPLBACKEND"] = "Agg"
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -16,35 +18,40 @@ settings.load_profile("repeatable")
 
 CAN = "tests/can"
 
+ALONE = has_socketcan()
+"""Whether the tests on CAN have the machine to themselves.
+
+On a kernel's own SocketCAN they run by its clock: a processor that is busy with other tests holds up frames and cycles, which
+are then told as the faults that they are. The guest that they have elsewhere has a steady clock (tests/can/uml-clock.c), and
+mostly waits: there they run beside the others.
+"""
+
 
 def _is_on_can(nodeid: str) -> bool:
     return nodeid.startswith(f"{CAN}/")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests on CAN come last: see the scheduler below."""
-    items.sort(key=lambda item: _is_on_can(item.nodeid))
+    """The tests on CAN come last where they run alone, and first where others fill the time in which they wait."""
+    items.sort(key=lambda item: _is_on_can(item.nodeid), reverse=not ALONE)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """With -n: the tests on CAN run in one worker, when all others have ended; those anywhere.
-
-    In one worker, because each starts a guest of its own for them; and by themselves, because they run in real time: a
-    processor that is busy with other tests holds up frames and cycles, which are then told as the faults that they are.
+    """With -n: the tests on CAN run in one worker, because each worker starts a guest of its own for them; the others anywhere.
 
     Not --dist=loadgroup: that needs node ids that can be changed, which pytest 9.2 no longer has.
     """
     from xdist.scheduler import LoadScopeScheduling
     from xdist.workermanage import WorkerController
 
-    class CanAloneAndLast(LoadScopeScheduling):
+    class CanInOneWorker(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             return CAN if _is_on_can(nodeid) else nodeid
 
         def _reschedule(self, node: WorkerController) -> None:
-            """Where only CAN is left, the first worker waits until the others have run what they have and ended."""
-            if list(self.workqueue) != [CAN] or len(self.nodes) == 1:
+            """Where only CAN is left and is to be alone, the first worker waits until the others have run all and ended."""
+            if not ALONE or list(self.workqueue) != [CAN] or len(self.nodes) == 1:
                 super()._reschedule(node)
             elif node is not self.nodes[0] and not node.shutting_down:
                 node.shutdown()
@@ -58,4 +65,4 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     if config.getoption("dist") != "load":
         return None
     config.option.loadscopereorder = False  # in the order of collection
-    return CanAloneAndLast(config, log)
+    return CanInOneWorker(config, log)

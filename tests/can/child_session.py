@@ -25,7 +25,7 @@ REPORTS = "VCAN_REPORTS"
 
 PLACE = (sys.executable, "-m", "tests.can.vcan_run")
 
-SECONDS_PER_TEST = 300.0
+SECONDS_PER_TEST = 600.0
 SECONDS_TO_TRACE = 120
 SECONDS_BETWEEN_LOOKS = 0.02
 
