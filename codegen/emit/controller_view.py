@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from codegen.config import KM_H, Config
 from codegen.emit.laws import law_of
-from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, parameter_view
+from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, parameter_views
 from codegen.emit.text import Precision, literal, numpy_type
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
@@ -53,6 +53,11 @@ class ControllerView:
     grip: GripView
     known: tuple[str, ...]
     known_tolerance: str
+
+
+def controller_parameters(config: Config) -> tuple[Parameter, ...]:
+    """The fields of `<prefix>_parameters_t` but for the limiter's, in order. Raises BuildError: see `law_of`."""
+    return (*law_of(config).parameters(config), *_common_parameters(config))
 
 
 def _common_parameters(config: Config) -> tuple[Parameter, ...]:
@@ -131,9 +136,7 @@ _COMMON_STATE = (
 def controller_view(config: Config, total: TotalMap, prefix: str, precision: Precision, real: str) -> ControllerView:
     """The view of the configured controller around a total map. Raises BuildError: see `law_of`."""
     law = law_of(config)
-    given = (*law.parameters(config), *_common_parameters(config))
-    parameters = tuple(parameter_view(parameter, precision, real) for parameter in given)
-    parameters = tuple(replace(view, points=view.points.format(PREFIX=prefix.upper())) for view in parameters)
+    parameters = parameter_views(controller_parameters(config), prefix, precision, real)
     state = [field_view(field, real) for field in (*law.state, *_COMMON_STATE)]
     if law.uses_reference_model:
         state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 from codegen.config import KM_H, Config
-from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_view
+from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack
 
-POINTS = "LIMITER_POINTS"
+POINTS = "{PREFIX}_LIMITER_POINTS"
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,13 @@ def _opposite_phase_max(config: Config) -> list[float]:
     return [math.radians(angle) for angle in bounds]
 
 
-def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
-    """The view of a configuration's limiter."""
+def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
+    """The fields of `<prefix>_limiter_parameters_t`, in order."""
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
     rate, bounds = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg
-    points = len(limiter.opposite_phase_speed_km_h)
     off = bounds == "off"
     angles = [min(angle, angle_max) for angle in _opposite_phase_max(config)]
-    name = f"{prefix.upper()}_{POINTS}"
-    parameters = (
+    return (
         Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),
         Parameter(
             "rear_rate_max",
@@ -60,7 +58,7 @@ def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -
             "m/s, breakpoints, increasing",
             0.0,
             200.0,
-            name,
+            POINTS,
             increasing=True,
         ),
         Parameter(
@@ -69,7 +67,7 @@ def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -
             "rad against the front wheels, at those speeds" + (" (off)" if off else ""),
             0.0,
             1.0,
-            name,
+            POINTS,
         ),
         Parameter(
             "in_phase_from_front_angle",
@@ -83,10 +81,14 @@ def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -
             "front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, beyond it a front angle is none", 0.01, 1.5
         ),
     )
+
+
+def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -> LimiterView:
+    """The view of a configuration's limiter."""
     period = config.controller.sampling_time_s
     return LimiterView(
-        parameters=tuple(parameter_view(parameter, precision, real) for parameter in parameters),
-        points=points,
+        parameters=parameter_views(limiter_parameters(config), prefix, precision, real),
+        points=len(config.limiter.opposite_phase_speed_km_h),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
     )

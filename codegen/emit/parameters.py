@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from codegen.emit.text import Precision, lines_of, literal
 
@@ -76,6 +77,12 @@ def parameter_view(parameter: Parameter, precision: Precision, real: str) -> Par
     else:
         value = literal(parameter.value, precision)
     return ParameterView(real, parameter.name, value, parameter.comment, low, high, parameter.points, parameter.increasing)
+
+
+def parameter_views(parameters: Iterable[Parameter], prefix: str, precision: Precision, real: str) -> tuple[ParameterView, ...]:
+    """The C text of all parameters of a struct, the names of their sizes with the prefix."""
+    views = (parameter_view(parameter, precision, real) for parameter in parameters)
+    return tuple(replace(view, points=view.points.format(PREFIX=prefix.upper())) for view in views)
 
 
 def _braced(lines: tuple[str, ...]) -> str:

@@ -26,6 +26,8 @@ def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
     error, scales = placed.error, placed.total.scales
     facts: dict[str, Any] = {
         "axes": placed.spacing,
+        "own_speed_range_m_s": list(placed.own_speed),
+        "own_front_angle_range_rad": list(placed.own_front_angle),
         "error_against": AGAINST[placed.origin],
         "error_rad_s": _rounded(error.yaw_rate),
         "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),

@@ -206,6 +206,10 @@ class Lookup:
             left = ~(angle < zero)
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
 
+    def lateral_acceleration(self, friction: float) -> Any:
+        """m/s^2 that the map allows on a road of an estimated friction (NaN: the map's own), in `real`."""
+        return self._road(self.real(friction))[1]
+
     def _road(self, friction: Any) -> tuple[tuple[int, Any], Any]:
         """Layer and position above it, and ay_cap, at a friction estimate (NaN: none)."""
         frictions, caps = self.frictions, self.caps

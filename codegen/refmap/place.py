@@ -42,8 +42,8 @@ SMALLEST, HALVES = 1e-4, 9
 """Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
 halved: to within a fiftieth."""
 
-NEAR = (0.98, 0.96, 0.93, 0.9)
-"""Of the bound that was found so: smaller ones that are tried too."""
+TIGHTER, MISSED = 0.97, 2
+"""From the error that was reached so: step to smaller ones, and how many in a row do not fit when no more are tried."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,7 @@ class Placed:
         error: measured.
         rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
         origin: what the error is measured against.
+        own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
         off_optimum: where that is the map's own table, and there is an optimum behind it: see `place_sample`; rad/s.
     """
 
@@ -94,6 +95,8 @@ class Placed:
     error: MeasuredError
     rounding: tuple[float, float]
     origin: Origin
+    own_speed: tuple[float, float]
+    own_front_angle: tuple[float, float]
     off_optimum: float | None = None
 
 
@@ -121,7 +124,7 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
         raise BuildError(
             f"{_degrees(max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored",
             where="--max-error",
-            remedy=f"{_reachable(maker, max_error)} can be reached",
+            remedy=f"{_reachable(maker, max_error)} can be reached, and perhaps less",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         best = maker.for_flash(request.max_flash)
@@ -224,11 +227,23 @@ class Maker:
             high = middle
             placed = self.on(axes, spacing)
             best = placed if _error(placed) < _error(best) else best
-        for share in NEAR:  # fewer bytes do not always go with a larger bound
-            axes = search.place(share * math.exp(high))
-            placed = best if axes is None else self.on(axes, spacing)
-            best = placed if _error(placed) < _error(best) else best
+        bound, missed = _error(best), 0
+        while missed < MISSED:  # a smaller error does not always take more bytes
+            bound *= TIGHTER
+            fitting = self._fitting(spacing, bound, max_flash)
+            if fitting is None or _error(fitting) >= _error(best):  # none is below zero
+                missed += 1
+            else:
+                best, bound, missed = fitting, _error(fitting), 0
         return best
+
+    def _fitting(self, spacing: Spacing, max_error: float, max_flash: int) -> Placed | None:
+        """Within both bounds. A search that may pass through more bytes can find fewer, and one that may not, others."""
+        for most in (math.inf, max_flash):
+            placed = self._for_error(spacing, max_error, most)
+            if placed is not None and placed.flash_bytes <= max_flash:
+                return placed
+        return None
 
     def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
         """One of another spacing with no larger error, in as many bytes."""
@@ -247,6 +262,8 @@ class Maker:
             error=ruler.error(stored),
             rounding=rounding,
             origin=self.ground.origin,
+            own_speed=self.ground.own_speed,
+            own_front_angle=self.ground.own_front_angle,
         )
 
     def _lowered(self, total: TotalMap, ruler: Ruler) -> TotalMap:

@@ -283,7 +283,10 @@ class Search:
             if axis is None:
                 break
             other, placed = axis, 1 - placed
-            axis = AXIS_OF[self.spacing](Strips(lattice, placed, other), bound, self._most(other.size))
+            most = self._most(other.size)
+            if self.cost(most, other.size) > self.cost_max:
+                break
+            axis = AXIS_OF[self.spacing](Strips(lattice, placed, other), bound, most)
             if axis is not None:
                 before, best = best, self._cheaper(best, (axis, other) if placed == 0 else (other, axis))
                 if best is before:

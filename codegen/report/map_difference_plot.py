@@ -147,6 +147,5 @@ def _draw_use(
                 axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=BLACK, linewidths=1.0)
         axes.set_title(f"Slip used, {title}")
     ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
-    figure.colorbar(
-        ScalarMappable(scale, USE), ax=list(panels), label="of the bound on the plant (%)", ticks=ticks, format="%.0f"
-    )
+    label = "of the bound on the plant, line at 100 (%)"
+    figure.colorbar(ScalarMappable(scale, USE), ax=list(panels), label=label, ticks=ticks, format="%.0f")

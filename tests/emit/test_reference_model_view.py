@@ -24,7 +24,7 @@ from codegen.emit.reference_model_view import (
 from codegen.errors import BuildError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.sil import builds, units
-from tests.sil.model_reference_model import magic_formula
+from tests.sil.exact_dynamics import magic_formula
 
 CONFIG = builds.TRACKING_CONFIG
 NUMBER = r"-?\d+\.?\d*(?:e[+-]?\d+)?"

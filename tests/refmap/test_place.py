@@ -214,10 +214,25 @@ def test_raw_numbers_are_the_nearest_of_16_bits(paper: Config, maps: dict[str, R
 
 
 def test_no_more_bytes_than_allowed_and_less_error_for_more_bytes(paper: Config, maps: dict[str, ReferenceMap]) -> None:
+    smallest = [placed(maps["4ws-1"], paper, 0.0, max_error=None, max_flash=size).flash_bytes for size in (32, 40)]
+    assert smallest == [32, 32]  # two by two; two by three take 44
     found = [placed(maps["4ws-1"], paper, 0.0, max_error=None, max_flash=size) for size in (150, 400)]
     assert [each.flash_bytes <= size for each, size in zip(found, (150, 400), strict=True)] == [True, True]
     assert found[1].error.yaw_rate_whole < 0.5 * found[0].error.yaw_rate_whole
     assert largest_error(found[1].total, truth_of(paper, "4ws-1"), 5) <= found[1].error.yaw_rate_whole + ROUNDING
+
+
+@pytest.mark.parametrize("degrees", [0.25, 0.2, 0.175])
+def test_so_many_bytes_give_no_larger_error_than_a_bound_that_takes_them(
+    paper: Config, maps: dict[str, ReferenceMap], degrees: float
+) -> None:
+    """But for the step of the search (`TIGHTER`, 3 %)."""
+    maker = Maker(ground_of(maps["4ws-2"], paper), Target(1, np.float32, "float"))
+    bounded = maker.for_error(math.radians(degrees), ("uneven",))
+    assert bounded is not None
+    filled = maker.for_flash(bounded.flash_bytes, ("uneven",))
+    assert filled is not None and filled.flash_bytes <= bounded.flash_bytes
+    assert filled.error.yaw_rate_whole <= bounded.error.yaw_rate_whole / 0.97
 
 
 def test_a_bare_table_is_measured_against_its_own_interpolation(paper: Config, maps: dict[str, ReferenceMap]) -> None:

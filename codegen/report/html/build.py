@@ -35,10 +35,17 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
         BuildError: not a build folder.
     """
     read_manifest(folder)
+    if not (folder / BESIDE[0]).exists():
+        yield Text(
+            f"Nothing is recorded of this build. `codegen verify {folder}` checks it; make the report again then.", "notice"
+        )
+        return
     record = _record(folder)
     if record is None:
         yield Text(
-            f"Nothing is recorded of this build. `codegen verify {folder}` checks it; make the report again then.", "notice"
+            f"{BESIDE[0]} beside this build is damaged, or of another version, and nothing of it is shown. "
+            f"`codegen verify {folder}` makes it anew; make the report again then.",
+            "notice",
         )
         return
     if record["build"]["manifest_sha256"] != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
@@ -64,7 +71,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
 
 
 def _record(folder: Path) -> Mapping[str, Any] | None:
-    """`verify.json`, as far as it has what is shown here."""
+    """`verify.json`; None where it does not have what is shown here."""
     try:
         record = json.loads((folder / BESIDE[0]).read_bytes())
         assert isinstance(record["build"]["manifest_sha256"], str)

@@ -17,6 +17,7 @@ from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.loop import margins_chart
 from codegen.report.html.report import Material, sections
+from codegen.verify.runner import CHECKS
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 EVIL = "</script><script>alert(1)</script><!-- & 'x' \"y\""
@@ -66,7 +67,7 @@ def test_ids_are_unique_and_links_lead_somewhere(material: Material) -> None:
 def test_the_record_of_verify_is_told_in_full(material: Material) -> None:
     blocks = list(build.verification_blocks(GENERATED / "4ws2"))
     table = next(block for block in blocks if isinstance(block, Table))
-    assert [row[3] for row in table.rows] == ["passed"] * 7
+    assert [row[3] for row in table.rows] == ["passed"] * len(CHECKS)
     captions = [block.caption.partition(" (")[0] for block in blocks if isinstance(block, Table)]
     assert captions[1:] == ["Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
 
@@ -79,7 +80,12 @@ def test_a_build_without_a_record_or_with_an_older_one_is_told(tmp_path: Path) -
     first = next(iter(build.verification_blocks(tmp_path)))
     assert isinstance(first, Text)
     assert "of an older build" in first.text
-    (tmp_path / "verify.json").write_text("{}", encoding="utf-8")
+    for content in ("{}", "junk"):
+        (tmp_path / "verify.json").write_text(content, encoding="utf-8")
+        (only,) = build.verification_blocks(tmp_path)
+        assert isinstance(only, Text)
+        assert "verify.json beside this build is damaged" in only.text
+    (tmp_path / "verify.json").unlink()
     (only,) = build.verification_blocks(tmp_path)
     assert isinstance(only, Text)
     assert "Nothing is recorded" in only.text
