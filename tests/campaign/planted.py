@@ -46,14 +46,14 @@ FAULTS = (
         "limiter",
         "self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
         "self->rear_angle = target;",
-        *("proof", "fuzzing"),
+        *("law", "proof", "fuzzing"),
     ),
     _fault(
         "a swapped index",
         "map",
         "faster = &table[place->row.lower + 1u][place->column.lower];",
         "faster = &table[place->row.lower][place->column.lower + 1u];",
-        *("processor-in-the-loop", "proof", "sanitizers"),
+        *("processor-in-the-loop", "law", "proof", "sanitizers"),
     ),
     _fault("a double literal", "controller", "const float half_turn = 0.5f *", "const float half_turn = 0.5 *", "compiles"),
     _fault(
@@ -68,14 +68,21 @@ FAULTS = (
         "e2e",
         "if ((counter > counter_max) || (ars_e2e_crc(data_id, data) != data[0])) {",
         "if ((counter > counter_max) || ((ars_e2e_crc(data_id, data) ^ data[0]) == 0x55u)) {",
-        *("sanitizers", "fuzzing"),
+        *("law", "sanitizers", "fuzzing"),
     ),
     _fault(
         "a broken invariant",
         "e2e",
         "*counter = (*counter < counter_max) ? (uint8_t)(*counter + 1u) : 0u;",
         "*counter = (uint8_t)(*counter + 1u);",
-        *("proof", "sanitizers", "fuzzing"),
+        *("law", "proof", "sanitizers", "fuzzing"),
+    ),
+    _fault(
+        "a gain of the wrong sign",
+        "controller",
+        "const float proportional = parameters->proportional_gain * error;",
+        "const float proportional = -(parameters->proportional_gain * error);",
+        *("law",),
     ),
     _fault(
         "a fail-safe that grows at one speed in millions",
@@ -109,7 +116,7 @@ FAULTS = (
     ),
 )
 
-QUICK_STRIDE = 5
+QUICK_STRIDE = 6
 """One fault takes every check some minutes."""
 
 

@@ -58,8 +58,15 @@ def misra_once(monkeypatch: pytest.MonkeyPatch, once: Once) -> None:
 
 @pytest.fixture
 def analysed_once(monkeypatch: pytest.MonkeyPatch, once: Once, misra_once: None) -> None:
-    """With gcc, too."""
-    monkeypatch.setattr(gcc_analyzer, "analyse", remembered(once, gcc_analyzer.analyse))
+    """With gcc, too, which looks at one source at a time: not again at one that is as it was, as all headers are."""
+    analyse = gcc_analyzer._told
+
+    def told(program: str, unit: str, tree: Path) -> Any:
+        headers = sorted(tree.rglob("*.h"))
+        of = [gcc_analyzer.FLAGS, unit, *((str(path.relative_to(tree)), path.read_bytes()) for path in (tree / unit, *headers))]
+        return once(hashlib.sha256(repr([program, *of]).encode()).hexdigest(), lambda: analyse(program, unit, tree))
+
+    monkeypatch.setattr(gcc_analyzer, "_told", told)
 
 
 def c_function(signature: str, *body: str) -> str:
@@ -67,6 +74,7 @@ def c_function(signature: str, *body: str) -> str:
     return "\n".join((f"{signature};", signature, "{", *(f"    {line}" for line in body), "}", ""))
 
 
+@pytest.mark.usefixtures("analysed_once")
 @pytest.mark.parametrize(
     ("kind", "grid", "layers", "precision"),
     [
@@ -86,6 +94,7 @@ def test_what_is_found_is_what_is_listed(kind: Kind, grid: str, layers: bool, pr
     assert {"8.7", "8.9"} <= set(outcome.figures["deviations"])
 
 
+@pytest.mark.usefixtures("analysed_once")
 def test_violations_and_faults_are_found_where_they_are() -> None:
     folder = builds.made("pi")
     planted = {
@@ -128,6 +137,7 @@ def test_violations_and_faults_are_found_where_they_are() -> None:
     assert {finding.partition(":")[0] for finding in outcome.findings} == {f"src/ars_{name}.c" for name in planted}
 
 
+@pytest.mark.usefixtures("analysed_once")
 def test_rows_stand_for_lines_that_moved() -> None:
     folder = builds.made("pi")
     path = "src/ars_limiter.c"
@@ -191,6 +201,7 @@ def test_a_folder_from_before_is_refused() -> None:
         judged(folder, {path: content for path, content in folder.files.items() if path != FILE})
 
 
+@pytest.mark.usefixtures("analysed_once")
 def test_c_that_does_not_compile_is_a_finding() -> None:
     folder = builds.made("pi")
     line = folder.files["src/ars_limiter.c"].count(b"\n") + 4
