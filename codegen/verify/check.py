@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from codegen import __version__
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.folder import MANIFEST, read_files, read_manifest, verify_hashes
@@ -102,6 +103,11 @@ class Subject:
     def is_single(self) -> bool:
         """Whether it computes in single precision."""
         return bool(self.manifest["options"]["precision"] == "single")
+
+    @property
+    def is_of_this_version(self) -> bool:
+        """Whether this codegen made it: what it computes, and in what order, is known to the last bit."""
+        return bool(self.manifest["version"] == __version__)
 
     @property
     def kind(self) -> str:

@@ -162,14 +162,19 @@ def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random
     return result
 
 
+def gaps_of(count: int, gap: tuple[float, float], generator: np.random.Generator) -> npt.NDArray[np.bool_]:
+    """Which of so many samples are lost, never the first: the probability that a gap begins with a sample, and that it ends."""
+    begins, ends = gap
+    lost = np.zeros(count, dtype=bool)
+    random = generator.random(count)
+    for sample in range(1, count):
+        lost[sample] = random[sample] >= ends if lost[sample - 1] else random[sample] < begins
+    return lost
+
+
 def _with_gaps(drive: Drive, gap: tuple[float, float], generator: np.random.Generator) -> Drive:
     """The drive with one signal of the samples in a gap lost, or beyond its range."""
-    begins, ends = gap
-    lost = np.zeros(len(drive), dtype=bool)
-    random = generator.random(len(drive))
-    for sample in range(1, len(drive)):
-        lost[sample] = random[sample] >= ends if lost[sample - 1] else random[sample] < begins
-    where = np.flatnonzero(lost)
+    where = np.flatnonzero(gaps_of(len(drive), gap, generator))
     result = drive.copy()
     result[where, generator.integers(3, size=len(where))] = generator.choice(
         np.array([np.nan, np.inf, -np.inf, 1e9], dtype=np.float32), len(where)

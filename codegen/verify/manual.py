@@ -46,6 +46,13 @@ SUITES = {
     "trap_build": "trap build, run on",
 }
 """Under the sanitizers."""
+BESIDE_THE_LAW = {
+    "drives": "drives",
+    "parameter_sets": "of these, with parameters that were drawn",
+    "samples": "samples",
+    "task_cycles": "cycles of the task, frames in and frame out",
+}
+"""Of the second implementation."""
 
 
 @dataclass(frozen=True)
@@ -164,9 +171,14 @@ def _map(manifest: Figures) -> MapView:
 
 
 def _covered(table: Figures) -> str:
-    rows = table["rule_by_speed_and_front_angle"]
-    speeds = [speed / KM_H for speed, row in zip(table["speed_m_s"], rows, strict=True) if Rule.SOLVED in row]
-    angles = [degrees(angle) for k, angle in enumerate(table["front_angle_rad"]) if any(row[k] == Rule.SOLVED for row in rows)]
+    """The range of the map itself, which chosen breakpoints do not show."""
+    if "placement" in table:
+        speeds = [speed / KM_H for speed in table["placement"]["own_speed_range_m_s"]]
+        angles = [degrees(angle) for angle in table["placement"]["own_front_angle_range_rad"]]
+    else:
+        rows, axis = table["rule_by_speed_and_front_angle"], table["front_angle_rad"]
+        speeds = [speed / KM_H for speed, row in zip(table["speed_m_s"], rows, strict=True) if Rule.SOLVED in row]
+        angles = [degrees(angle) for k, angle in enumerate(axis) if any(row[k] == Rule.SOLVED for row in rows)]
     return f"{speeds[0]:.4g} to {speeds[-1]:.4g} km/h and {angles[0]:.4g} to {angles[-1]:.4g} deg at the front wheels"
 
 
@@ -273,9 +285,11 @@ def _invariants(figures: Figures) -> Table:
     return Table(("state", "invariant (SI units)"), tuple(rows))
 
 
-def _suites(figures: Figures) -> Table:
-    rows = tuple((text, _text(figures[name])) for name, text in SUITES.items() if name in figures)
-    return Table(("what ran", "result"), rows)
+def _ran(heading: tuple[str, str], texts: Mapping[str, str]) -> Callable[[Figures], Table]:
+    """Tells those figures that there are."""
+    return lambda figures: Table(
+        heading, tuple((text, _text(figures[name])) for name, text in texts.items() if name in figures)
+    )
 
 
 def _fuzzed(figures: Figures) -> Table:
@@ -288,8 +302,9 @@ TABLES: Mapping[str, Sequence[Callable[[Figures], Table]]] = {
     "static-analysis": (_pairs(("found by", "findings"), "findings"), _pairs(("rule", "deviations"), "deviations")),
     "processor-in-the-loop": (_streams, _pairs(("random steps that ended in", "steps"), "statuses"), _dynamics),
     "budgets": (_instructions, _stack, _memory),
+    "law": (_ran(("compared", "number"), BESIDE_THE_LAW), _pairs(("samples that ended in", "samples"), "statuses")),
     "proof": (_obligations, _invariants),
-    "sanitizers": (_suites,),
+    "sanitizers": (_ran(("what ran", "result"), SUITES),),
     "fuzzing": (_fuzzed,),
 }
 """By the name of the check."""

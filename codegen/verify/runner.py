@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import multiprocessing
 import os
@@ -9,8 +10,9 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from types import FrameType
@@ -22,6 +24,7 @@ from codegen.verify.packages import MissingTool
 LEFT_OUT = "left out by --quick"
 AT_ONCE = 2
 """Checks that run beside each other."""
+CRASHED = "its process ended: the C that it runs on this machine crashed (see the sanitizers), or memory ran out"
 PATIENCE = 2.0
 """s, in which a process that was told to end may clean up."""
 
@@ -75,6 +78,13 @@ CHECKS = (
         quick=True,
     ),
     Registered(
+        "law",
+        "control law",
+        "codegen.verify.law.check",
+        "Every command is, bit for bit, that of a second implementation of the law",
+        quick=True,
+    ),
+    Registered(
         "proof",
         "proof",
         "codegen.verify.proof.check",
@@ -88,7 +98,7 @@ CHECKS = (
     ),
     Registered("fuzzing", "fuzzing", "codegen.verify.fuzzing.check", "No stream of bytes makes it crash, or breaks a bound"),
 )
-SLOWEST_FIRST = ("proof", "sanitizers", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
+SLOWEST_FIRST = ("proof", "sanitizers", "law", "compiles", "processor-in-the-loop", "static-analysis", "fuzzing", "budgets")
 
 
 @dataclass(frozen=True)
@@ -129,25 +139,54 @@ def run(
         (check for check in checks if check.name not in outcomes),
         key=lambda check: SLOWEST_FIRST.index(check.name) if check.name in SLOWEST_FIRST else len(SLOWEST_FIRST),
     )
+    told = 0
+
+    def tell() -> None:
+        nonlocal told
+        told += 1
+        if done is not None:
+            done(told, len(chosen))
+
+    with tempfile.TemporaryDirectory(prefix="ars-verify-", ignore_cleanup_errors=True) as scratch:
+        crashed: list[Registered] = []
+        with _processes(AT_ONCE, scratch) as pool:
+            running: dict[Future[Outcome], Registered] = {
+                pool.submit(_outcome_in_worker, check, subject, effort): check for check in chosen
+            }
+            for future in as_completed(running):
+                try:
+                    outcomes[running[future].name] = future.result()
+                except BrokenProcessPool:  # one process ended, and the others with it
+                    crashed.append(running[future])
+                else:
+                    tell()
+        for check in crashed:
+            outcomes[check.name] = _alone(check, subject, effort, scratch)
+            tell()
+    return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
+
+
+@contextlib.contextmanager
+def _processes(count: int, scratch: str) -> Iterator[ProcessPoolExecutor]:
+    """So many processes for checks, ended with all that they started where this one is told to end."""
     # Not forked: a check must not depend on what this process holds. What the checks leave when they are ended, goes with it.
     context = multiprocessing.get_context("spawn")
-    with (
-        tempfile.TemporaryDirectory(prefix="ars-verify-", ignore_cleanup_errors=True) as scratch,
-        ProcessPoolExecutor(AT_ONCE, mp_context=context, initializer=_begin, initargs=(scratch,)) as pool,
-    ):
-        running: dict[Future[Outcome], Registered] = {
-            pool.submit(_outcome_in_worker, check, subject, effort): check for check in chosen
-        }
+    with ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(scratch,)) as pool:
         try:
-            for count, future in enumerate(as_completed(running), start=1):
-                outcomes[running[future].name] = future.result()
-                if done is not None:
-                    done(count, len(chosen))
+            yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             _end(multiprocessing.active_children())  # or the pool would wait for checks that nobody wants any more
             raise
-    return Report(subject, effort, {check.name: outcomes[check.name] for check in checks})
+
+
+def _alone(check: Registered, subject: Subject, effort: Effort, scratch: str) -> Outcome:
+    """What comes of a check in a process that no other check can end."""
+    with _processes(1, scratch) as pool:
+        try:
+            return pool.submit(_outcome_in_worker, check, subject, effort).result()
+        except BrokenProcessPool:
+            return Outcome(check.shows, "could not be completed", Verdict.FAILED, (CRASHED,))
 
 
 def outcome_of(check: Registered, subject: Subject, effort: Effort) -> Outcome:

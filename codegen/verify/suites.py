@@ -17,7 +17,7 @@ from codegen.config import Config
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.sil.software import RECORD_COLUMNS
+from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.verify.drives import Drive, Ground, drawn
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
@@ -110,6 +110,13 @@ class Recording:
     name: str
     frames: tuple[tuple[Frame, ...], ...]
     measurements: Drive
+
+
+def possible_statuses(software: Software) -> list[Status]:
+    """Those that a controller can come to with the default parameters."""
+    parameters = software.parameters()
+    is_held = parameters.degraded_samples_max > 0 or parameters.implausible_samples_max > 0
+    return [status for status in Status if is_held or status is not Status.DEGRADED]
 
 
 def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:

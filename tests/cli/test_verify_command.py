@@ -45,10 +45,10 @@ def come(monkeypatch: pytest.MonkeyPatch) -> Come:
 @pytest.mark.parametrize(
     ("verdicts", "code", "last"),
     [
-        ([Verdict.PASSED] * 7, 0, "7 checks passed"),
-        ([Verdict.PASSED] * 6 + [Verdict.NOT_RUN], 0, "6 checks passed, 1 not run"),
-        ([Verdict.PASSED] * 6 + [Verdict.FAILED], 1, "1 of 7 checks failed: fuzzing"),
-        ([Verdict.NOT_RUN] * 7, 1, 'no check could be run; pip install "ars-codegen[verify]"'),
+        ([Verdict.PASSED] * 8, 0, "8 checks passed"),
+        ([Verdict.PASSED] * 7 + [Verdict.NOT_RUN], 0, "7 checks passed, 1 not run"),
+        ([Verdict.PASSED] * 7 + [Verdict.FAILED], 1, "1 of 8 checks failed: fuzzing"),
+        ([Verdict.NOT_RUN] * 8, 1, 'no check could be run; pip install "ars-codegen[verify]"'),
     ],
 )
 def test_exit_code_and_last_line(run: Run, build: Path, come: Come, verdicts: list[Verdict], code: int, last: str) -> None:
@@ -62,7 +62,7 @@ def test_exit_code_and_last_line(run: Run, build: Path, come: Come, verdicts: li
 
 
 def test_the_result_as_json_elsewhere(run: Run, build: Path, come: Come, tmp_path: Path) -> None:
-    come([Verdict.PASSED] * 7)
+    come([Verdict.PASSED] * 8)
     assert run("verify", build, "--json", tmp_path / "result.json").code == 0
     assert (tmp_path / "result.json").read_bytes() == (build / "verify.json").read_bytes()
 

@@ -16,15 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
+from codegen.verify.law.course import drive
+from codegen.verify.law.limiter import SecondLimiter
+from codegen.verify.law.reference_model import SecondReferenceModel
 from tests.sil import checks_limiter
 from tests.sil.builds import Built
 from tests.sil.checks_kinds import config_of, model_of, parameters_of
 from tests.sil.checks_lookup import all_points, bits
 from tests.sil.checks_map_reference import COLUMNS, frictions, road_lateral_acceleration
 from tests.sil.checks_reference_model import random_inputs, random_states, wild_inputs
-from tests.sil.model_controller import drive
-from tests.sil.model_limiter import ModelLimiter
-from tests.sil.model_reference_model import ModelReferenceModel
 from tests.sil.units import Units
 
 Array = npt.NDArray[Any]
@@ -92,7 +92,7 @@ def answers_of_limiter(units: Units, count: int = 4000) -> list[Limited]:
         parameters = checks_limiter.parameters_of(units, changes)
         for seed, start in enumerate((0.0, -0.05, 0.9, 1.0, -1.0, 1.5, math.nan)):
             inputs = checks_limiter.drive(units, parameters, count, seed)
-            model = ModelLimiter(parameters, checks_limiter.period(units), units.real, start)
+            model = SecondLimiter(parameters, checks_limiter.period(units), units.real, start)
             known.append(Limited(parameters, start, inputs, np.array([model.step(*row) for row in inputs], dtype=units.real)))
     return known
 
@@ -156,7 +156,7 @@ class Modelled:
 
 def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
     """From any state, with plausible inputs and with any bit patterns."""
-    model = ModelReferenceModel(units.config, units.real)
+    model = SecondReferenceModel(units.config, units.real)
     states, known = random_states(units, count, 1), []
     for inputs in (random_inputs(units, count, 2), wild_inputs(units, count, 3)):
         starts = inputs[:, :3].copy()

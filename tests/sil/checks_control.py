@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from codegen.sil.software import Command, Controller, Measurement, Status
+from codegen.verify.law.controller import SecondPi
+from codegen.verify.law.course import drive
 from tests.sil.builds import CONFIG, SPEED, Built
-from tests.sil.model_controller import ModelPi, drive
 
 PERIOD = CONFIG.controller.sampling_time_s
 RATE_LIMIT = math.radians(25.0)
@@ -60,7 +61,7 @@ def check_same_as_model(built: Built, changes: Mapping[str, float] | None = None
     measurements = drive(rng, 3000, built.lookup, CONFIG.vehicle.wheelbase)
     controller = software.controller(start, software.parameters(**changes))
     real_limit = float(software.real(CONFIG.rear_actuator.angle_max))
-    model = ModelPi(controller.parameters, built.lookup, PERIOD, real_limit, software.real, start)
+    model = SecondPi(controller.parameters, built.lookup, PERIOD, real_limit, software.real, start)
     seen = set()
     for index, (measurement, got) in enumerate(zip(measurements, controller.run(measurements), strict=True)):
         wanted = model.step(measurement)

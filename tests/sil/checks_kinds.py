@@ -9,12 +9,11 @@ import numpy as np
 
 from codegen.config import Config
 from codegen.sil.software import Status
-from tests.sil.builds import CONFIGS, Built
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.course import drive
+from codegen.verify.law.kinds import second_controller
+from tests.sil.builds import Built
 from tests.sil.checks_supervision import random_measurements
-from tests.sil.model_controller import ModelController, ModelFeedforward, ModelPi, ModelProportional, drive
-from tests.sil.model_tracking import ModelTracking
-
-MODELS = {"pi": ModelPi, "feedforward": ModelFeedforward, "proportional": ModelProportional}
 
 
 def config_of(built: Built) -> Config:
@@ -40,26 +39,14 @@ def open_limiter(built: Built) -> dict[str, Any]:
     return {"rear_rate_max": 1000.0, "opposite_phase_max": [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))}
 
 
-def model_of(built: Built, parameters: Any, start: float) -> ModelController:
-    """The independent model of the build's kind."""
-    config, real = config_of(built), built.software.real
-    kind = config.controller.kind
-    if kind == "tracking":
-        return ModelTracking(parameters, built.total, config, real, start)
-    reference: Any = built.lookup
-    if kind == "feedforward":
-
-        def reference(*place: Any) -> tuple[Any, Any]:
-            yaw_rate, rear_angle = (real(value) for value in built.lookup.reference(*place))
-            return yaw_rate, rear_angle
-
-    limit = float(real(config.rear_actuator.angle_max))
-    return MODELS[kind](parameters, reference, config.controller.sampling_time_s, limit, real, start)
+def model_of(built: Built, parameters: Any, start: float) -> SecondController:
+    """The second implementation of the build's kind."""
+    return second_controller(config_of(built), parameters, built.lookup, built.total, start)
 
 
 def check_kind_same_as_model(
     built: Built, changes: Mapping[str, Any] | None = None, count: int = 2500, seed: int = 1, **course: float
-) -> ModelController:
+) -> SecondController:
     """Sample by sample the numbers and the status of the independent model, bit for bit, through every status."""
     rng = np.random.default_rng(seed)
     start = float(rng.uniform(-0.08, 0.08))
@@ -125,6 +112,3 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
         )
         assert 0.0 < state.grip <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
         assert abs(state.front_angle) <= parameters.front_angle_max
-
-
-assert set(CONFIGS) == {*MODELS, "tracking"}

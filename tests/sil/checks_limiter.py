@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.sil.checks_lookup import RealArray, special_values
-from tests.sil.model_limiter import ModelLimiter, any_numbers
+from codegen.verify.law.limiter import SecondLimiter
+from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 
 CHANGES: dict[str, dict[str, Any]] = {
@@ -78,7 +78,7 @@ def check_limiter_same_as_model(units: Units, changes: Mapping[str, Any] | None 
     for seed, start in enumerate((0.0, -0.05, 0.9, 1.5, math.nan)):
         inputs = drive(units, parameters, 4000, seed)
         got = units.limiter(parameters, inputs, start)
-        model = ModelLimiter(parameters, period(units), units.real, start)
+        model = SecondLimiter(parameters, period(units), units.real, start)
         wanted = np.array([model.step(*row) for row in inputs], dtype=units.real)
         differ = np.flatnonzero(got != wanted)
         assert differ.size == 0, f"step {differ[0]}: {inputs[differ[0]]}: {got[differ[0]]} instead of {wanted[differ[0]]}"

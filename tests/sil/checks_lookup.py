@@ -245,3 +245,10 @@ def check_checksum(built: Built) -> None:
     assert built.software.function("map_checksum")() == wanted
     assert built.software.function("map_expected_checksum") == wanted
     assert built.folder.manifest["map"]["checksum_crc32"] == f"{wanted:08x}"
+
+
+def any_numbers(rng: np.random.Generator, real: Any, count: int, special: Any) -> Any:
+    """Numbers (count,) of any bit pattern, and special ones."""
+    size = np.dtype(real).itemsize
+    raw = np.frombuffer(rng.bytes(count * size), dtype=real)
+    return np.where(rng.random(count) < 0.5, raw, rng.choice(special, count)).astype(real)

@@ -12,17 +12,14 @@ from scipy.optimize import root
 from codegen.emit.reference_model_view import ARGUMENT_MAX, tabulate
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
-from tests.sil.checks_lookup import RealArray, special_values
-from tests.sil.model_limiter import any_numbers
-from tests.sil.model_reference_model import (
+from codegen.verify.law.reference_model import (
     SIDESLIP_MAX,
-    ModelReferenceModel,
+    SecondReferenceModel,
     TableCurve,
-    exact_slope,
-    exact_step,
-    magic_formula,
     speed_min,
 )
+from tests.sil.checks_lookup import RealArray, any_numbers, special_values
+from tests.sil.exact_dynamics import exact_slope, exact_step, magic_formula
 from tests.sil.units import Units
 
 KM_H = 1.0 / 3.6
@@ -65,7 +62,7 @@ def wild_inputs(units: Units, count: int, seed: int) -> RealArray:
 
 def check_model_same_bits(units: Units, count: int = 100_000) -> None:
     """One step from any state with any inputs, and the start, have the bits of the independent model (zero has no sign)."""
-    model = ModelReferenceModel(units.config, units.real)
+    model = SecondReferenceModel(units.config, units.real)
     states = random_states(units, count, 1)
     for inputs in (random_inputs(units, count, 2), wild_inputs(units, count, 3)):
         got = units.model_from(states, inputs)
@@ -85,7 +82,7 @@ def check_model_same_bits(units: Units, count: int = 100_000) -> None:
 
 def check_model_same_bits_over_time(units: Units, count: int = 4000) -> None:
     """The same over a long drive, from step to step."""
-    model = ModelReferenceModel(units.config, units.real)
+    model = SecondReferenceModel(units.config, units.real)
     t = np.arange(count)
     inputs = np.stack(
         [
@@ -123,7 +120,7 @@ def check_model_physics(units: Units) -> None:
     config, count = units.config, 20_000
     states = random_states(units, count, 11).astype(np.float64)
     inputs = random_inputs(units, count, 12).astype(np.float64)
-    model = ModelReferenceModel(config, np.float64)
+    model = SecondReferenceModel(config, np.float64)
     tyres = AxleTyres.from_config(config)
     after = units.model_from(states, inputs).astype(np.float64)
     moved = np.clip(

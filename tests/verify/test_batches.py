@@ -10,10 +10,12 @@ import pytest
 
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.software import Status
+from codegen.verify import traffic
 from codegen.verify.drives import Ground, drive_of, measurements_of, recorded
-from codegen.verify.pil import stimuli, traffic
-from codegen.verify.pil.batches import FRAMES, Program, Rows, program_of
-from codegen.verify.pil.runners import HOST_FLAGS, OnHost, OnTarget
+from codegen.verify.on_host import HOST_FLAGS
+from codegen.verify.pil import stimuli
+from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
+from codegen.verify.pil.runners import OnHost, OnTarget
 from codegen.verify.pil.stimuli import Source, specials
 from codegen.verify.target.cross import POWERPC_BE
 from tests.verify import builds
@@ -158,8 +160,8 @@ def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> N
     software, batch = builds.compiled("tracking"), program().batches["task"]
     _, cycles = traffic.closed_loop(software)
     disturbed = traffic.disturbed(software.config, cycles, 2_000)
-    assert max(map(len, disturbed)) <= FRAMES
-    results = host().run(batch, traffic.rows_of(disturbed, batch, np.uint32, traffic.restarts_of(2_000)))
+    assert max(map(len, disturbed)) <= traffic.FRAMES
+    results = host().run(batch, rows_of_cycles(disturbed, batch, np.uint32, traffic.restarts_of(2_000)))
     causes = np.bitwise_or.reduce(column("task", results, "data[4..7]") >> 16)
     assert causes == 2 ** len(DIAGNOSTICS) - 1
     assert set(column("task", results, "state.controller.status").tolist()) == set(Status)
@@ -174,7 +176,7 @@ def test_the_recorded_scenario_is_the_closed_loop() -> None:
     software, batch = builds.compiled("tracking"), program().batches["task"]
     name, cycles = traffic.closed_loop(software)
     assert name == "step-steer"
-    results = host().run(batch, traffic.rows_of(cycles, batch, np.uint32))
+    results = host().run(batch, rows_of_cycles(cycles, batch, np.uint32))
     commands = run_through_can(software, SCENARIOS[name]).record[:, 7]
     codes = (column("task", results, "data[0..3]") >> 16).astype(np.int16)
     assert len(cycles) == len(commands)

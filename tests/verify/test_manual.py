@@ -13,6 +13,7 @@ from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.refmap.map import ReferenceMap, from_arrays
+from codegen.refmap.place import Request
 from codegen.refmap.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
@@ -40,8 +41,9 @@ def bare(**more: Any) -> ReferenceMap:
     return from_arrays({"vx": SPEED, "delta_f": FRONT_ANGLE, "yaw_rate": YAW_RATE, **more}, "bare.npz")
 
 
-def manifest_of(reference_map: ReferenceMap, config: Config, source: str) -> Mapping[str, Any]:
-    return build(reference_map, config, BuildOptions("sample"), BuildInputs("s.npz", "0" * 64, source)).manifest
+def manifest_of(reference_map: ReferenceMap, config: Config, source: str, request: Request | None = None) -> Mapping[str, Any]:
+    options = BuildOptions("sample", request=request)
+    return build(reference_map, config, options, BuildInputs("s.npz", "0" * 64, source)).manifest
 
 
 def changed(**sections: dict[str, Any]) -> Config:
@@ -66,6 +68,13 @@ class TestMap:
         assert "The map assumes a peak friction of 0.9." in text
         assert "| solved by the optimisation |" in text
         assert "nobody checked" not in text
+
+    def test_chosen_breakpoints_do_not_change_what_it_covers(self) -> None:
+        config = changed()
+        request = Request(np.radians(2.0), None, "float", "--max-error 2deg/s")
+        manifest = manifest_of(solve_case(config, builds.CASE), config, "map", request)
+        assert len(manifest["map"]["speed_m_s"]) < 20
+        assert "The optimisation covers 20 to 120 km/h and 0.1 to 10 deg at the front wheels" in text_of(manifest)
 
     def test_a_bare_one_covers_its_own_axes_and_is_not_said_to_fit(self) -> None:
         text = text_of(manifest_of(bare(), builds.config_of("feedforward"), "preset"))
@@ -209,6 +218,13 @@ FIGURES: dict[str, dict[str, Any]] = {
         "flash_bytes": 98_030,
         "struct_bytes": {"controller": 80, "task": 152},
     },
+    "law": {
+        "drives": 31,
+        "parameter_sets": 12,
+        "samples": 52_400,
+        "task_cycles": 1_800,
+        "statuses": {"TRACKING": 27_444, "LIMITED": 9_196},
+    },
     "proof": {
         "obligations": {"claim": 166, "invariant": 1199},
         "proved": 1364,
@@ -232,6 +248,7 @@ ROWS = {
         "| RAM of one controller | 80 B | 128 B |",
         "| flash of all objects, tables and default parameters included | 98,030 B | - |",
     ),
+    "law": ("| drives | 31 |", "| cycles of the task, frames in and frame out | 1,800 |", "| TRACKING | 27,444 |"),
     "proof": (
         "| invariant | 1,199 |",
         "| **proved** | 1,364 of 1,365 |",
@@ -250,6 +267,7 @@ METHODS = {
     "static-analysis": "Reference is\n`deviations.md`",
     "processor-in-the-loop": "have to have the same bits",
     "budgets": "from call to return",
+    "law": "written a second time",
     "proof": "becomes an obligation",
     "sanitizers": "AddressSanitizer",
     "fuzzing": "changed at random",
@@ -310,6 +328,11 @@ class TestResults:
         assert f"| {budget['task_instructions_max']:,} |\n" in section
         assert f" B | {budget['state_bytes_max']:,} B |\n" in section
         assert section.count("|---|\n") == 3, "instructions, stack and memory"
+
+    @pytest.mark.parametrize("verdict", Verdict)
+    def test_that_the_law_was_not_compared_is_told(self, verdict: Verdict) -> None:
+        text = text_of(builds.made("pi").manifest, {"law": Outcome("It shows", "one", verdict)})
+        assert ("\n- That each command is the one of the control law." in text) == (verdict is Verdict.NOT_RUN)
 
     def test_tools_name_themselves_once(self) -> None:
         tools = {

@@ -61,6 +61,16 @@ def test_a_fault_of_one_check_leaves_the_others_theirs(folder: Path) -> None:
     assert report.outcomes["passing"].verdict is Verdict.PASSED
 
 
+def test_a_check_whose_process_ends_has_failed_and_leaves_the_others_theirs(folder: Path) -> None:
+    told: list[int] = []
+    checks = (registered("crashing"), registered("passing"), registered("failing"))
+    report = runner.run(Subject.read(folder), Effort(), lambda count, of: told.append(count), checks)
+    verdicts = [outcome.verdict for outcome in report.outcomes.values()]
+    assert verdicts == [Verdict.FAILED, Verdict.PASSED, Verdict.FAILED]
+    assert report.outcomes["crashing"].findings == (runner.CRASHED,)
+    assert told == [1, 2, 3]
+
+
 def test_its_traceback_is_shown_where_asked(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,7 +106,7 @@ def test_every_registered_check_is_there() -> None:
         assert callable(__import__(check.module, fromlist=["check"]).check)
     assert {check.name for check in runner.CHECKS} == set(runner.SLOWEST_FIRST)
     assert [check.name for check in runner.CHECKS if check.quick] == [
-        *("compiles", "static-analysis", "processor-in-the-loop", "budgets"),
+        *("compiles", "static-analysis", "processor-in-the-loop", "budgets", "law"),
     ]
 
 

@@ -16,10 +16,10 @@ from codegen.refmap.solve import solve_case
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Ground
+from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import sanitized, served_ecu
-from codegen.verify.sanitizers.map_reference import lookup_of
 from tests.verify import builds, planted
 
 TRACKING = builds.made("tracking")

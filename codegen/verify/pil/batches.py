@@ -18,13 +18,11 @@ from codegen.emit.can_view import task_view
 from codegen.emit.render import render
 from codegen.emit.text import c_type
 from codegen.sil.software import Software
+from codegen.verify.traffic import FRAMES, Cycle
 
 Word = type[np.uint32] | type[np.uint64]
 Rows = npt.NDArray[Any]
 """Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
-
-FRAMES = 4
-"""CAN frames that a cycle of the task may have."""
 
 WHOLE = frozenset({"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"})
 """Columns of rows going in that hold whole numbers; those of frames do as well."""
@@ -224,3 +222,15 @@ def _leaves(software: Software, kind: str, variable: str) -> list[tuple[str, str
 
     visit(software.ffi.typeof(f"{software.prefix}_{kind}"), "")
     return found
+
+
+def rows_of_cycles(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Sequence[int] = (0,)) -> Rows:
+    """Cycles as rows of the batch "task"; the task is initialised before some of them."""
+    rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
+    rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
+    for row, frames in zip(rows, cycles, strict=True):
+        row[1] = len(frames)
+        for place, frame in enumerate(frames):
+            data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
+            row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
+    return rows

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from codegen.errors import BuildError
-from codegen.sil.software import Software, Status, compile_build
-from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler
-from codegen.verify.budgets.bounded_loops import complaints
+from codegen.sil.software import Software, Status
+from codegen.sil.toolchain import compiler_command, compiler_identity
+from codegen.verify import suites, traffic
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import Ground, recorded
-from codegen.verify.packages import MissingTool, module, require
-from codegen.verify.pil import dynamics_bound, traffic
-from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of
-from codegen.verify.pil.runners import HOST_FLAGS, OnHost, OnTarget
+from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
+from codegen.verify.packages import module, require
+from codegen.verify.pil import dynamics_bound
+from codegen.verify.pil.batches import Program, Rows, dynamics_program_of, program_of, rows_of_cycles
+from codegen.verify.pil.runners import OnHost, OnTarget
 from codegen.verify.pil.stimuli import Source
 from codegen.verify.pil.streams import Stream, differences
 from codegen.verify.target.cross import CORTEX_M4F, CORTEX_M7, POWERPC_BE, Core
@@ -64,13 +65,9 @@ def check(subject: Subject, effort: Effort) -> Outcome:
     """
     _require_tools()
     try:
-        endless = complaints(subject.files, subject.manifest)
-        if endless:  # on this machine too it might never return
-            return Outcome(SHOWS, "", Verdict.NOT_RUN, (f"it might never return: {endless[0]}",), limits=LIMITS, tools=_tools())
-    except BuildError:
-        pass  # C that cannot be read may still run
-    try:
         return _compared(subject, effort)
+    except MightNotReturn as error:
+        return Outcome(SHOWS, "", Verdict.NOT_RUN, (str(error),), limits=LIMITS, tools=_tools())
     except BuildError as error:  # the C does not compile, or leaves the core's memory
         return Outcome(SHOWS, "the C does not run", Verdict.FAILED, (str(error),), limits=LIMITS, tools=_tools())
 
@@ -79,10 +76,7 @@ def _require_tools() -> None:
     require("ziglang")
     module("unicorn", "unicorn")
     module("elftools.elf.elffile", "pyelftools")
-    try:
-        find_compiler()
-    except BuildError as error:
-        raise MissingTool(error.what, where=error.where, remedy=error.remedy) from None
+    require_compiler()
 
 
 def streams(subject: Subject, software: Software, program: Program, steps: int, seed: int = 0) -> Iterator[Stream]:
@@ -99,14 +93,14 @@ def streams(subject: Subject, software: Software, program: Program, steps: int, 
     scenario, cycles = traffic.closed_loop(software)
     task = batches["task"]
     if scenario:
-        yield Stream(f"scenario {scenario}", "cycle", task, traffic.rows_of(cycles, task, program.word))
+        yield Stream(f"scenario {scenario}", "cycle", task, rows_of_cycles(cycles, task, program.word))
     disturbed = traffic.disturbed(software.config, cycles, others, seed)
-    rows = traffic.rows_of(disturbed, task, program.word, traffic.restarts_of(others))
+    rows = rows_of_cycles(disturbed, task, program.word, traffic.restarts_of(others))
     yield Stream("disturbed traffic", "cycle", task, rows)
 
 
 def _compared(subject: Subject, effort: Effort) -> Outcome:
-    software = compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
+    software = compiled(subject)
     program = program_of(software, subject.files)
     here = OnHost(program)
     driven = list(streams(subject, software, program, QUICK_STEPS if effort.quick else STEPS))
@@ -160,13 +154,8 @@ def _statuses(stream: Stream, results: Rows) -> dict[str, int]:
 
 
 def _unreached(statuses: Mapping[str, int], software: Software) -> list[str]:
-    parameters = software.parameters()
-    possible = set(Status)
-    if parameters.degraded_samples_max == 0 and parameters.implausible_samples_max == 0:
-        possible.remove(Status.DEGRADED)
-    return [
-        f"the random steps never reach the status {status.name}" for status in sorted(possible) if not statuses[status.name]
-    ]
+    possible = suites.possible_statuses(software)
+    return [f"the random steps never reach the status {status.name}" for status in possible if not statuses[status.name]]
 
 
 def _dynamics(subject: Subject, software: Software, effort: Effort) -> dict[str, dynamics_bound.Apart]:

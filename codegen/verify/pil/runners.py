@@ -7,13 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from codegen.sil.compile import DEFAULT_FLAGS, compile_library
+from codegen.sil.compile import compile_library
+from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.pil.batches import FOLDER, Batch, Program, Rows
 from codegen.verify.target.cross import CORTEX_M4F, Core, compile_image
 from codegen.verify.target.emulator import DATA, DATA_BYTES, Processor
-
-HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
-"""Of this machine's compiler. What it warns of is judged by another check."""
 
 
 class Runner(Protocol):

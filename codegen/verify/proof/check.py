@@ -9,9 +9,9 @@ from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.errors import BuildError
 from codegen.refmap.storage import RAW_MAX
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool, module
 from codegen.verify.proof.obligations import Widened
-from codegen.verify.sanitizers.map_reference import lookup_of
 
 SHOWS = (
     "For every input, every valid parameter set, any table in its range and every state that the invariant allows: the "

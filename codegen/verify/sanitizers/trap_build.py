@@ -15,11 +15,12 @@ import numpy as np
 
 from codegen.sil.software import compile_build
 from codegen.verify.check import Effort, Subject
+from codegen.verify.on_host import HOST_FLAGS
 from codegen.verify.packages import module
 from codegen.verify.pil import dynamics_bound
 from codegen.verify.pil.batches import Program, dynamics_program_of, program_of
 from codegen.verify.pil.check import POINTS, streams
-from codegen.verify.pil.runners import HOST_FLAGS, OnTarget
+from codegen.verify.pil.runners import OnTarget
 from codegen.verify.pil.streams import Stream
 from codegen.verify.target.emulator import Stray
 

@@ -1,4 +1,4 @@
-"""The safety limiter as its header describes it, in Python: an independent model to hold the C against, bit for bit.
+"""The safety limiter as its header describes it, in Python, bit for bit.
 
 One number type throughout; the order of the operations is that of the formulas in the header's words.
 """
@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 
 def clip(value: Any, low: Any, high: Any) -> Any:
-    """The value between two bounds; the upper one wins where they cross."""
+    """The value between two bounds; the upper one wins where they cross, the lower one for what is no number."""
     return min(max(value, low), high)
 
 
-class ModelLimiter:
+class SecondLimiter:
     """Args: `parameters` is anything with the fields of the C parameter struct; `period` in s; `angle` rad to start from."""
 
     def __init__(self, parameters: Any, period: float, real: Any, angle: Any = 0.0) -> None:
@@ -67,10 +65,3 @@ class ModelLimiter:
                 share = (self.speed - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
                 return bounds[k - 1] + share * (bounds[k] - bounds[k - 1])
         return bounds[-1]
-
-
-def any_numbers(rng: np.random.Generator, real: Any, count: int, special: Any) -> Any:
-    """Numbers (count,) of any bit pattern, and special ones."""
-    size = np.dtype(real).itemsize
-    raw = np.frombuffer(rng.bytes(count * size), dtype=real)
-    return np.where(rng.random(count) < 0.5, raw, rng.choice(special, count)).astype(real)

@@ -5,12 +5,9 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-import numpy as np
-
 from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
-from codegen.verify.pil.batches import FRAMES, Batch, Rows, Word
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
 from hil_sim.frames import Frame
@@ -18,6 +15,9 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.scenarios import DEFAULT, SCENARIOS
 
 Cycle = tuple[Frame, ...]
+
+FRAMES = 4
+"""That a cycle may have."""
 
 EPISODE = (5, 60)
 """Cycles of one kind of traffic: shortest and longest."""
@@ -57,18 +57,6 @@ def closed_loop(software: Software) -> tuple[str, list[Cycle]]:
 def disturbed(config: Config, recorded: Sequence[Cycle], count: int, seed: int = 0) -> list[Cycle]:
     """So many cycles with good frames, damaged, lost, repeated and foreign ones, and right ones of any content."""
     return _Traffic(config, recorded, seed).cycles(count)
-
-
-def rows_of(cycles: Sequence[Cycle], batch: Batch, word: Word, restarts: Sequence[int] = (0,)) -> Rows:
-    """Cycles as rows of the batch "task"; the task is initialised before some of them."""
-    rows = np.zeros((len(cycles), len(batch.inputs)), dtype=word)
-    rows[[cycle for cycle in restarts if cycle < len(cycles)], 0] = 1
-    for row, frames in zip(rows, cycles, strict=True):
-        row[1] = len(frames)
-        for place, frame in enumerate(frames):
-            data = int.from_bytes(frame.data.ljust(8, b"\0"), "little")
-            row[2 + 4 * place : 6 + 4 * place] = (frame.id, len(frame.data), data & 0xFFFF_FFFF, data >> 32)
-    return rows
 
 
 def restarts_of(count: int, seed: int = 0) -> list[int]:

@@ -1,8 +1,7 @@
-"""The reference model as its header describes it, in NumPy: an independent model to hold the C against.
+"""The reference model of kind "tracking" as its header describes it, in NumPy.
 
-`ModelReferenceModel` has the bits of the C. Its order of operations is known: where the C prints a CasADi expression, the
-instructions of the same CasADi function are walked here in the build's number type; the rest is written from the header.
-`exact_step` is the physics in double precision, written from the equations of the single-track car and not from CasADi.
+It has the bits of the C. Its order of operations is known: where the C prints a CasADi expression, the instructions of the same
+CasADi function are walked here in the build's number type; the rest is written from the header.
 """
 
 from __future__ import annotations
@@ -37,21 +36,43 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
 }
 
 
-def walk(function: Any, inputs: Sequence[Sequence[Any]], real: Any) -> list[Any]:
-    """The elements of the only output of a CasADi function, each operation done in `real`; inputs by argument and element."""
+@dataclass(frozen=True)
+class Instruction:
+    """One of a CasADi function: what it does, with which places of work or of an input or output, and a constant's value."""
+
+    operation: int
+    arguments: tuple[int, ...]
+    results: tuple[int, ...]
+    constant: Any
+
+    @classmethod
+    def all_of(cls, function: Any, real: Any) -> tuple[Instruction, ...]:
+        """Those of a function, with its constants in a number type."""
+        return tuple(
+            cls(
+                function.instruction_id(k),
+                tuple(function.instruction_input(k)),
+                tuple(function.instruction_output(k)),
+                real(function.instruction_constant(k)) if function.instruction_id(k) == ca.OP_CONST else None,
+            )
+            for k in range(function.n_instructions())
+        )
+
+
+def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -> list[Any]:
+    """The elements of the only output, each operation done in the number type of constants and inputs (argument, element)."""
     work: dict[int, Any] = {}
     output: dict[int, Any] = {}
-    for k in range(function.n_instructions()):
-        operation, arguments = function.instruction_id(k), function.instruction_input(k)
-        results = function.instruction_output(k)
-        if operation == ca.OP_CONST:
-            work[results[0]] = real(function.instruction_constant(k))
-        elif operation == ca.OP_INPUT:
-            work[results[0]] = inputs[arguments[0]][arguments[1]]
-        elif operation == ca.OP_OUTPUT:
-            output[results[1]] = work[arguments[0]]
+    for each in instructions:
+        arguments = each.arguments
+        if each.operation == ca.OP_CONST:
+            work[each.results[0]] = each.constant
+        elif each.operation == ca.OP_INPUT:
+            work[each.results[0]] = inputs[arguments[0]][arguments[1]]
+        elif each.operation == ca.OP_OUTPUT:
+            output[each.results[1]] = work[arguments[0]]
         else:
-            work[results[0]] = _OPERATIONS[operation](work[arguments[0]], work[arguments[-1]])
+            work[each.results[0]] = _OPERATIONS[each.operation](work[arguments[0]], work[arguments[-1]])
     return [output[index] for index in sorted(output)]
 
 
@@ -60,7 +81,7 @@ def within(value: Any, limit: Any) -> Any:
     return np.where(np.isnan(value), value.dtype.type(0.0), np.clip(value, -limit, limit))
 
 
-def clip(value: Any, low: Any, high: Any) -> Any:
+def between(value: Any, low: Any, high: Any) -> Any:
     """The value between two bounds; the lower one for what is no number."""
     return np.where(np.isnan(value), low, np.clip(value, low, high))
 
@@ -89,7 +110,7 @@ class TableCurve:
         return np.where(x < 0.0, -value, value)
 
 
-class ModelReferenceModel:
+class SecondReferenceModel:
     """States (sideslip, yaw rate, rear angle) and inputs (speed, front angle, rear angle, friction) as arrays of one shape."""
 
     def __init__(self, config: Config, real: Any) -> None:
@@ -97,7 +118,10 @@ class ModelReferenceModel:
         vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
         stiffness = 2.0 * tyres.rear.cornering_stiffness
         self.real = real
-        self.functions = single_track_from_shapes(config)
+        functions = single_track_from_shapes(config)
+        self.arguments, self.derivative = (
+            Instruction.all_of(each, real) for each in (functions.arguments, functions.derivative)
+        )
         self.curves = [TableCurve.of(tyre, real) for tyre in (tyres.front, tyres.rear)]
         self.period = real(period)
         self.speeds = real(speed_min(config)), real(config.controller.inputs.speed_max_km_h / 3.6)
@@ -112,15 +136,15 @@ class ModelReferenceModel:
 
     def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
         """The state of the linear car's steady turn."""
-        forward = clip(speed, *self.speeds)
+        forward = between(speed, *self.speeds)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
 
     def slope(self, x: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-        arguments = walk(self.functions.arguments, [x, u], self.real)
+        arguments = walk(self.arguments, [x, u])
         shapes = [curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)]
-        return walk(self.functions.derivative, [x, u, shapes], self.real)
+        return walk(self.derivative, [x, u, shapes])
 
     def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
         """One sampling time later, by Heun's method; the rear wheels stand in the middle of their way."""
@@ -129,7 +153,7 @@ class ModelReferenceModel:
         half = self.real(0.5)
         moved = np.clip(self.share * (within(commanded, self.rear_angle_max) - rear_angle), -self.travel, self.travel)
         road = np.where(np.isnan(friction), self.friction, np.clip(friction, self.real(0.0), self.friction))
-        u = [clip(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
+        u = [between(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
         first = self.slope([sideslip, yaw_rate], u)
         ahead = [x + self.period * slope for x, slope in zip((sideslip, yaw_rate), first, strict=True)]
         second = self.slope(ahead, u)
@@ -150,34 +174,3 @@ def speed_min(config: Config) -> float:
     lateral = (front + rear) / vehicle.mass_kg
     yaw = (vehicle.cg_to_front_axle_m**2 * front + vehicle.cg_to_rear_axle_m**2 * rear) / vehicle.yaw_inertia_kg_m2
     return max(lateral, yaw) * config.controller.sampling_time_s
-
-
-def magic_formula(tyre: MagicFormulaTyre, x: Any) -> Any:
-    """The curve itself: sin(C atan(x - E (x - atan x)))."""
-    return np.sin(tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x))))
-
-
-def exact_slope(config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[Callable[[Any], Any]]) -> FloatArray:
-    """(2, n): time derivative of sideslip and yaw rate in double precision, for states (2, n) and inputs (4, n)."""
-    vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
-    (beta, r), (v, front, rear, friction) = state, inputs
-    lf, lr = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
-    slips = beta + lf * r / v - front, beta - lr * r / v - rear
-    forces = [
-        -2.0
-        * (
-            friction * tyre.peak_factor * tyre.static_load * curve(tyre.stiffness_factor * (slip - tyre.horizontal_shift))
-            + tyre.vertical_shift
-        )
-        for tyre, curve, slip in zip((tyres.front, tyres.rear), curves, slips, strict=True)
-    ]
-    lateral = sum(forces) / (vehicle.mass_kg * v) - r
-    return np.array([lateral, (lf * forces[0] - lr * forces[1]) / vehicle.yaw_inertia_kg_m2])
-
-
-def exact_step(
-    config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[Callable[[Any], Any]], step: float
-) -> FloatArray:
-    """(2, n): sideslip and yaw rate one Heun step later; inputs hold the rear angle of the middle of the step."""
-    first = exact_slope(config, state, inputs, curves)
-    return state + 0.5 * step * (first + exact_slope(config, state + step * first, inputs, curves))

@@ -1,7 +1,8 @@
 """The NumPy reference of the lookup for the map that stands in the C of a build.
 
-The breakpoints come from the manifest, the numbers of the tables and the caps from the C text: any table may stand there. What
-the generated lookup makes of them is computed by `codegen.refmap.lookup`, which knows nothing of the C.
+The breakpoints come from the manifest, the numbers of the tables and the caps from the C text: any table may stand there. So
+does the car whose steering goes with a capped yaw rate, where it is not the manifest's. What the generated lookup makes of them
+is computed by `codegen.refmap.lookup`, which knows nothing of the C.
 """
 
 from __future__ import annotations
@@ -28,14 +29,19 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _CONSTANT = re.compile(
     r"\bconst (?:float|double|int16_t)\s+(?P<name>\w+)\s*(?:\[[^\];{}]*\]\s*)*=\s*(?P<value>\{[^;]*\}|[-+\d.][^;]*);"
 )
+_STEERING = (
+    *("wheelbase", "understeer_coefficient", "rear_arm", "rear_slip_per_lateral_acceleration"),
+    *("sideslip_max", "rear_angle_max"),
+)
+"""Of the linear car, in the order of `SteeringConstants`."""
 _NUMBER = re.compile(r"(?<!\w)[-+]?\d[\d.]*(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
 def lookup_of(subject: Subject) -> Lookup:
-    """The reference of a build, in its precision. The car whose steering goes with a capped yaw rate is the manifest's.
+    """The reference of a build, in its precision.
 
     Raises:
-        BuildError: the sources hold no such tables or caps.
+        BuildError: the sources hold no such tables, caps or car.
     """
     facts, real = subject.manifest["map"], numpy_type(subject.manifest["options"]["precision"])
     axes = [Axis.from_breakpoints(np.array(facts[key], dtype=np.float64)) for key in ("speed_m_s", "front_angle_rad")]
@@ -49,7 +55,10 @@ def lookup_of(subject: Subject) -> Lookup:
         # Of raw numbers, each a number of its own in either precision.
         tables.append(table * bounds.of(f"{quantity}_scale", (1,))[0] if "storage" in facts else table)
     caps = "lateral_acceleration_caps" if frictions.size > 1 else "lateral_acceleration_cap"
-    config = subject.config
+    steering = [real(value) for value in astuple(CapSteering.from_config(subject.config))]
+    is_own_car = subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
+    if uses_rear_angle and not is_own_car and subject.is_of_this_version:
+        steering = [bounds.of(name, (1,))[0] for name in _STEERING]
     return Lookup(
         speed_axis=AxisConstants(axes[0], real),
         front_axis=AxisConstants(axes[1], real),
@@ -58,7 +67,7 @@ def lookup_of(subject: Subject) -> Lookup:
         frictions=frictions,
         caps=bounds.of(caps, frictions.shape),
         lateral_acceleration_cap_per_friction=bounds.of("lateral_acceleration_cap_per_friction", (1,))[0],
-        steering=SteeringConstants(*(real(value) for value in astuple(CapSteering.from_config(config)))),
+        steering=SteeringConstants(*steering),
         real=real,
     )
 

@@ -1,22 +1,32 @@
-"""The law of kind "tracking" as its header and the configuration's comments describe it: an independent model, to the bit."""
+"""The law of kind "tracking" as its header and the configuration's comments describe it, in Python, to the bit."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from codegen.config import Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
-from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Measurement, Status
-from tests.sil.checks_map_reference import road_lateral_acceleration
-from tests.sil.model_controller import ModelController
-from tests.sil.model_limiter import clip
-from tests.sil.model_reference_model import ModelReferenceModel
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.limiter import clip
+from codegen.verify.law.reference_model import SecondReferenceModel
+
+
+class Road(Protocol):
+    """What the map was made for; a TotalMap is one."""
+
+    @property
+    def friction(self) -> float:
+        """Peak friction."""
+
+    @property
+    def lateral_acceleration_cap(self) -> float:
+        """m/s^2 that the map allows on it."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +39,17 @@ class Sample:
     friction: Any
 
 
-class ModelTracking(ModelController):
+class SecondTracking(SecondController):
     """Feedforward, reference model, scheduled feedback of bounded authority. `happened` tells what a drive has made it do."""
 
-    def __init__(self, parameters: Any, total: TotalMap, config: Config, real: Any, angle: float) -> None:
+    def __init__(self, parameters: Any, lookup: Lookup, road: Road, config: Config, angle: float) -> None:
+        real: Any = lookup.real
         actuator_max = float(real(config.rear_actuator.angle_max))
-        self.lookup = Lookup.from_map(total, real)
-        super().__init__(parameters, self.lookup, config.controller.sampling_time_s, actuator_max, real, angle)
-        self.total = total
-        self.car = ModelReferenceModel(config, real)
-        self.full_grip = real(total.lateral_acceleration_cap)
+        super().__init__(parameters, lookup, config.controller.sampling_time_s, actuator_max, real, angle)
+        self.car = SecondReferenceModel(config, real)
+        self.full_grip = real(road.lateral_acceleration_cap)
         # A little above the quotient: full grip is never less than the map's own road.
-        self.friction_per_grip = real(total.friction / total.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
+        self.friction_per_grip = real(road.friction / road.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
@@ -72,7 +81,7 @@ class ModelTracking(ModelController):
         friction = seen if math.isnan(estimated) else min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
         bound = p("rear_angle_max")
-        road = road_lateral_acceleration(self.total, self.real, friction)
+        road = self.lookup.lateral_acceleration(friction)
         self.note("lead at its bound", abs(lead) == most)
         self.note("estimate below what was seen", not math.isnan(estimated) and estimated < seen)
         return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)

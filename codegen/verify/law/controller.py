@@ -1,4 +1,4 @@
-"""The controller as its header and README describe it, in Python: an independent model to hold the C against.
+"""The controller of every kind but "tracking" as its header and README describe it, in Python.
 
 It keeps one number type throughout, so the bits of a sample can be compared and not only its size.
 """
@@ -6,16 +6,11 @@ It keeps one number type throughout, so the bits of a sample can be compared and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
+from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
-from tests.sil.model_limiter import ModelLimiter, clip
-
-Reference = Callable[[Any, Any, Any], Any]
-"""(speed, front angle, friction) -> reference yaw rate."""
+from codegen.verify.law.limiter import SecondLimiter, clip
 
 NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
 """Fields of a measurement in order, without `inhibit`."""
@@ -24,31 +19,30 @@ SPEED_UNKNOWN = 1000.0
 """m/s: before a speed was seen the car may be at any, and the fail-safe holds."""
 
 
-class ModelController:
+class SecondController:
     """The supervision that all kinds share, around a control law; the limiter has the last word.
 
     Args:
         parameters: anything with the fields of the C parameter struct.
-        reference: the lookup.
+        lookup: of the map.
         period: sampling time in s.
         actuator_max: rad, the actuator's own limit.
         real: number type.
         angle: rad, to start from.
     """
 
-    def __init__(
-        self, parameters: Any, reference: Reference, period: float, actuator_max: float, real: Any, angle: float
-    ) -> None:
+    def __init__(self, parameters: Any, lookup: Lookup, period: float, actuator_max: float, real: Any, angle: float) -> None:
         self.p = parameters
-        self.reference = reference
+        self.lookup = lookup
         self.real = real
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
-        self.limiter = ModelLimiter(parameters.limiter, period, real, self.angle)
+        self.limiter = SecondLimiter(parameters.limiter, period, real, self.angle)
         self.last_speed = real(SPEED_UNKNOWN)
         self.status = Status.STANDBY
         self.above_enabling_speed = False
         self.lost = self.found = self.unbelieved = 0
+        self._last_reference = real(0.0)
 
     def start(self, m: Measurement) -> None:
         """The law begins: without a jump from the angle that is commanded."""
@@ -87,15 +81,11 @@ class ModelController:
         elif self.status is Status.FAIL_SAFE:
             self._fail_safe()
         self._last_reference = yaw_rate_reference
-        bound = self.parameter("rear_angle_max")
-        self.angle = min(max(self.angle, -bound), bound)
         limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
         if limited != self.angle and self.status is Status.TRACKING:
             self.status = Status.LIMITED
         self.angle = limited
         return Command(float(self.angle), float(yaw_rate_reference), self.status)
-
-    _last_reference: Any = 0.0
 
     def _usable(self, m: Measurement) -> bool:
         if abs(m.speed) <= self.parameter("speed_max"):
@@ -158,7 +148,7 @@ class ModelController:
 
     def map_yaw_rate(self, m: Measurement) -> Any:
         """rad/s, of the sample's speed, front angle and friction."""
-        return self.reference(m.speed, m.front_angle, self.friction(m))
+        return self.lookup(m.speed, m.front_angle, self.friction(m))
 
     def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
         """rad in which the demand may be: the actuator's, and no farther than so much from where it is measured."""
@@ -175,7 +165,7 @@ class ModelController:
         return clip(demand, self.angle - travel, self.angle + travel)
 
 
-class ModelPi(ModelController):
+class SecondPi(SecondController):
     """PI on the yaw-rate error."""
 
     integral: Any = 0.0
@@ -204,17 +194,17 @@ class ModelPi(ModelController):
         return reference, limited
 
 
-class ModelFeedforward(ModelController):
-    """The map's own rear angle, at the rate limit. `reference` gives yaw rate and rear angle."""
+class SecondFeedforward(SecondController):
+    """The map's own rear angle, at the rate limit."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
-        yaw_rate, wanted = self.reference(m.speed, m.front_angle, self.friction(m))
+        yaw_rate, wanted = self.lookup.reference(m.speed, m.front_angle, self.friction(m))
         bound = self.parameter("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))
         return yaw_rate, bool(self.angle != wanted)
 
 
-class ModelProportional(ModelController):
+class SecondProportional(SecondController):
     """k(speed) times the front angle, k = -(lr - s v^2) / (L - lr + (K + s) v^2)."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
@@ -225,41 +215,3 @@ class ModelProportional(ModelController):
         bound = p("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))
         return self.map_yaw_rate(m), bool(self.angle != wanted)
-
-
-def drive(
-    rng: np.random.Generator,
-    count: int,
-    reference: Reference,
-    wheelbase: float,
-    *,
-    speed_amplitude: float = 16.0,
-    steering_samples: float = 330.0,
-) -> list[Measurement]:
-    """A drive of `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible spells of any length.
-
-    The yaw rate mostly lies near the reference, so that the integrator is not always at a limit. The speed (m/s) swings by
-    `speed_amplitude` around 14, the steering once in `steering_samples`.
-    """
-
-    def spells(probability: float, longest: int) -> Any:
-        active = np.zeros(count, dtype=bool)
-        for start in np.flatnonzero(rng.random(count) < probability):
-            active[start : start + rng.integers(1, longest + 1)] = True
-        return active
-
-    t = np.arange(count)
-    speed = 14.0 + speed_amplitude * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
-    front = 0.12 * np.sin(2.0 * np.pi * t / steering_samples + rng.uniform(0.0, 6.0))
-    slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
-    yaw = reference(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
-    yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 1.5, yaw)
-    rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
-    friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
-    inhibit = spells(0.01, 20)
-    fields = np.stack([speed, front, yaw, rear, friction])
-    nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
-    for column in np.flatnonzero(spells(0.006, 6)):
-        fields[rng.integers(5), column] = rng.choice(nonsense)
-    rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
-    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=held) for row, held in rows]

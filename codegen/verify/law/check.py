@@ -1,0 +1,312 @@
+"""The law: each sample of the C is that of a second implementation, bit for bit.
+
+Both are driven side by side: from everywhere, through every regime with a plausible yaw rate, on both sides of each threshold
+of the speed, as the closed loop was recorded, and with sets of parameters that the C accepts. The cyclic task is given the
+frames of a car and those of a bus that may do anything; the frame that it sends has to have the same bytes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any, cast
+
+import numpy as np
+
+from codegen.emit.text import Precision
+from codegen.errors import BuildError
+from codegen.sil.software import Command, Measurement, Status
+from codegen.sil.toolchain import compiler_command, compiler_identity
+from codegen.verify import suites, traffic
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.drives import GAPS, Ground, drawn, measurements_of, recorded
+from codegen.verify.law import bus
+from codegen.verify.law import parameters as sets
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.course import drive
+from codegen.verify.law.kinds import SECOND, second_controller
+from codegen.verify.law.task import SecondTask
+from codegen.verify.map_reference import lookup_of
+from codegen.verify.on_host import MightNotReturn, compiled, require_compiler
+from hil_sim.codec import Codec
+
+SHOWS = (
+    "Every command, reference yaw rate and status is, bit for bit, that of a second implementation of the law, and every frame "
+    "of the task; the default parameters are the configuration's"
+)
+LIMITS = (
+    "The second implementation has the same authors and was written from the same words: what both misread is not seen. "
+    "The reference of the look-up, the tables of the tyres' curves, the equations of the car and the values of the parameters "
+    "are the generator's own.",
+    "The numbers of the map (tables, scales, caps, and the car behind them) are taken as they stand in the C: that they are "
+    "those of the map is for `codegen build --check` and the self-test.",
+    "What is compared are drives, no proof: a fault that acts at few values of a signal can hide between the samples. "
+    "The state, and what `parameters_valid` refuses, are not compared. A zero may have either sign.",
+)
+NO_SECOND = "nobody has written the kind {kind} a second time: codegen/verify/law/kinds.py"
+NOT_THIS_VERSION = "made by codegen {made}: the law that is known here is that of this one; build it again"
+NEVER_OTHER = "In every accepted set these parameters have their default: {names}."
+
+STARTS = (0.0, 0.02, -0.05, -1e30, math.nan, math.inf)
+"""rad; no actuator stands at some of them."""
+AMPLITUDES, STEERING_SAMPLES = (16.0, 24.0), (330.0, 45.0)
+"""Of the courses: m/s, and samples of one turn of the steering wheel there and back."""
+STOPS = 40
+"""Starts from where the actuator ends."""
+FRONT_ANGLE = 0.03
+"""rad, in which the thresholds of the speed are passed."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Samples of each drive and course, sets of parameters, and cycles of disturbed traffic."""
+
+    drive: int
+    course: int
+    sets: int
+    cycles: int
+
+
+SIZE, SIZE_QUICK = Size(1000, 1500, 12, 3000), Size(120, 600, 6, 400)
+
+
+@dataclass(frozen=True)
+class _MapRoad:
+    """See `tracking.Road`."""
+
+    friction: float
+    lateral_acceleration_cap: float
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One drive of a controller: from a rear angle in rad, with a parameter struct."""
+
+    name: str
+    start: float
+    parameters: Any
+    samples: Sequence[Measurement]
+
+
+@dataclass(frozen=True)
+class _Traffic:
+    """Frames for the task, cycle by cycle, with a parameter struct; it starts anew before some cycles."""
+
+    name: str
+    parameters: Any
+    cycles: Sequence[traffic.Cycle]
+    starts: set[int]
+
+
+def check(subject: Subject, effort: Effort) -> Outcome:
+    """Hold the C of a build against the second implementation.
+
+    Raises:
+        MissingTool: a C compiler of this machine, or a package of the extra, is missing.
+    """
+    require_compiler()
+    if why := _why_not(subject):
+        return Outcome(SHOWS, "", Verdict.NOT_RUN, (why,), limits=LIMITS)
+    size = SIZE_QUICK if effort.quick else SIZE
+    try:
+        return _Comparison(subject, size, with_recordings=not effort.quick).outcome()
+    except MightNotReturn as error:
+        return Outcome(SHOWS, "", Verdict.NOT_RUN, (str(error),), limits=LIMITS, tools=_tools())
+    except BuildError as error:  # the C does not compile, or holds no map
+        return Outcome(SHOWS, "the C does not run", Verdict.FAILED, (str(error),), limits=LIMITS, tools=_tools())
+
+
+def _why_not(subject: Subject) -> str:
+    """Why there is no law to hold a build against, in one line; empty where there is one."""
+    if not subject.is_of_this_version:
+        return NOT_THIS_VERSION.format(made=subject.manifest["version"])
+    return "" if subject.kind in SECOND else NO_SECOND.format(kind=subject.kind)
+
+
+class _Comparison:
+    """The C of a build and the second implementation."""
+
+    def __init__(self, subject: Subject, size: Size, *, with_recordings: bool) -> None:
+        self._subject, self._size, self._with_recordings = subject, size, with_recordings
+        self._software = compiled(subject)
+        self._lookup = lookup_of(subject)
+        facts = subject.manifest["map"]
+        self._road = _MapRoad(facts["friction"], facts["lateral_acceleration_cap_m_s2"])
+        self._ground = Ground.of(subject.manifest)
+        self._sets = [sets.drawn(self._software, np.random.default_rng((5, number))) for number in range(size.sets)]
+        self._statuses: Counter[Status] = Counter()
+
+    def outcome(self) -> Outcome:
+        """What came of all runs."""
+        where = f"src/{self._subject.prefix}_calibration.c"
+        findings = [f"{where}: {line}" for line in sets.differences(self._software)]
+        runs, samples = 0, 0
+        for run in self._runs():
+            runs, samples = runs + 1, samples + len(run.samples)
+            findings += [f"{run.name}, {line}" for line in self._compare(run)]
+        cycles = 0
+        for bus_run in self._traffic():
+            cycles += len(bus_run.cycles)
+            findings += [f"{bus_run.name}, {line}" for line in self._compare_task(bus_run)]
+        told = "1 finding" if len(findings) == 1 else f"{len(findings)} findings"
+        return Outcome(
+            SHOWS,
+            f"{told} in {samples:,} samples of {runs} drives, {self._size.sets} of them with other parameters, and "
+            f"{cycles:,} cycles of the task",
+            Verdict.FAILED if findings else Verdict.PASSED,
+            tuple(findings),
+            {
+                "drives": runs,
+                "samples": samples,
+                "parameter_sets": self._size.sets,
+                "task_cycles": cycles,
+                "statuses": {status.name: self._statuses[status] for status in Status},
+            },
+            (*LIMITS, *self._limits()),
+            _tools(),
+        )
+
+    def _limits(self) -> Iterator[str]:
+        for status in suites.possible_statuses(self._software):
+            if not self._statuses[status]:
+                yield f"The samples do not reach the status {status.name}."
+        never = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
+        if never:
+            yield NEVER_OTHER.format(names=", ".join(sorted(never)))
+
+    @property
+    def _precision(self) -> Precision:
+        return cast(Precision, self._subject.manifest["options"]["precision"])
+
+    def _runs(self) -> Iterator[_Run]:
+        software, size = self._software, self._size
+        defaults, starts = software.parameters(), itertools.cycle(STARTS)
+        for number, samples in enumerate(suites.drives(self._ground, size.drive)):
+            yield _Run(f"drive {number}", next(starts), defaults, measurements_of(samples))
+        for seed in range(2):
+            yield _Run(f"course {seed}", next(starts), defaults, self._course(seed))
+        yield _Run("thresholds of the speed", next(starts), defaults, self._thresholds(defaults))
+        yield from self._from_the_stops(defaults)
+        if self._with_recordings:
+            for number, samples in enumerate(recorded(software)):
+                yield _Run(f"recording {number}", 0.0, defaults, measurements_of(samples))
+        for number, parameters in enumerate(self._sets):
+            # The course for the law, the drive for what stands before it: signals of any size.
+            (anything,) = drawn(self._ground, size.drive, seed=number, gaps=GAPS[number % len(GAPS) :][:1])
+            drives = (self._course(number + 2), self._thresholds(parameters), measurements_of(anything))
+            yield _Run(f"parameter set {number}", next(starts), parameters, [*itertools.chain(*drives)])
+
+    def _from_the_stops(self, parameters: Any) -> Iterator[_Run]:
+        """Without an error from where the actuator ends: rounding decides whether a limit acts."""
+        generator = np.random.default_rng(6)
+        for number in range(STOPS):
+            speed, front_angle = generator.uniform(5.0, 40.0), generator.uniform(-0.1, 0.1)
+            turn = Measurement(speed, front_angle, float(self._lookup(speed, front_angle)))
+            start = float(parameters.rear_angle_max) * (1.0 if number % 2 else -1.0)
+            yield _Run(f"stop {number}", start, parameters, [turn] * 2)
+
+    def _course(self, seed: int) -> list[Measurement]:
+        wheelbase, kind = self._software.config.vehicle.wheelbase, seed % 2
+        generator = np.random.default_rng(seed)
+        return drive(
+            generator,
+            self._size.course,
+            self._lookup,
+            wheelbase,
+            speed_amplitude=AMPLITUDES[kind],
+            steering_samples=STEERING_SAMPLES[kind],
+        )
+
+    def _thresholds(self, parameters: Any) -> list[Measurement]:
+        """At each threshold of the speed and beside it, first under control, then with the yaw rate lost."""
+        real, samples = self._software.real, []
+        known = [real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed", "hold_speed")]
+        fast = self._turn(1.0 + 1.5 * float(known[0]))
+        silence = max(parameters.degraded_samples_max, parameters.implausible_samples_max) + 3
+        for threshold in known:
+            for speed in (np.nextafter(threshold, real(0.0)), threshold, np.nextafter(threshold, real(np.inf))):
+                samples += [fast] * (parameters.recovery_samples + 5) + [self._turn(float(speed))] * 3
+                samples += [Measurement(float(speed), FRONT_ANGLE, math.nan)] * silence
+        return samples
+
+    def _turn(self, speed: float) -> Measurement:
+        """A little less than the map asks for."""
+        return Measurement(speed, FRONT_ANGLE, 0.9 * float(self._lookup(speed, FRONT_ANGLE)))
+
+    def _second(self, parameters: Any, start: float) -> SecondController:
+        return second_controller(self._software.config, parameters, self._lookup, self._road, start)
+
+    def _compare(self, run: _Run) -> Iterator[str]:
+        """The first sample that differs; what follows it goes on doing so."""
+        second = self._second(run.parameters, run.start)
+        try:
+            commands = self._software.controller(run.start, run.parameters).run(run.samples)
+        except ValueError as error:  # of the enum
+            yield f"a status is none: {error}"
+            return
+        for index, (sample, got) in enumerate(zip(run.samples, commands, strict=True)):
+            with np.errstate(all="ignore"):
+                wanted = second.step(sample)
+            self._statuses[got.status] += 1
+            if got != wanted:
+                yield f"sample {index}: {_command(got)}; by the law {_command(wanted)}; after {_sample(sample)}"
+                return
+
+    def _traffic(self) -> Iterator[_Traffic]:
+        software, cycles = self._software, self._size.cycles
+        defaults, config = software.parameters(), software.config
+        name, scenario = traffic.closed_loop(software)
+        if scenario:
+            yield _Traffic(f"frames of scenario {name}", defaults, scenario, {0})
+        disturbed = traffic.disturbed(config, scenario, cycles)
+        yield _Traffic("disturbed frames", defaults, disturbed, set(traffic.restarts_of(cycles)))
+        for number, parameters in enumerate((defaults, *self._sets[:2])):
+            course = self._course(number)
+            frames = bus.cycles_of(config, self._precision, course, seed=number)
+            of = f" of parameter set {number - 1}" if number else ""
+            yield _Traffic(f"frames of course {number}{of}", parameters, frames, set(bus.starts(len(course))))
+
+    def _compare_task(self, run: _Traffic) -> Iterator[str]:
+        """The first frame that differs."""
+        software, parameters = self._software, run.parameters
+        codec = Codec(software.config.can, self._precision)
+        for cycle, frames in enumerate(run.cycles):
+            if cycle in run.starts:
+                task = software.task(parameters)
+                second = SecondTask(
+                    software.config.can, parameters, codec, lambda rear_angle: self._second(parameters, rear_angle)
+                )
+            for frame in frames:
+                task.on_can_frame(frame.id, frame.data)
+            got = task.run()
+            with np.errstate(all="ignore"):
+                wanted = second.run(frames)
+            if got != wanted:
+                yield f"cycle {cycle}: it sends {_frame(codec, got)}; by the law {_frame(codec, wanted)}"
+                return
+
+
+def _frame(codec: Codec, sent: tuple[int, bytes]) -> str:
+    identifier, data = sent
+    try:
+        contents = f" ({codec.decode(identifier, data)})"
+    except LookupError:  # no identifier of the bus
+        contents = ""
+    return f"0x{identifier:X} {data.hex()}{contents}"
+
+
+def _command(command: Command) -> str:
+    return f"{command.rear_angle:.9g} rad, reference {command.yaw_rate_reference:.9g} rad/s, {Status(command.status).name}"
+
+
+def _sample(sample: Measurement) -> str:
+    numbers = (sample.speed, sample.front_angle, sample.yaw_rate, sample.rear_angle, sample.friction)
+    return "(" + ", ".join(f"{value:.9g}" for value in numbers) + (", inhibited)" if sample.inhibit else ")")
+
+
+def _tools() -> dict[str, str]:
+    return {"C compiler of this machine": compiler_identity(compiler_command(), ())[0], "ziglang": metadata.version("ziglang")}

@@ -1,0 +1,50 @@
+"""A drive through every regime of a controller, its yaw rate mostly near the reference."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from codegen.refmap.lookup import Lookup
+from codegen.sil.software import Measurement
+from codegen.verify.law.controller import NUMBERS
+
+
+def drive(
+    rng: np.random.Generator,
+    count: int,
+    lookup: Lookup,
+    wheelbase: float,
+    *,
+    speed_amplitude: float = 16.0,
+    steering_samples: float = 330.0,
+) -> list[Measurement]:
+    """A drive of `count` samples through every regime: fast, slow, reverse; faults, gaps and implausible spells of any length.
+
+    The yaw rate mostly lies near the reference, so that the integrator is not always at a limit. The speed (m/s) swings by
+    `speed_amplitude` around 14, the steering once in `steering_samples`.
+    """
+
+    def spells(probability: float, longest: int) -> Any:
+        active = np.zeros(count, dtype=bool)
+        for start in np.flatnonzero(rng.random(count) < probability):
+            active[start : start + rng.integers(1, longest + 1)] = True
+        return active
+
+    t = np.arange(count)
+    speed = 14.0 + speed_amplitude * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
+    front = 0.12 * np.sin(2.0 * np.pi * t / steering_samples + rng.uniform(0.0, 6.0))
+    slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
+    yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
+    yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 1.5, yaw)
+    rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
+    friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
+    inhibit = spells(0.01, 20)
+    fields = np.stack([speed, front, yaw, rear, friction])
+    nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
+    for column in np.flatnonzero(spells(0.006, 6)):
+        fields[rng.integers(5), column] = rng.choice(nonsense)
+    rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
+    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=held) for row, held in rows]
