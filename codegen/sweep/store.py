@@ -13,7 +13,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,17 @@ from codegen.sweep.versions import versions
 WHOLE = ("run", "sample")
 YES_NO = ("settled", "meets_fmvss_126")
 NAMES = ("scenario", "controller")
-ROWS_PER_GROUP = 2**16
-"""About: of the finished file, so that a reader needs little memory."""
+ROWS_PER_GROUP = 2**13
+"""About: of the finished file. A group is in memory as a whole while it is written, and what the footer tells of all groups
+until the file is closed. 2^13 rows of a step are 2 MB, their part of the footer some 50 kB: about the least for a million runs.
+"""
+ROWS_PER_BATCH = 2**12
+"""At most so many are in memory at once where the finished file is read."""
 
-WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
-READING: Mapping[str, Any] = {"page_checksum_verification": True}
-"""A page that a dying disk changed is told, and not counted."""
+WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": list(NAMES)}
+"""No dictionaries of figures: hardly two runs have the same, and to look costs time, memory and a fifth of the file."""
+READING: Mapping[str, Any] = {"page_checksum_verification": True, "pre_buffer": False}
+"""A page that a dying disk changed is told, and not counted. What is buffered ahead would stay until the file is closed."""
 
 FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 
@@ -259,6 +264,7 @@ def merge(folder: Path, plan: Plan) -> Path:
             replace_durably(temporary, target)  # before the parts go
     finally:
         temporary.unlink(missing_ok=True)
+    pa.default_memory_pool().release_unused()
     shutil.rmtree(folder / PARTS, ignore_errors=True)
     return target
 
@@ -269,15 +275,17 @@ def _part(folder: Path, chunk: int) -> Any:
 
     path = part_path(folder, chunk)
     try:
-        return pq.read_table(path, **READING)
+        with pq.ParquetFile(path, **READING) as file:
+            return file.read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise CodegenError(
             f"it cannot be read ({error})", where=path, remedy="remove it, and run the same command again"
         ) from None
 
 
-def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """The finished file group of rows by group: column to values; NaN for null, names as text, yes and no as 1 and 0.
+def read_batches(path: Path) -> Iterator[dict[str, npt.NDArray[Any]]]:
+    """The finished file, at most ROWS_PER_BATCH rows at a time: column to values; NaN for null, names as text, yes and no as 1
+    and 0.
 
     Raises:
         CodegenError: it is damaged.
@@ -287,11 +295,13 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[di
 
     try:
         with pq.ParquetFile(path, **READING) as file:
-            for group in range(file.num_row_groups):
-                table = file.read_row_group(group, columns=None if columns is None else list(columns))
-                yield {name: _values(name, table.column(name)) for name in table.column_names}
+            for batch in file.iter_batches(ROWS_PER_BATCH, use_threads=False):
+                yield {name: _values(name, batch.column(name)) for name in batch.schema.names}
     except (OSError, pa.ArrowException):
         raise _damaged(path) from None
+    finally:
+        # What the pool keeps for itself, NumPy and Matplotlib could not have.
+        pa.default_memory_pool().release_unused()
 
 
 def _values(name: str, column: Any) -> npt.NDArray[Any]:
@@ -299,8 +309,7 @@ def _values(name: str, column: Any) -> npt.NDArray[Any]:
         return np.asarray(column.to_numpy())
     if name in NAMES:
         # The few names once, and each row's by its code: a string of its own for each row would outweigh the figures.
-        coded = column.unify_dictionaries().combine_chunks()
-        return np.asarray(np.asarray(coded.dictionary.to_pylist())[coded.indices.to_numpy()])
+        return np.asarray(np.asarray(column.dictionary.to_pylist())[column.indices.to_numpy()])
     if name in YES_NO:
         column = column.cast("int8").cast("float64")
-    return np.asarray(column.cast("float64").to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -1,6 +1,6 @@
 """A finished campaign in figures: what each controller did in each scenario, and its worst runs.
 
-The file is read twice, group of rows by group: memory does not grow with the campaign. Quantiles come from histograms over the
+The file is read twice, batch of rows by batch: memory does not grow with the campaign. Quantiles come from histograms over the
 range of each figure and are as fine as their bins.
 """
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from codegen.sweep.lanes import cars
 from codegen.sweep.plan import Plan
-from codegen.sweep.store import YES_NO, read_groups
+from codegen.sweep.store import YES_NO, read_batches
 from codegen.vehicle.plant_car import PLANT_PARAMETERS
 from hil_sim.metrics.sine_with_dwell import DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY, HEAVY_MASS, RATIO_TIMES
 
@@ -185,7 +185,7 @@ def summarise(path: Path, plan: Plan) -> Summary:
 
 
 def _by_group(path: Path, groups: list[Group]) -> Iterator[tuple[Group, list[str], dict[str, npt.NDArray[Any]]]]:
-    for table in read_groups(path):
+    for table in read_batches(path):
         begin = list(table).index("spun_at_s") + 1
         names = list(table)[begin:]
         for scenario, controller in groups:

@@ -75,9 +75,9 @@ def test_facts_that_are_no_text_or_no_json_are_another_campaign(plan: Plan, tmp_
 def test_a_damaged_page_is_told(plan: Plan, tmp_path: Path) -> None:
     path = merged(tmp_path / "out", plan)
     content, metadata = path.read_bytes(), pq.read_metadata(path)
-    assert len(list(store.read_groups(path))) == metadata.num_row_groups == 1
+    assert len(list(store.read_batches(path))) == metadata.num_row_groups == 1
     for place in range(metadata.num_columns):
         damage(path, place)
         with pytest.raises(CodegenError, match=r"runs\.parquet: it is damaged; remove it, and run the same command again"):
-            list(store.read_groups(path))
+            list(store.read_batches(path))
         path.write_bytes(content)
