@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import tracemalloc
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from codegen.report.sweep_plots import pictures
 from codegen.report.sweep_text import CRITERIA, TITLES, factors_of, markdown, sections, short
+from codegen.sweep import plan as planning
 from codegen.sweep import store
 from codegen.sweep.campaign import run_campaign
+from codegen.sweep.chunk import Table, run_chunk
 from codegen.sweep.engine import Threads
 from codegen.sweep.plan import Plan
 from codegen.sweep.spec import FACTORS
 from codegen.sweep.summary import BINS, JUDGED, QUANTILES, WORST, Figure, Outcome, Summary, Worst, _count_failures, summarise
+
+RUNS_PER_SAMPLE = 6
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +120,54 @@ def test_a_heavy_car_fails_by_less_displacement(plan: Plan) -> None:
         "yaw_rate_ratio_1_75_s": 2,
         "lateral_displacement": 4,
     }
+
+
+@dataclass(frozen=True)
+class Invents:
+    """An engine that drives nothing: one chunk again and again, with other numbers and other figures."""
+
+    plan: Plan
+    pattern: Table
+
+    def run(self, work: object, numbers: Iterable[int]) -> Iterator[tuple[int, Table]]:
+        for number in numbers:
+            samples = self.plan.samples_of(number)
+            run = np.arange(RUNS_PER_SAMPLE * samples.start, RUNS_PER_SAMPLE * samples.stop)
+            table = {name: np.resize(values, run.size) for name, values in self.pattern.items()}
+            random = np.random.default_rng(number)
+            for name in table.keys() - {*store.WHOLE, *store.NAMES, *store.YES_NO}:
+                table[name] = table[name] + random.random(run.size)
+            yield number, {**table, "run": run, "sample": run // RUNS_PER_SAMPLE}
+
+
+def most_memory(plan: Plan, pattern: Table, folder: Path, samples: int) -> list[int]:
+    """Bytes while so many samples go to the disk and are counted: of pyarrow as it writes, as it reads; of Python and NumPy."""
+    longer = replace(plan, spec=plan.spec.model_copy(update={"samples": samples}))
+    pool = pa.default_memory_pool()
+    writing = pa.proxy_memory_pool(pool)  # counts from here on
+    tracemalloc.start()
+    try:
+        pa.set_memory_pool(writing)
+        path = run_campaign(longer, folder, Invents(longer, pattern))
+        pa.set_memory_pool(pool)
+        assert summarise(path, longer).runs == RUNS_PER_SAMPLE * samples
+        traced = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+        pa.set_memory_pool(pool)
+    assert pq.read_metadata(path).num_rows == RUNS_PER_SAMPLE * samples
+    # What a file is buffered in comes from the pool itself, whichever is set.
+    reading = max(pool.bytes_allocated() for _ in store.read_batches(path))
+    return [writing.max_memory(), reading, traced]
+
+
+def test_memory_does_not_grow_with_the_runs(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pattern = run_chunk(plan, 0)
+    monkeypatch.setattr(planning, "RUNS_PER_CHUNK", 2048)  # fewer parts, or the disk would take most of the time
+    most_memory(plan, pattern, tmp_path / "first", 100)  # what is loaded and kept does not count
+    few, many = (most_memory(plan, pattern, tmp_path / str(samples), samples) for samples in (4_000, 12_000))
+    # A batch that has rows of two groups holds more than one of a single group; thrice the runs would be far beyond that.
+    assert all(more <= 1.2 * less for less, more in zip(few, many, strict=True)), (few, many)
 
 
 def test_text_and_pictures(summary: Summary) -> None:
