@@ -7,11 +7,13 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.timing import Comparison, Report, Times
 from codegen.errors import BuildError
+from codegen.sweep import store
 
 ROOT = Path(__file__).resolve().parents[1]
 REQUIRED_TWO = 1.9
@@ -39,7 +41,7 @@ rear_stiffness_percent = {{ normal = [0, 10], within = [-25, 25] }}
 """
 
 CHILD = """
-import json, os, resource, sys, tempfile, time
+import json, os, sys, tempfile, time
 from pathlib import Path
 spec, kind, workers = sys.argv[1], sys.argv[2], int(sys.argv[3])
 # One core means one: without this the thread that writes the file would have the other to itself.
@@ -50,7 +52,6 @@ from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import Work, software
 from codegen.sweep.engine import Dask, Threads
 from codegen.sweep.store import to_arrow
-from codegen.sweep.summary import summarise
 
 def warm_up(plan, engine, workers):
     # Workers compile, and what writes the file is loaded, before the clock runs.
@@ -61,30 +62,41 @@ def drive(plan, folder, kind, workers):
     if kind == "threads":
         warm_up(plan, Threads(workers), workers)
         start = time.perf_counter()
-        path = run_campaign(plan, folder, Threads(workers))
-        return path, time.perf_counter() - start
+        run_campaign(plan, folder, Threads(workers))
+        return time.perf_counter() - start
     from distributed import LocalCluster
     with LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
         engine = Dask(cluster.scheduler_address)
         warm_up(plan, engine, workers)
         start = time.perf_counter()
-        path = run_campaign(plan, folder, engine)
+        run_campaign(plan, folder, engine)
         seconds = time.perf_counter() - start
         engine.close()
-    return path, seconds
+    return seconds
 
 if __name__ == "__main__":
     plan = read(Path(spec))
     software(plan, plan.controllers[0])
     with tempfile.TemporaryDirectory() as scratch:
-        path, seconds = drive(plan, Path(scratch, "out"), kind, workers)
-        start = time.perf_counter()
-        summarise(path, plan)
-        counted = time.perf_counter() - start
-        size = path.stat().st_size
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(json.dumps({"seconds": seconds, "counted": counted, "memory_mb": memory, "bytes": size}))
+        seconds = drive(plan, Path(scratch, "out"), kind, workers)
+    print(json.dumps({"seconds": seconds}))
 """
+
+COMMAND = """
+import os, sys
+from pathlib import Path
+cores = int(sys.argv.pop(1))
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+from codegen.cli.entry import main
+try:
+    main()
+finally:
+    # Not what getrusage tells: that counts what the parent had when it started this process, too.
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    sys.stdout.write(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")) + "\\n")
+"""
+"""`codegen sweep`, whose last line is the most memory that it had, in KiB."""
 
 
 def run(quick: bool, say: Callable[[str], None]) -> Report:
@@ -110,30 +122,44 @@ def _report(scratch: Path, quick: bool, say: Callable[[str], None]) -> Report:
         f"{runs:,} runs of 3.1 s, PI controller, figures and Parquet included; compiling and starting not.",
         "a thread for each core; the process may use no other.",
     ]
+    notes.append(f"`codegen sweep --workers {CORES}`, from its start, compiling included, to its last picture:")
     for count in QUICK_GROWTH if quick else GROWTH:
-        say(f"campaign of {count} runs")
-        found = _child(scratch, count, "threads", CORES)
-        each = 1e3 * found["seconds"] / count
-        notes.append(
-            f"{count:>9,} runs: {found['seconds']:.1f} s, {each:.2f} ms a run; summary {found['counted']:.1f} s; "
-            f"largest memory of the process {found['memory_mb']:.0f} MB; file {found['bytes'] / 1e6:.1f} MB"
-        )
+        say(f"codegen sweep of {count} runs")
+        start = time.perf_counter()
+        memory, size = _command(scratch, count)
+        took = time.perf_counter() - start
+        notes.append(f"{count:>9,} runs: {took:.1f} s; largest memory of the process {memory:.0f} MB; file {size / 1e6:.1f} MB")
     return Report(f"Campaigns, {CORES} of {os.cpu_count()} cores", tuple(comparisons), tuple(notes))
 
 
 def _child(scratch: Path, samples: int, kind: str, workers: int) -> dict[str, float]:
-    spec, script = scratch / "sweep.toml", scratch / "child.py"
+    done = _python(scratch, CHILD, samples, str(_spec(scratch, samples)), kind, str(workers))
+    found: dict[str, float] = json.loads(done.splitlines()[-1])
+    return found
+
+
+def _command(scratch: Path, samples: int) -> tuple[float, int]:
+    """Largest memory of the command in MB (of 2^20 bytes), and bytes of the campaign's file."""
+    with tempfile.TemporaryDirectory(dir=scratch) as folder:
+        arguments = ("sweep", "--spec", str(_spec(scratch, samples)), "-o", folder, "--workers", str(CORES))
+        done = _python(scratch, COMMAND, samples, str(CORES), *arguments)
+        return int(done.splitlines()[-1]) / 1024.0, Path(folder, store.RUNS).stat().st_size
+
+
+def _spec(scratch: Path, samples: int) -> Path:
+    spec = scratch / "sweep.toml"
     spec.write_text(SPEC.format(samples=samples, root=ROOT), encoding="utf-8")
-    script.write_text(CHILD, encoding="utf-8")
+    return spec
+
+
+def _python(scratch: Path, program: str, samples: int, *arguments: str) -> str:
+    """What a program with this package printed. Raises BuildError where it fails."""
+    script = scratch / "child.py"
+    script.write_text(program, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, str(script), str(spec), kind, str(workers)],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, str(script), *arguments], env=environment, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
         raise BuildError(f"a campaign of {samples} runs ended with {done.returncode}: {done.stderr.strip().splitlines()[-1]}")
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return done.stdout
