@@ -39,10 +39,11 @@ check: $(READY) ## lint, format and types, nothing changed
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
-# With QUICK=1 the campaign is shorter: a sample of the mutants and of the inputs.
+# With QUICK=1 the checks are without proof, sanitizers and fuzzing, for which the committed record of a whole run stands, and the
+# campaign is shorter: a sample of the mutants and of the inputs.
 verify: $(READY) ## every check of the committed builds, and coverage, mutation, fuzzing and the like of their C
-	@$(BIN)/codegen verify generated/4ws2
-	@$(BIN)/codegen verify generated/4ws2-tracking
+	@$(BIN)/codegen verify generated/4ws2 $(if $(QUICK),--quick)
+	@$(BIN)/codegen verify generated/4ws2-tracking $(if $(QUICK),--quick)
 	@$(BIN)/python -m tests.campaign $(if $(QUICK),--quick)
 
 bench: $(READY) ## the benchmarks that every machine can run, also into benchmarks/results.md; half an hour

@@ -46,6 +46,15 @@ def test_every_target_with_help_is_phony_or_a_file_would_hide_it() -> None:
     assert set(re.findall(r"^([a-z0-9-]+):[^=].*## ", MAKEFILE, re.MULTILINE)) == phony() - WITHOUT_HELP
 
 
+@pytest.mark.parametrize("quick", [False, True])
+def test_quick_reaches_every_part_of_verify(quick: bool) -> None:
+    asked = ["QUICK=1"] if quick else []
+    told = run("make", "--no-print-directory", "-n", "-o", ".venv/.ready", "verify", *asked, folder=ROOT).splitlines()
+    parts = [line for line in told if "codegen verify" in line or "tests.campaign" in line]
+    assert len(parts) == 3
+    assert [line.endswith(" --quick") for line in parts] == [quick] * 3
+
+
 LEFT_BY_WORK = (
     "build/run.png",
     "dist/ars_codegen-0.1.0-py3-none-any.whl",

@@ -24,7 +24,7 @@ def subject(*planted: tuple[str, str, str]) -> Subject:
     return Subject("sample", files, folder.manifest)
 
 
-@pytest.mark.parametrize("kind", ["feedforward", "proportional"])  # the others are committed, and `make verify` proves them
+@pytest.mark.parametrize("kind", ["feedforward", "proportional"])  # the others are committed, with the record of their proof
 def test_every_kind_is_proved(kind: builds.Kind) -> None:
     folder = builds.made(kind)
     outcome = check(Subject("sample", folder.files, folder.manifest), Effort())
