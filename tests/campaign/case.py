@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.can_view import task_name
-from codegen.emit.folder import Folder
+from codegen.emit.folder import Folder, render_manifest
 from codegen.refmap import map as refmap
 from codegen.refmap.extend import extend
 from codegen.sil.software import Software
@@ -29,7 +30,8 @@ class Case:
         built, units: as the tests take them; both call whatever `opened` has open.
         compiler: for all of it.
         instead: objects that take the place of the tree's own, by the path of the source.
-        kept: what is worked out once for the tests of this build, by name.
+        kept: what is made once for the tests of this case, by name.
+        known: what is worked out once for the tests of this build, whoever compiles it, by name.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Case:
     compiler: Compiler
     instead: dict[str, Path] = field(default_factory=dict)
     kept: dict[str, Any] = field(default_factory=dict)
+    known: dict[str, Any] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -62,6 +65,11 @@ class Case:
         self.opened.open(path)
 
 
+_of_builds: dict[str, tuple[Any, dict[str, Any]]] = {}
+"""By the hash of a build and its map: the FFI that knows its types, and what is worked out for it, once a process. The second
+holds structs of the first."""
+
+
 def case_of(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
     """The build in a folder, with the map beside it (FOLDER.npz), written to a scratch folder and not yet compiled.
 
@@ -75,13 +83,18 @@ def case_of(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[st
         {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")},
     )
     tree = Tree.write(made, config, scratch)
-    library, opened = library_of(tree)
-    total = extend(refmap.load(folder.with_suffix(".npz")), config)
+    numbers = folder.with_suffix(".npz")
+    build = hashlib.sha256(render_manifest(made) + numbers.read_bytes()).hexdigest()
+    if build not in _of_builds:
+        _of_builds[build] = (tree.ffi(), {})
+    ffi, known = _of_builds[build]
+    library, opened = library_of(tree, ffi)
+    total = extend(refmap.load(numbers), config)
     options = subject.manifest["options"]
     software = Software(library, options["prefix"], options["precision"], config)
     units = Units(made, total, limited(config))
     units.__dict__["library"] = library  # in place of the one that it would compile
-    return Case(subject.name, tree, Built(made, total, software), units, opened, compiler)
+    return Case(subject.name, tree, Built(made, total, software), units, opened, compiler, known=known)
 
 
 def limited(config: Config) -> Config:

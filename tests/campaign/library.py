@@ -141,8 +141,7 @@ class Opened:
         return getattr(self._lib, name)
 
 
-def library_of(tree: Tree) -> tuple[Library, Opened]:
-    """What the tests take for a compiled build, and what says which file it is."""
-    ffi = tree.ffi()
+def library_of(tree: Tree, ffi: Any) -> tuple[Library, Opened]:
+    """What the tests take for a compiled build, and what says which file it is; of the types that `Tree.ffi` gives."""
     opened = Opened(ffi)
     return Library(ffi, opened, tree.root, "abi"), opened

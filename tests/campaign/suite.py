@@ -52,11 +52,11 @@ class Judge:
     run: Callable[[Case], object]
 
 
-def kept(case: Case, name: str, make: Callable[[], Any]) -> Any:
-    """What is worked out once for a case."""
-    if name not in case.kept:
-        case.kept[name] = make()
-    return case.kept[name]
+def worked_out(case: Case, name: str, make: Callable[[], Any]) -> Any:
+    """What is worked out once for a build."""
+    if name not in case.known:
+        case.known[name] = make()
+    return case.known[name]
 
 
 def checks_in(module: ModuleType, but: tuple[str, ...] = ()) -> Iterable[tuple[str, Callable[..., object]]]:
@@ -91,7 +91,7 @@ def _drives(case: Case) -> list[Judge]:
 
 
 def _rough(case: Case) -> None:
-    for known in kept(case, "rough", lambda: checks_edges_law.answers_of_rough(case.built)):
+    for known in worked_out(case, "rough", lambda: list(checks_edges_law.answers_of_rough(case.built))):
         answers.check_drive(case.built, known)
 
 
@@ -102,7 +102,7 @@ def _drive(name: str, changes: dict[str, Any], index: int) -> Callable[[Case], o
         def make() -> answers.Drive:
             return answers.answers_of_drive(case.built, changes, 2500, index + 1, **course)
 
-        answers.check_drive(case.built, kept(case, f"drive {name}", make))
+        answers.check_drive(case.built, worked_out(case, f"drive {name}", make))
 
     return judge
 
@@ -180,7 +180,7 @@ OF_THE_PAPER_S_LAW = ("the_inhibit_bit_holds", "friction_of_a_frame", "measured_
 
 def _limiter(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
-        answers.check_limiter(case.units, kept(case, "limiter", lambda: answers.answers_of_limiter(case.units)))
+        answers.check_limiter(case.units, worked_out(case, "limiter", lambda: answers.answers_of_limiter(case.units)))
 
     checks = checks_in(checks_limiter, ("check_limiter_same_as_model",))
     named = [
@@ -191,7 +191,9 @@ def _limiter(case: Case) -> list[Judge]:
 
 def _map(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
-        answers.check_map(case.built, case.units, kept(case, "map", lambda: answers.answers_of_map(case.built, case.units)))
+        answers.check_map(
+            case.built, case.units, worked_out(case, "map", lambda: answers.answers_of_map(case.built, case.units))
+        )
 
     judges = [Judge("reference of the map", known)]
     but = ("check_same_bits", "check_checksum") if case.kind == "tracking" else ("check_same_bits",)
@@ -234,7 +236,7 @@ def check_map_functions(built: Any) -> None:
 
 def _reference_model(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
-        answers.check_model(case.units, kept(case, "model", lambda: answers.answers_of_model(case.units)))
+        answers.check_model(case.units, worked_out(case, "model", lambda: answers.answers_of_model(case.units)))
 
     checks = checks_in(checks_reference_model, ("check_model_same_bits", "check_model_same_bits_over_time"))
     ends = [Judge(check.__name__, _of_units(check)) for check in checks_edges_units.OF_THE_MODEL]
@@ -243,14 +245,14 @@ def _reference_model(case: Case) -> list[Judge]:
 
 def _can(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
-        answers_frames.check_can(case.built, kept(case, "can", lambda: answers_frames.answers_of_can(case.built)))
+        answers_frames.check_can(case.built, worked_out(case, "can", lambda: answers_frames.answers_of_can(case.built)))
 
     return [Judge("Python's frames", known)]
 
 
 def _e2e(case: Case) -> list[Judge]:
     def known(case: Case) -> None:
-        answers_frames.check_e2e(case.built, kept(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
+        answers_frames.check_e2e(case.built, worked_out(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
 
     return [Judge("Python's receiver", known), *_inits()]
 
