@@ -19,8 +19,8 @@ from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
-from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.software import Measurement, Software, compile_build
+from tests.sil import relinked
 
 CONFIG = configuration.preset()
 SCHEDULE = {
@@ -129,10 +129,6 @@ def of_kind(kind: Kind, precision: Precision = "single") -> Built:
     return paper(precision) if kind == "pi" else make(paper_map(), CONFIGS[kind], precision)
 
 
-QUICK_FLAGS = tuple("-O0" if flag == "-O2" else flag for flag in (*DEFAULT_FLAGS, "-w"))
-"""Without optimisation, which compiles faster, and without warnings, for what is planted may leave a function unused."""
-
-
 def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
     """A folder with one place of its C changed.
 
@@ -146,11 +142,17 @@ def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
 
 
 @functools.cache
+def around(kind: Kind) -> relinked.Builds:
+    """What the builds share of which single files differ from that of a kind."""
+    return relinked.Builds(of_kind(kind).folder)
+
+
+@functools.cache
 def altered(path: str, old: str, new: str, kind: Kind = "pi") -> Built:
     """The build of a kind with one place of its C changed. Raises LookupError: see `altered_folder`."""
     original = of_kind(kind)
-    files = altered_folder(original.folder, path, old, new).files
-    return Built(original.folder, original.total, compile_build(files, original.folder.manifest, flags=QUICK_FLAGS))
+    folder = altered_folder(original.folder, path, old, new)
+    return Built(original.folder, original.total, around(kind).software(folder))
 
 
 def _grid(**changes: Any) -> ReferenceMap:

@@ -6,6 +6,7 @@ Each check takes a build and raises AssertionError where it does not hold; those
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -83,10 +84,10 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
     }
 
 
-def answers_of_rough(built: Built) -> list[Drive]:
-    """The independent model's answers to rough drives."""
-    changes = rough_changes(built)
-    return [answers_of(built, one, rough(built, seed)) for seed, one in enumerate(changes.values())]
+def answers_of_rough(built: Built) -> Iterator[Drive]:
+    """The independent model's answers to rough drives, each when it is asked for: one takes seconds."""
+    for seed, one in enumerate(rough_changes(built).values()):
+        yield answers_of(built, one, rough(built, seed))
 
 
 def _running(built: Built, **changes: Any) -> Controller:

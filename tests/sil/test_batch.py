@@ -19,7 +19,7 @@ from codegen.sil import batch
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.batch_sources import LANES, batch_sources
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
-from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
+from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
 from codegen.sil.vector import ISAS, compiler_offers, machine_runs
 from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
 from tests.sil import builds
@@ -116,8 +116,7 @@ def cars(kind: Kind) -> tuple[Config, ...]:
 @functools.cache
 def single(kind: Kind, car: str) -> Software:
     """The build of a kind with the plant of a car (JSON)."""
-    folder = builds.of_kind(kind).folder
-    return compile_build(folder.files, folder.manifest, parse(json.loads(car), "test"), flags=builds.QUICK_FLAGS)
+    return builds.around(kind).software(car=parse(json.loads(car), "test"))
 
 
 def single_run(kind: Kind, car: Config, scenario: FloatArray, **options: Any) -> FloatArray:

@@ -13,7 +13,6 @@ import pytest
 
 from codegen.config import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, numpy_type
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place import Placed, Request, choose
@@ -22,6 +21,7 @@ from codegen.refmap.storage import RAW_MAX, Storage, raw_of
 from codegen.sil.software import compile_build
 from tests.sil import builds, checks_lookup, checks_map_reference
 from tests.sil.builds import Built
+from tests.sil.relinked import Builds
 from tests.sil.units import Units
 
 BOUND = math.radians(0.5)
@@ -122,11 +122,16 @@ def test_a_build_without_a_request_tells_nothing_of_it() -> None:
     assert not {"placement", "storage"} & manifest["map"].keys()
 
 
+@functools.cache
+def around_int16() -> Builds:
+    """What the builds share of which one place differs from the int16 build."""
+    return Builds(made("pi", "single", "int16", False)[0].folder)
+
+
 def spoiled(old: str, new: str, path: str = "src/ars_map.c") -> Built:
     """The int16 build with one place of its C changed."""
     built, _ = made("pi", "single", "int16", False)
-    folder: Folder = builds.altered_folder(built.folder, path, old, new)
-    return replace(built, software=compile_build(folder.files, built.folder.manifest, flags=builds.QUICK_FLAGS))
+    return replace(built, software=around_int16().software(builds.altered_folder(built.folder, path, old, new)))
 
 
 def test_a_wrong_scale_or_conversion_is_seen() -> None:
@@ -147,6 +152,6 @@ def test_a_negative_yaw_rate_in_the_table_is_refused() -> None:
     assert text.count(f" {RAW_MAX}") >= 1
     head, _, tail = text.rpartition(f" {RAW_MAX}")
     files = {**built.folder.files, "src/ars_calibration.c": f"{head} -{RAW_MAX}{tail}".encode("ascii")}
-    software = compile_build(files, built.folder.manifest, flags=builds.QUICK_FLAGS)
+    software = around_int16().software(replace(built.folder, files=files))
     assert not software.function("map_valid")()
     assert not software.function("selftest")()

@@ -22,8 +22,8 @@ from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
-from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
-from tests.sil import builds
+from codegen.sil.compile import Library, compile_library
+from tests.sil import builds, relinked
 from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 RealArray = npt.NDArray[Any]
@@ -36,14 +36,13 @@ class Units:
 
     Attributes:
         folder: the generated files. total: the map that they hold. config: what they were made for.
-        only: the units to compile. flags: for the compiler.
+        only: the units to compile.
     """
 
     folder: Folder
     total: TotalMap
     config: Config
     only: tuple[str, ...] = UNITS
-    flags: tuple[str, ...] = DEFAULT_FLAGS
 
     @property
     def precision(self) -> Precision:
@@ -65,9 +64,9 @@ class Units:
         """The NumPy reference of the map."""
         return Lookup.from_map(self.total, self.real)
 
-    @functools.cached_property
-    def library(self) -> Library:
-        """The compiled units with the loops of this module."""
+    @property
+    def sources(self) -> tuple[dict[str, bytes], list[str]]:
+        """The files of the units with the loops of this module; and the headers that Python calls."""
         public = [f"include/ars_{unit}.h" for unit in self.only]
         numbers = ("calibration",) if "map" in self.only else ()  # those of the map; they stand with the parameters'
         headers = [path for path in self.folder.files if path.startswith("include/")]
@@ -78,13 +77,13 @@ class Units:
         header = "#include <stdint.h>\n" + includes + "".join(DECLARATIONS[unit] for unit in self.only)
         source = '#include "probe.h"\n#include <string.h>\n' + "".join(DEFINITIONS[unit] for unit in self.only)
         probe = {"probe/probe.h": header.replace("REAL", real), "probe/probe.c": source.replace("REAL", real)}
-        return compile_library(
-            "ars_units",
-            {**sources, **probe},
-            [*public, "probe/probe.h"],
-            include_folders=("include", "probe"),
-            flags=self.flags,
-        )
+        return sources | {path: text.encode("ascii") for path, text in probe.items()}, [*public, "probe/probe.h"]
+
+    @functools.cached_property
+    def library(self) -> Library:
+        """The sources, compiled."""
+        sources, headers = self.sources
+        return compile_library("ars_units", sources, headers, include_folders=("include", "probe"))
 
     def _in(self, array: Any) -> Any:
         contiguous = np.ascontiguousarray(array, dtype=self.real)
@@ -217,11 +216,20 @@ def of_map(name: str, precision: Precision) -> Units:
     return make(MAPS[name](), builds.FEEDFORWARD_CONFIG, precision, ("map",))
 
 
+def named(name: str) -> Units:
+    """Those of `tracking`, or of one of MAPS in single precision."""
+    return tracking() if name == "tracking" else of_map(name, "single")
+
+
+@functools.cache
+def _objects(name: str) -> relinked.Objects:
+    return relinked.Objects(*named(name).sources)
+
+
 @functools.cache
 def altered(name: str, path: str, old: str, new: str) -> Units:
-    """Units with one place of their C changed: those of `tracking`, or of one of MAPS. Raises LookupError: see
-    `builds.altered_folder`."""
-    original = tracking() if name == "tracking" else of_map(name, "single")
-    unit = path.removeprefix("src/ars_").removesuffix(".c")
-    folder = builds.altered_folder(original.folder, path, old, new)
-    return replace(original, folder=folder, only=(unit,), flags=builds.QUICK_FLAGS)
+    """Units (see `named`) with one place of their C changed. Raises LookupError: see `builds.altered_folder`."""
+    original = named(name)
+    changed = replace(original, folder=builds.altered_folder(original.folder, path, old, new))
+    changed.__dict__["library"] = _objects(name).library(changed.sources[0])  # in place of the one that it would compile
+    return changed
