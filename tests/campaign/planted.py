@@ -116,13 +116,14 @@ FAULTS = (
     ),
 )
 
-QUICK_STRIDE = 6
-"""One fault takes every check some minutes."""
+QUICK = frozenset({"a broken invariant"})
+"""Planted in a quick run, for one fault takes every check some minutes: this is the one that the most checks must find, four of
+eight."""
 
 
 def run(folders: Sequence[Path], effort: Effort) -> Outcome:
-    """Plant each fault in the first of the builds; quick, some of them: each check has faults of its own in its tests."""
-    faults = FAULTS[::QUICK_STRIDE] if effort.quick else FAULTS
+    """Plant each fault in the first of the builds; quick, one of them: each check has faults of its own in its tests."""
+    faults = [fault for fault in FAULTS if fault.name in QUICK or not effort.quick]
     subject = Subject.read(folders[0])
     findings: list[str] = []
     told: dict[str, list[str]] = {}
@@ -136,7 +137,11 @@ def run(folders: Sequence[Path], effort: Effort) -> Outcome:
         ]
         if frozenset(report.failed) != fault.found_by:
             findings.append(f"{fault.name}: found by {_names(report.failed)} instead of {_names(fault.found_by)}")
-    figure = f"{len(faults)} faults, each found by its checks and no other" if not findings else f"{len(findings)} findings"
+    figure = (
+        f"{len(faults)} of {len(FAULTS)} faults, each found by its checks and no other"
+        if not findings
+        else f"{len(findings)} findings"
+    )
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     return Outcome(SHOWS, figure, verdict, tuple(findings), {"found_by": told})
 
