@@ -27,15 +27,9 @@ mostly waits: there they run beside the others.
 """
 
 
-TOGETHER = frozenset(
-    {
-        "tests/browser/test_report.py",
-        "tests/design/test_tune.py",
-        "tests/report/test_paper.py",
-        "tests/sil/test_lookup_placed.py",
-    }
-)
-"""Files whose fixtures take much longer than their tests: one worker makes them, once."""
+SPREAD = frozenset({"tests/docs/test_commands.py", "tests/refmap/test_ipopt.py"})
+"""Files of long tests that share nothing: any worker takes the next. All else stays together by the file: where several workers
+had a part of one, each would make its fixtures, solve its maps and compile its builds."""
 
 
 def _is_on_can(nodeid: str) -> bool:
@@ -49,8 +43,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """With -n: the tests on CAN run in one worker, because each worker starts a guest of its own for them; the others anywhere,
-    but for those that stay together.
+    """With -n: the tests on CAN run in one worker, because each worker starts a guest of its own for them; those of any other
+    file too, but for files that are spread.
 
     Not --dist=loadgroup: that needs node ids that can be changed, which pytest 9.2 no longer has.
     """
@@ -60,7 +54,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class CanInOneWorker(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.partition("::")[0]
-            return CAN if _is_on_can(nodeid) else file if file in TOGETHER else nodeid
+            return CAN if _is_on_can(nodeid) else nodeid if file in SPREAD else file
 
         def _reschedule(self, node: WorkerController) -> None:
             """Where only CAN is left and is to be alone, the first worker waits until the others have run all and ended."""
