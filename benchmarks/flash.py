@@ -91,6 +91,6 @@ def _at_random(ground: Ground, total: TotalMap) -> str:
         rng.uniform(0.0, top, RANDOM).astype(np.float32).astype(np.float64)
         for top in (ground.own_speed[1], ground.front_angle_top)
     )
-    truth, _ = ground.truth(ground.layers[-1], speed, front_angle)
+    truth, _ = ground.layers[-1].truth(speed, front_angle)
     error = np.abs(Lookup.from_map(total)(speed[:, np.newaxis], front_angle) - truth)
     return f"{math.degrees(float(error.max())):.3g}"

@@ -19,9 +19,9 @@ Count = Annotated[int, Field(ge=1, le=100_000_000)]
 LOOKUP, SECOND_TABLE = 95, 75
 """Instructions of a lookup over even breakpoints, and what a table for the rear angle adds."""
 
-SEARCH_ROUND, FRICTIONS, FRICTION = 10, 60, 10
-"""Instructions that are added by a round of a search over uneven breakpoints, by tables for several frictions, and by each of
-those."""
+SEARCH_ROUND, FRICTIONS, FRICTION, GRIP = 10, 60, 10, 60
+"""Instructions that are added by a round of a search over uneven breakpoints, by tables for several frictions, by each of
+those, and by a table of what slip leaves of the cap."""
 
 COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 64}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
@@ -43,18 +43,20 @@ class MapShape:
     """What a lookup has to do.
 
     Attributes:
-        search_rounds: of both axes together; an even one needs none.
+        search_rounds: of all axes together; an even one needs none.
         frictions: that the map is for.
+        with_grip: whether there is a table of what slip leaves of the cap.
     """
 
     search_rounds: int = 0
     frictions: int = 1
+    with_grip: bool = False
 
     @property
     def instructions(self) -> int:
         """What that adds to a lookup."""
         stacked = FRICTIONS + FRICTION * self.frictions if self.frictions > 1 else 0
-        return SEARCH_ROUND * self.search_rounds + stacked
+        return SEARCH_ROUND * self.search_rounds + stacked + (GRIP if self.with_grip else 0)
 
 
 class Budgets(Section):

@@ -40,12 +40,14 @@ def test_every_kind_has_every_budget_but_that_of_the_flash(kind: Kind) -> None:
 
 
 def test_a_map_that_is_more_work_may_take_more() -> None:
-    """Lookups, and all that holds one: by ten instructions a round of the search, and by the tables for several frictions."""
+    """Lookups, and all that holds one: by ten instructions a round of the search, by the tables for several frictions, and by
+    that of what slip leaves."""
     plain = Budgets().resolved("pi", PLAIN)
     uneven = Budgets().resolved("pi", MapShape(search_rounds=8))
     stacked = Budgets().resolved("pi", MapShape(search_rounds=8, frictions=4))
+    gripping = Budgets().resolved("pi", MapShape(search_rounds=8, with_grip=True))
     more = {"lookup_instructions_max", "reference_instructions_max", "step_instructions_max", "task_instructions_max"}
-    for found, by in ((uneven, 80), (stacked, 80 + 100)):
+    for found, by in ((uneven, 80), (stacked, 80 + 100), (gripping, 80 + 60)):
         assert {key: found[key] - plain[key] for key in plain} == {key: by if key in more else 0 for key in plain}
 
 

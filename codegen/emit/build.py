@@ -23,7 +23,7 @@ from codegen.emit.evidence import Evidence
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
-from codegen.emit.placement import placement_facts, placement_text, request_facts
+from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
 from codegen.emit.reference_model_view import reference_model_view
 from codegen.emit.render import render
 from codegen.emit.take_over import take_over_files
@@ -309,6 +309,7 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
             "checksum_crc32": f"{table.checksum_value:08x}",
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
+            **grip_facts(total),
             **(placement_facts(parts.placed, law_of(config).uses_rear_angle) if parts.placed else {}),
         },
         **parts.evidence.to_dict(),

@@ -88,12 +88,9 @@ class LayerView:
 
 
 @dataclass(frozen=True)
-class TableView:
-    """A table on the shared axes; `indices` are what picks each of its layers ("" where there is only one).
-
-    Of a table of raw numbers `times` says so in a comment, and `scale` is the value of one; all empty for real numbers.
-    `are_between` and `crc_of` are the functions of the C for its numbers.
-    """
+class NumbersView:
+    """The numbers of a table and the function that looks them up; of raw ones `times` says so in a comment, and `scale` is the
+    value of one; all empty for real numbers."""
 
     name: str
     function: str
@@ -103,12 +100,29 @@ class TableView:
     scale: str
     scale_name: str
     scale_argument: str
+    layers: tuple[LayerView, ...]
+
+
+@dataclass(frozen=True)
+class TableView(NumbersView):
+    """A table that may be calibrated, on the shared axes; `indices` are what picks each of its layers ("" where there is only
+    one), `are_between` and `crc_of` the functions of the C for its numbers."""
+
     are_between: str
     crc_of: str
     low: str
     high: str
-    layers: tuple[LayerView, ...]
     indices: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class GripView:
+    """What grip leaves of the cap, on axes of its own: constants of the C, no calibration."""
+
+    speed: AxisView
+    front_angle: AxisView
+    share: NumbersView
+    flash_bytes: int
 
 
 @dataclass(frozen=True)
@@ -140,6 +154,7 @@ class MapView:
     frictions: str
     frictions_text: str
     caps: str
+    grip: GripView | None
     steering: SteeringView
     rear_angle_max_text: str
     cap: str
@@ -178,8 +193,10 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
     bits = lookup.table.dtype.itemsize * 8
     checksum = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers))
     size = sum(part.nbytes for part in numbers)
-    speed = _axis_view(lookup.speed_axis, "speed", "speed", "m/s", options)
-    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", options)
+    grip = _grip_view(total, lookup, options)
+    names = (f"{prefix}_map_speed_breakpoints", f"{prefix}_map_front_angle_breakpoints")
+    speed = _axis_view(lookup.speed_axis, "speed", "speed", "m/s", names[0], options)
+    front_angle = _axis_view(lookup.front_axis, "front_angle", MAGNITUDE, "rad", names[1], options)
     points = f"[{speed.points}][{front_angle.points}]"
     return MapView(
         speed=speed,
@@ -195,6 +212,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         frictions=", ".join(literal(value, precision) for value in lookup.frictions),
         frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
         caps=", ".join(literal(value, precision) for value in lookup.caps),
+        grip=grip,
         steering=SteeringView(*(literal(value, precision) for value in astuple(lookup.steering))),
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap=literal(lookup.lateral_acceleration_cap, precision),
@@ -207,7 +225,28 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         checksum_steps=2 * size,
         bits=bits,
         bits_type=f"uint{bits}_t",
-        flash_bytes=size,
+        flash_bytes=size + (grip.flash_bytes if grip else 0),
+    )
+
+
+def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView | None:
+    if total.grip is None or lookup.grip is None:
+        return None
+    speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
+    numbers = lookup.grip.shares
+    if scale is not None:
+        numbers = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
+    axes = (speed.table, front_angle.table, *([] if scale is None else [np.array([scale], dtype=lookup.real)]))
+    return GripView(
+        speed=_axis_view(speed, "grip_speed", "speed", "m/s", "grip_speed_breakpoints", options),
+        front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", "grip_front_angle_breakpoints", options),
+        share=NumbersView(
+            name="grip_share_table",
+            function="grip_share",
+            layers=_layers(total, total.grip.speed, numbers, options.precision),
+            **_storage("grip_share", "1", scale, options.precision),
+        ),
+        flash_bytes=numbers.nbytes + sum(part.nbytes for part in axes),
     )
 
 
@@ -216,23 +255,30 @@ def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle:
     stored = _stored(total, lookup, with_rear_angle)
     for (quantity, function, unit), (numbers, scale) in zip(functions, stored, strict=False):
         low, high = (literal(bound, options.precision) for bound in TABLE_RANGES[quantity])
-        factor = "" if scale is None else literal(scale, options.precision)
         yield TableView(
             name=f"{options.prefix}_map_{quantity}_table",
             function=function,
-            type="int16_t" if factor else c_type(options.precision),
-            unit=unit,
-            times=f" = {factor} * raw" if factor else "",
-            scale=factor,
-            scale_name=f"{quantity}_scale" if factor else "",
-            scale_argument=f"{quantity}_scale, " if factor else "",
-            are_between="are_values_between" if factor else "are_between",
-            crc_of="crc_of_raw" if factor else "crc_of",
+            are_between="are_between" if scale is None else "are_values_between",
+            crc_of="crc_of" if scale is None else "crc_of_raw",
             low=low,
             high=high,
-            layers=_layers(total, numbers, options.precision),
+            layers=_layers(total, total.speed, numbers, options.precision),
             indices=_indices(len(numbers), bool(total.layers)),
+            **_storage(quantity, unit, scale, options.precision),
         )
+
+
+def _storage(quantity: str, unit: str, scale: float | None, precision: Precision) -> dict[str, str]:
+    """How numbers of a table are stored, for a view."""
+    factor = "" if scale is None else literal(scale, precision)
+    return {
+        "type": "int16_t" if factor else c_type(precision),
+        "unit": unit,
+        "times": f" = {factor} * raw" if factor else "",
+        "scale": factor,
+        "scale_name": f"{quantity}_scale" if factor else "",
+        "scale_argument": f"{quantity}_scale, " if factor else "",
+    }
 
 
 def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tuple[npt.NDArray[Any], float | None]]:
@@ -252,13 +298,15 @@ def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list
     return [*(table for table, _ in stored), *scales, *frictions, lookup.speed_axis.table, lookup.front_axis.table]
 
 
-def _layers(total: TotalMap, tables: npt.NDArray[Any], precision: Precision) -> tuple[LayerView, ...]:
+def _layers(
+    total: TotalMap, speeds: npt.NDArray[np.float64], tables: npt.NDArray[Any], precision: Precision
+) -> tuple[LayerView, ...]:
     return tuple(
         LayerView(
             text=f"{layer.friction:g}",
             rows=tuple(
                 RowView(f"{speed / KM_H:.4g} km/h", lines_of([_number(value, precision) for value in row]))
-                for speed, row in zip(total.speed, table, strict=True)
+                for speed, row in zip(speeds, table, strict=True)
             ),
         )
         for layer, table in zip(total.stack, tables, strict=True)
@@ -292,9 +340,8 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
         )
 
 
-def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, options: _Options) -> AxisView:
+def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, breakpoints: str, options: _Options) -> AxisView:
     axis: Axis = constants.axis
-    breakpoints = f"{options.prefix}_map_{name}_breakpoints"
     first, last = f"at[{axis.core_start}]", f"at[{axis.core_end}]"
     count = literal(float(axis.core_end - axis.core_start), options.precision)
     return AxisView(

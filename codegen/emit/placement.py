@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from codegen.refmap.place import Placed, Request
-from codegen.refmap.place_sample import POINTS
+from codegen.refmap.place_ground import GAP_POINTS
+from codegen.refmap.total import TotalMap
 
 AGAINST = {
     "optimum": "the optimum, solved anew at every point",
+    "surfaces": "the optimum, solved on a fine grid",
     "table": "the bilinear interpolation of the map's own table",
 }
 """What an error is measured against."""
@@ -19,6 +21,14 @@ AGAINST = {
 def request_facts(request: Request) -> dict[str, Any]:
     """For the manifest's options."""
     return {"max_error_rad_s": request.max_error, "max_flash_bytes": request.max_flash, "storage": request.storage}
+
+
+def grip_facts(total: TotalMap) -> dict[str, Any]:
+    """For the manifest's map: the axes of what grip leaves of the cap, where that is not the same everywhere."""
+    if total.grip is None:
+        return {}
+    speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
+    return {"grip": {"speed_m_s": speed, "front_angle_rad": front_angle, "least_share": float(total.grip.share.min())}}
 
 
 def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
@@ -32,8 +42,8 @@ def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
         "error_rad_s": _rounded(error.yaw_rate),
         "error_whole_domain_rad_s": _rounded(error.yaw_rate_whole),
     }
-    if placed.off_optimum is not None:
-        facts["sampled_off_optimum_rad_s"] = _rounded(placed.off_optimum)
+    if placed.origin == "surfaces":
+        facts["fine_grid_error_rad_s"] = _rounded(placed.gap)
     if with_rear_angle:
         facts["rear_angle_error_rad"] = _rounded(error.rear_angle)
         facts["rear_angle_error_whole_domain_rad"] = _rounded(error.rear_angle_whole)
@@ -61,18 +71,17 @@ def placement_text(placed: Placed) -> str:
     """For the README."""
     own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
     stored = "" if placed.total.scales is None else ", stored as int16"
-    sampled = None if placed.off_optimum is None else _rounded(placed.off_optimum)
     return (
         f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
-        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_sampled_text(sampled)}"
+        f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_gap_text(placed.gap)}"
     )
 
 
-def _sampled_text(off_optimum: float | None) -> str:
-    if off_optimum is None:
+def _gap_text(gap: float) -> str:
+    if gap <= 0.0:
         return ""
-    degrees = math.degrees(off_optimum)
-    return f"; up to {degrees:.3g} deg/s off the optimum behind that table, solved at {POINTS} x {POINTS} points"
+    degrees = math.degrees(_rounded(gap))
+    return f"; of that, {degrees:.2g} deg/s for what the fine grid is off at {GAP_POINTS} x {GAP_POINTS} other points"
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,5 +102,5 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
     return (
         f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
         f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be"
-        f"{_sampled_text(facts.get('sampled_off_optimum_rad_s'))}{rear_text}"
+        f"{_gap_text(facts.get('fine_grid_error_rad_s', 0.0))}{rear_text}"
     )

@@ -11,7 +11,8 @@ is part of the contract, because in floating point it decides the last bit:
    The rear angle likewise from its own table. With a stack of layers: both layers around the friction, then p + s (q - p).
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
    needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
-   it, ay_cap is interpolated. The sign of the front angle comes back last.
+   it, ay_cap is interpolated. Where grip leaves a share of ay_cap, that is looked up like the others, on its own axes, and
+   multiplies ay_cap. The sign of the front angle comes back last.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy.typing as npt
 from codegen.refmap.axis import Axis
 from codegen.refmap.total import CapSteering, TotalMap
 
+FloatArray = npt.NDArray[np.float64]
 Real = type[np.float32] | type[np.float64]
 
 
@@ -127,6 +129,28 @@ class SteeringConstants:
 
 
 @dataclass(frozen=True)
+class GripConstants:
+    """`total.GripTable` of each layer in the precision of the target; `shares` (k, a, b)."""
+
+    speed_axis: AxisConstants
+    front_axis: AxisConstants
+    shares: npt.NDArray[Any]
+
+    @classmethod
+    def of(cls, total: TotalMap, real: Real) -> GripConstants | None:
+        """Those of a total map and its layers; None where it has none."""
+        if total.grip is None:
+            return None
+        speed, front_angle = (Axis.from_breakpoints(axis) for axis in (total.grip.speed, total.grip.front_angle))
+        shares = np.stack([layer.grip.share for layer in total.stack if layer.grip is not None]).astype(real)
+        return cls(AxisConstants(speed, real), AxisConstants(front_angle, real), shares)
+
+    def locate(self, speed: npt.NDArray[Any], magnitude: npt.NDArray[Any]) -> tuple[Any, Any]:
+        """Where to look: cell and position of each axis."""
+        return self.speed_axis.locate(speed), self.front_axis.locate(magnitude)
+
+
+@dataclass(frozen=True)
 class Lookup:
     """Yaw rate (rad/s) and rear angle (rad) of a total map at any speed (m/s) and front angle (rad), in the target's precision.
 
@@ -134,6 +158,7 @@ class Lookup:
         tables, rear_tables: (k, n, m), of the lowest friction first; k is 1 for a map without a stack.
         frictions, caps: (k,) the layers' friction and ay_cap in m/s^2.
         lateral_acceleration_cap_per_friction: m/s^2, of the lowest layer: below its friction the cap shrinks in proportion.
+        grip: shares of the caps; None where the caps are the same everywhere.
     """
 
     speed_axis: AxisConstants
@@ -145,6 +170,7 @@ class Lookup:
     lateral_acceleration_cap_per_friction: Any
     steering: SteeringConstants
     real: Real
+    grip: GripConstants | None = None
 
     @classmethod
     def from_map(cls, total: TotalMap, real: Real = np.float32) -> Lookup:
@@ -160,6 +186,7 @@ class Lookup:
             lateral_acceleration_cap_per_friction=cap_in_precision(lowest.lateral_acceleration_cap / lowest.friction, real),
             steering=SteeringConstants.of(total.steering, real),
             real=real,
+            grip=GripConstants.of(total, real),
         )
 
     @property
@@ -197,9 +224,12 @@ class Lookup:
             zero = self.real(0.0)
             clamped = np.where(v > self.speed_axis.top, self.speed_axis.top, v)
             row = self.speed_axis.locate(v)
-            column = self.front_axis.locate(np.where(angle < zero, -angle, angle))
+            magnitude = np.where(angle < zero, -angle, angle)
+            column = self.front_axis.locate(magnitude)
             layer, cap = self._road(self.real(friction))
             yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
+            if self.grip is not None:
+                cap = cap * self._over_friction(self.grip.shares, layer, *self.grip.locate(v, magnitude))
             capped = yaw_rate * v > cap
             rear_angle = np.where(capped, capped_rear_angle(self.steering, yaw_rate, rear_angle, cap / v, clamped), rear_angle)
             yaw_rate = np.where(capped, cap / v, yaw_rate)
@@ -207,7 +237,7 @@ class Lookup:
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
 
     def lateral_acceleration(self, friction: float) -> Any:
-        """m/s^2 that the map allows on a road of an estimated friction (NaN: the map's own), in `real`."""
+        """m/s^2 that the map allows at most on a road of an estimated friction (NaN: the map's own), in `real`."""
         return self._road(self.real(friction))[1]
 
     def _road(self, friction: Any) -> tuple[tuple[int, Any], Any]:
@@ -263,7 +293,8 @@ def error_bound(total: TotalMap, real: Real = np.float32) -> float:
     Rounding-error analysis to first order in the unit roundoff u (N. J. Higham, Accuracy and Stability of Numerical
     Algorithms, chapter 3). Rounded breakpoints, the subtractions, the quotient and the product move the position by at
     most 6 u x, worth the steepest slope at hand (of a cell or its neighbour, for rounding may choose that one). Stored corners
-    and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value.
+    and three interpolations add 8 u times the largest corner, the lowered cap and its quotient 10 u times the largest value,
+    and a table of what grip leaves of the cap the like of its own.
     """
     unit = 0.5 * float(np.finfo(real).eps)
     return max(_layer_bound(layer, unit) for layer in total.stack) + _stack_bound(total, unit)
@@ -280,11 +311,22 @@ def _stack_bound(total: TotalMap, unit: float) -> float:
 
 
 def _layer_bound(total: TotalMap, unit: float) -> float:
-    table = total.yaw_rate
-    bound = 18.0 * unit * float(table.max())
+    largest = float(total.yaw_rate.max())
+    bound = 18.0 * unit * largest + _position_bound(total.speed, total.front_angle, total.yaw_rate, unit)
+    if total.grip is not None:
+        # A share that is off moves what it caps by as much of it; it has stored corners, interpolations and a product too.
+        grip = total.grip
+        off = 9.0 * unit + _position_bound(grip.speed, grip.front_angle, grip.share, unit)
+        bound += off / float(grip.share.min()) * largest
+    return bound
+
+
+def _position_bound(speed: FloatArray, front_angle: FloatArray, table: FloatArray, unit: float) -> float:
+    """What the positions may be off, in units of a table (n, m)."""
+    bound = 0.0
     for breakpoints, rise in (
-        (total.speed, np.abs(np.diff(table, axis=0)).max(axis=1)),
-        (total.front_angle, np.abs(np.diff(table, axis=1)).max(axis=0)),
+        (speed, np.abs(np.diff(table, axis=0)).max(axis=1)),
+        (front_angle, np.abs(np.diff(table, axis=1)).max(axis=0)),
     ):
         slope = rise / np.diff(breakpoints)
         padded = np.pad(slope, 1, mode="edge")

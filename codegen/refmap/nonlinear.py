@@ -60,12 +60,17 @@ EDGE_TOLERANCE = 1e-13
 
 @dataclass(frozen=True)
 class _Found:
-    """Optimum at p operating points; arrays (p,), NaN where infeasible. `grip`: whether grip sets the range's upper end."""
+    """Optimum at p operating points; arrays (p,), NaN where infeasible.
+
+    `grip`: whether grip sets the range's upper end; `grip_yaw_rate`: where grip ends the turns, rad/s, NaN where another bound
+    does so before.
+    """
 
     turns: Turns
     feasible: BoolArray
     margin: FloatArray
     grip: BoolArray
+    grip_yaw_rate: FloatArray
 
 
 @dataclass(frozen=True)
@@ -94,12 +99,17 @@ class NonlinearTurns:
 
     def at(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
         """See `SteadyTurns`."""
+        return self.at_with_grip(speed, front_angle)[0]
+
+    def at_with_grip(self, speed: FloatArray, front_angle: FloatArray) -> tuple[Solution, FloatArray]:
+        """The same, and the yaw rates (n,) in rad/s at which grip (a slip bound, that on lateral acceleration or the stability
+        limit) ends the turns of each pair, feasible or not; NaN where another bound does so before."""
         points = Points(speed, front_angle)
         found = self._found(points)
         turns = found.turns
         slips = (np.abs(turns.slip_front), np.abs(turns.slip_rear))
         active = flags(self.problem, points.speed * turns.yaw_rate, turns.sideslip, slips, turns.rear_angle)
-        return Solution(
+        solution = Solution(
             yaw_rate=turns.yaw_rate,
             sideslip=turns.sideslip,
             rear_angle=turns.rear_angle,
@@ -107,6 +117,7 @@ class NonlinearTurns:
             active=active,
             margin=found.margin,
         )
+        return solution, found.grip_yaw_rate
 
     def edge(self, speed: FloatArray, front_angle_max: float = FRONT_ANGLE_MAX) -> Edge:
         """See `SteadyTurns`: the root of the margin between the last feasible of some angles and the next one."""
@@ -184,7 +195,10 @@ class NonlinearTurns:
         parts = [self._found_in(block) for block in _blocks(points)]
         return _Found(
             joined([part.turns for part in parts]),
-            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("feasible", "margin", "grip")),
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("feasible", "margin", "grip", "grip_yaw_rate")
+            ),
         )
 
     def _found_in(self, points: Points) -> _Found:
@@ -194,12 +208,13 @@ class NonlinearTurns:
         margin = self._margin_of(between, low, high)
         feasible = margin >= 0.0
         grip = np.isin(between.high_by, (SLIP_FRONT, SLIP_REAR, END))
+        grip_yaw_rate = np.where(grip, between.high, np.nan)
         if self.problem.rear_angle_max > 0.0:
             best = self._best(found, np.flatnonzero(feasible), low, high)
         else:
             best = self._straight(found, np.flatnonzero(feasible))
             grip &= -high.rear_angle <= low.rear_angle
-        return _Found(placed(nowhere(points.size), np.flatnonzero(feasible), best), feasible, margin, grip)
+        return _Found(placed(nowhere(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate)
 
     def _straight(self, found: Curves, cells: IndexArray) -> Turns:
         """The turns of some operating points with the rear wheels straight: one of each, for their angle falls with r."""

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,17 +16,19 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.errors import BuildError
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.place_axes import POINTS_MAX, Axes, Search, Spacing
+from codegen.refmap.place_axes import POINTS_MAX, Axes, Cost, Search, Spacing
 from codegen.refmap.place_error import MeasuredError, Ruler
-from codegen.refmap.place_ground import Ground, GroundLayer, Origin, ground_of, rule_at
-from codegen.refmap.place_sample import off_optimum
-from codegen.refmap.storage import Real, Scales, Storage, raw_of, table_bytes, values_of
-from codegen.refmap.total import TotalMap
+from codegen.refmap.place_ground import Ground, GroundLayer, Origin, Sheet, ground_of, rule_at
+from codegen.refmap.storage import Real, Scales, Storage, raw_of, scale_of, table_bytes, values_of
+from codegen.refmap.total import GripTable, TotalMap
 
 FloatArray = npt.NDArray[np.float64]
 
 SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
 """Of two that take the same bytes the first is taken: its cells are found without a search."""
+
+CLOSER = (0.98, 0.96)
+"""Of a bound: tighter ones, for which the search can happen to find fewer bytes."""
 
 TRIES = 10
 SPARE = 0.995
@@ -41,6 +43,10 @@ EASY = 1e-3
 SMALLEST, HALVES = 1e-4, 9
 """Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
 halved: to within a fiftieth."""
+
+GRIP_SHARE = 0.75
+"""Of the bound, for the table of the share of the cap, which is small: the errors of both do not add up (the smaller of two
+numbers is never further off than the worse of both), but what it is off on a finer lattice no cell of the other one mends."""
 
 TIGHTER, MISSED = 0.97, 2
 """From the error that was reached so: step to smaller ones, and how many in a row do not fit when no more are tried."""
@@ -86,7 +92,7 @@ class Placed:
         rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
         origin: what the error is measured against.
         own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
-        off_optimum: where that is the map's own table, and there is an optimum behind it: see `place_sample`; rad/s.
+        gap: what of the error is the ground's own: how far it may be off the optimum, rad/s.
     """
 
     total: TotalMap
@@ -97,7 +103,7 @@ class Placed:
     origin: Origin
     own_speed: tuple[float, float]
     own_front_angle: tuple[float, float]
-    off_optimum: float | None = None
+    gap: float = 0.0
 
 
 def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
@@ -112,17 +118,14 @@ def choose(reference_map: ReferenceMap, config: Config, request: Request, tables
         MapError: see `extend`.
     """
     maker = Maker(ground_of(reference_map, config), Target(tables, real, request.storage))
-    placed = _within_flash(maker, request) if request.max_error is None else _within_error(maker, request, request.max_error)
-    if placed.origin == "optimum":
-        return placed
-    return replace(placed, off_optimum=off_optimum(reference_map, placed.total, real))
+    return _within_flash(maker, request) if request.max_error is None else _within_error(maker, request, request.max_error)
 
 
 def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
     placed = maker.for_error(max_error)
     if placed is None:
         raise BuildError(
-            f"{_degrees(max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored",
+            f"{_degrees(max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or finer numbers than there are",
             where="--max-error",
             remedy=f"{_reachable(maker, max_error)} can be reached, and perhaps less",
         )
@@ -141,9 +144,10 @@ def _within_flash(maker: Maker, request: Request) -> Placed:
     assert request.max_flash is not None  # one of both is given
     placed = maker.for_flash(request.max_flash)
     if placed is None:
-        least = maker.bytes_of(2, 2)
         raise BuildError(
-            f"{request.max_flash} bytes hold no table", where="--max-flash", remedy=f"the smallest one takes {least} bytes"
+            f"{request.max_flash} bytes hold no table",
+            where="--max-flash",
+            remedy=f"the smallest one takes {maker.least_bytes} bytes",
         )
     return placed
 
@@ -166,6 +170,21 @@ def _degrees(yaw_rate: float, *, up: bool = False) -> str:
 
 
 @dataclass(frozen=True)
+class _Frame:
+    """What stands beside the tables that are searched for.
+
+    Attributes:
+        grips: of the share of the cap, one for each friction; None where the cap is the same everywhere.
+        sheets: of the tables, with those beside them.
+        bytes_of: of all of them, from how many breakpoints the tables have.
+    """
+
+    grips: tuple[GripTable | None, ...]
+    sheets: tuple[Sheet, ...]
+    bytes_of: Cost
+
+
+@dataclass(frozen=True)
 class Maker:
     """Makes total maps of one ground for one target."""
 
@@ -177,15 +196,68 @@ class Maker:
         """The largest yaw rate, rad/s."""
         return max(float(layer.total.yaw_rate.max()) for layer in self.ground.layers)
 
-    def bytes_of(self, speeds: int, front_angles: int) -> int:
-        """Of tables on so many breakpoints."""
+    @property
+    def gap(self) -> float:
+        """What the ground itself may be off the optimum, rad/s."""
+        return max(layer.gap[0] for layer in self.ground.layers)
+
+    @property
+    def least_bytes(self) -> int:
+        """Of the smallest tables."""
+        beside = self._grip_bytes(2, 2) if self._follows_grip else 0
+        return beside + self._bytes_of(2, 2)
+
+    @property
+    def _follows_grip(self) -> bool:
+        return any(layer.share is not None for layer in self.ground.layers)
+
+    def _bytes_of(self, speeds: int, front_angles: int) -> int:
         return self.target.bytes_of(speeds, front_angles, len(self.ground.layers))
+
+    def _grip_bytes(self, speeds: int, front_angles: int) -> int:
+        """Of tables of the cap's share, of all frictions."""
+        number, is_raw = np.dtype(self.target.real).itemsize, self.target.storage == "int16"
+        cells = len(self.ground.layers) * speeds * front_angles
+        return cells * (2 if is_raw else number) + number * (speeds + front_angles + is_raw)
+
+    def _frame(self, bound: float) -> _Frame | None:
+        """For a bound in rad/s; None where no table of the cap's share holds it."""
+        layers = self.ground.layers
+        if not self._follows_grip:
+            return _Frame((None,) * len(layers), tuple(layer.sheet(None) for layer in layers), self._bytes_of)
+        search = Search(self.ground, [layer.grip_sheet() for layer in layers], "uneven", self._grip_bytes)
+        axes = search.place(GRIP_SHARE * bound)
+        if axes is None:
+            return None
+        grips = tuple(self._grip(axes, layer.share(*axes)) for layer in layers if layer.share is not None)
+        beside = self._grip_bytes(axes[0].size, axes[1].size)
+        return _Frame(
+            grips,
+            tuple(layer.sheet(grip) for layer, grip in zip(layers, grips, strict=True)),
+            lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
+        )
+
+    def _grip(self, axes: Axes, share: FloatArray) -> GripTable:
+        """As it is stored."""
+        if self.target.storage == "float":
+            return GripTable(*axes, share)
+        scale = scale_of(1.0, self.target.real)
+        return GripTable(*axes, values_of(raw_of(share, scale), scale), scale)
 
     def for_error(self, max_error: float, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
         """The fewest bytes for an error of at most `max_error`, rad/s; None where no table holds it."""
+        bound = max_error - self.gap
+        frame = self._frame(bound) if bound > 0.0 else None
+        if frame is None:
+            return None
         best: Placed | None = None
         for spacing in sorted(spacings, reverse=True):  # the uneven one bounds what is worth searching for the even one
-            best = self._for_error(spacing, max_error, math.inf if best is None else best.flash_bytes) or best
+            best = self._for_error(spacing, max_error, frame, math.inf if best is None else best.flash_bytes) or best
+        if best is None:
+            return None
+        for share in CLOSER:
+            found = self._for_error(best.spacing, share * max_error, frame, math.inf)
+            best = found if found is not None and found.flash_bytes < best.flash_bytes else best
         return best
 
     def for_flash(self, max_flash: int, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
@@ -196,14 +268,14 @@ class Maker:
             best = found or best
         return best
 
-    def _for_error(self, spacing: Spacing, max_error: float, bytes_max: float) -> Placed | None:
-        search = Search(self.ground, spacing, self.bytes_of, bytes_max)
-        bound = max_error
+    def _for_error(self, spacing: Spacing, max_error: float, frame: _Frame, bytes_max: float) -> Placed | None:
+        search = Search(self.ground, frame.sheets, spacing, frame.bytes_of, bytes_max)
+        bound = max_error - self.gap
         axes = search.place(bound)
         for _ in range(TRIES):
             if axes is None:
                 return None
-            placed = self.on(axes, spacing)
+            placed = self._on(axes, spacing, frame)
             if placed.error.yaw_rate_whole <= max_error:
                 return placed
             # The lattice of the search and the rounding of the numbers both leave a little out.
@@ -213,19 +285,17 @@ class Maker:
 
     def _filling(self, spacing: Spacing, max_flash: int) -> Placed | None:
         """The least error found in so many bytes: halving the span of bounds, on a logarithmic scale."""
-        if self.bytes_of(2, 2) > max_flash:
+        if self.least_bytes > max_flash:
             return None
-        search = Search(self.ground, spacing, self.bytes_of, max_flash)
         low, high = math.log(SMALLEST * self.largest), math.log(self.largest)
-        best = self.on((np.array([0.0, self.ground.own_speed[1]]), np.array([0.0, self.ground.front_angle_top])), spacing)
+        best = self._smallest(spacing)
         for _ in range(HALVES):
             middle = 0.5 * (low + high)
-            axes = search.place(math.exp(middle))
-            if axes is None:
+            placed = self._within(spacing, math.exp(middle), max_flash)
+            if placed is None:
                 low = middle
                 continue
             high = middle
-            placed = self.on(axes, spacing)
             best = placed if _error(placed) < _error(best) else best
         bound, missed = _error(best), 0
         while missed < MISSED:  # a smaller error does not always take more bytes
@@ -239,31 +309,48 @@ class Maker:
 
     def _fitting(self, spacing: Spacing, max_error: float, max_flash: int) -> Placed | None:
         """Within both bounds. A search that may pass through more bytes can find fewer, and one that may not, others."""
+        frame = self._frame(max_error - self.gap) if max_error > self.gap else None
+        if frame is None:
+            return None
         for most in (math.inf, max_flash):
-            placed = self._for_error(spacing, max_error, most)
+            placed = self._for_error(spacing, max_error, frame, most)
             if placed is not None and placed.flash_bytes <= max_flash:
                 return placed
         return None
 
     def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
         """One of another spacing with no larger error, in as many bytes."""
-        axes = Search(self.ground, spacing, self.bytes_of, than.flash_bytes).place(_error(than))
-        placed = None if axes is None else self.on(axes, spacing)
+        placed = self._within(spacing, _error(than) - self.gap, than.flash_bytes)
         return placed if placed is not None and _error(placed) <= _error(than) else None
 
-    def on(self, axes: Axes, spacing: Spacing) -> Placed:
+    def _within(self, spacing: Spacing, bound: float, bytes_max: float) -> Placed | None:
+        """What one search finds for a bound on what the tables add to the error; the stored numbers can add a little more."""
+        frame = self._frame(bound)
+        if frame is None:
+            return None
+        axes = Search(self.ground, frame.sheets, spacing, frame.bytes_of, bytes_max).place(bound)
+        return None if axes is None else self._on(axes, spacing, frame)
+
+    def _smallest(self, spacing: Spacing) -> Placed:
+        axes = (np.array([0.0, self.ground.own_speed[1]]), np.array([0.0, self.ground.front_angle_top]))
+        frame = self._frame(self.largest)
+        assert frame is not None  # a cap's share is far from the largest yaw rate everywhere
+        return self._on(axes, spacing, frame)
+
+    def _on(self, axes: Axes, spacing: Spacing, frame: _Frame) -> Placed:
         """The total map on given axes, from zero, as it is stored, and its error."""
         ruler = Ruler(self.ground, axes, self.target.real)
-        stored, rounding = self._stored(self._lowered(_total(self.ground, axes), ruler))
+        stored, rounding = self._stored(self._lowered(_total(self.ground, axes, frame.grips), ruler))
         return Placed(
             total=stored,
             spacing=spacing,
-            flash_bytes=self.bytes_of(axes[0].size, axes[1].size),
+            flash_bytes=frame.bytes_of(axes[0].size, axes[1].size),
             error=ruler.error(stored),
             rounding=rounding,
             origin=self.ground.origin,
             own_speed=self.ground.own_speed,
             own_front_angle=self.ground.own_front_angle,
+            gap=self.gap,
         )
 
     def _lowered(self, total: TotalMap, ruler: Ruler) -> TotalMap:
@@ -298,17 +385,12 @@ def _error(placed: Placed) -> float:
     return placed.error.yaw_rate_whole
 
 
-def _total(ground: Ground, axes: Axes) -> TotalMap:
-    layers = list(_layers(ground, axes))
+def _total(ground: Ground, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:
+    layers = [_layer(ground, layer, axes, grip) for layer, grip in zip(ground.layers, grips, strict=True)]
     return replace(layers[-1], layers=tuple(layers[:-1]))
 
 
-def _layers(ground: Ground, axes: Axes) -> Iterator[TotalMap]:
-    for layer in ground.layers:
-        yield _layer(ground, layer, axes)
-
-
-def _layer(ground: Ground, layer: GroundLayer, axes: Axes) -> TotalMap:
+def _layer(ground: Ground, layer: GroundLayer, axes: Axes, grip: GripTable | None) -> TotalMap:
     yaw_rate, rear_angle = layer.surface(*axes)
     return replace(
         layer.total,
@@ -318,6 +400,7 @@ def _layer(ground: Ground, layer: GroundLayer, axes: Axes) -> TotalMap:
         rear_angle=rear_angle,
         rule=rule_at(ground, layer, *axes),
         layers=(),
+        grip=grip,
     )
 
 

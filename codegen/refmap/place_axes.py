@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.refmap.place_ground import Ground, along, cell_of
+from codegen.refmap.place_ground import Ground, Sheet, along, cell_of
 
 FloatArray = npt.NDArray[np.float64]
 Spacing = Literal["even", "uneven"]
@@ -46,28 +46,44 @@ COARSE = 0.004
 
 @dataclass(frozen=True)
 class _Layer:
-    """One friction on a lattice: the surface before the cap, the cap as a yaw rate, and the truth after it; (n, m) each."""
+    """A sheet on a lattice, (n, m) each, with what is to come of it in rad/s. `scale`: None for one."""
 
-    surface: FloatArray
-    allowed: FloatArray
+    values: FloatArray
+    limit: FloatArray
     truth: FloatArray
+    scale: FloatArray | None
+
+    @classmethod
+    def of(cls, sheet: Sheet, speed: FloatArray, front_angle: FloatArray) -> Self:
+        """On these coordinates."""
+        values, limit = (of(speed, front_angle) for of in (sheet.values, sheet.limit))
+        scale = None if sheet.scale is None else np.broadcast_to(sheet.scale(speed)[:, np.newaxis], values.shape)
+        exact = limit if sheet.exact is None else sheet.exact(speed, front_angle)
+        return cls(values, limit, np.minimum(values if scale is None else scale * values, exact), scale)
+
+    @property
+    def transposed(self) -> _Layer:
+        """With the axes exchanged."""
+        return _Layer(self.values.T, self.limit.T, self.truth.T, None if self.scale is None else self.scale.T)
+
+    def error(self, values: FloatArray, points: slice) -> FloatArray:
+        """(k, m) rad/s, of values (k, m) that a table gives at some points of the first axis."""
+        asked = values if self.scale is None else values * self.scale[points]
+        result: FloatArray = np.abs(np.minimum(asked, self.limit[points]) - self.truth[points])
+        return result
 
 
 class Lattice:
-    """Ground truth on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
+    """Sheets on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
 
-    def __init__(self, ground: Ground, speed: FloatArray, front_angle: FloatArray) -> None:
-        self.ground, self.coordinates = ground, (speed, front_angle)
-        self.layers = []
-        for layer in ground.layers:
-            surface = layer.surface(speed, front_angle)[0]
-            allowed = np.broadcast_to((layer.cap / np.maximum(speed, 1e-9))[:, np.newaxis], surface.shape)
-            self.layers.append(_Layer(surface, allowed, np.minimum(surface, allowed)))
+    def __init__(self, sheets: Sequence[Sheet], speed: FloatArray, front_angle: FloatArray) -> None:
+        self.sheets, self.coordinates = sheets, (speed, front_angle)
+        self.layers = [_Layer.of(sheet, speed, front_angle) for sheet in sheets]
 
     @classmethod
-    def over(cls, ground: Ground, axes: Axes | None = None) -> Lattice:
+    def over(cls, ground: Ground, sheets: Sequence[Sheet], axes: Axes | None = None) -> Lattice:
         """A lattice over all that an ECU meets, fine enough for the cells of `axes`."""
-        return cls(ground, *cls.points(ground, axes))
+        return cls(sheets, *cls.points(ground, axes))
 
     @staticmethod
     def points(ground: Ground, axes: Axes | None = None) -> Axes:
@@ -77,10 +93,6 @@ class Lattice:
             _points(ground.own_speed, ground.own_speed[1], ground.speed_kinks, speed),
             _points(ground.own_front_angle, ground.front_angle_top, ground.front_angle_kinks, front_angle),
         )
-
-    def error(self, axes: Axes) -> float:
-        """Largest error after the cap, rad/s, of tables on `axes`."""
-        return Strips(self, 0, axes[1]).error_on(axes[0])
 
 
 def _points(own: tuple[float, float], top: float, kinks: FloatArray, axis: FloatArray | None) -> FloatArray:
@@ -121,18 +133,15 @@ class Strips:
         self.lattice, self.dimension, self.other = lattice, dimension, other
         self.x = lattice.coordinates[dimension]
         self._across = None if other is None else cell_of(other, lattice.coordinates[1 - dimension])
-        self._layers = [
-            (one.surface.T, one.allowed.T, one.truth.T) if dimension else (one.surface, one.allowed, one.truth)
-            for one in lattice.layers
-        ]
-        self._lines = [layer[0] for layer in self._layers] if other is None else self._rows(self.x)
+        self._layers = [one.transposed if dimension else one for one in lattice.layers]
+        self._lines = [layer.values for layer in self._layers] if other is None else self._rows(self.x)
 
     def _rows(self, at: FloatArray) -> list[FloatArray]:
         """For each layer the values (k, m) at points (k,) of this axis, over the lattice of the other one."""
         beside = self.lattice.coordinates[1 - self.dimension] if self.other is None else self.other
         rows = []
-        for layer in self.lattice.ground.layers:
-            values = layer.surface(beside, at)[0].T if self.dimension else layer.surface(at, beside)[0]
+        for sheet in self.lattice.sheets:
+            values = sheet.values(beside, at).T if self.dimension else sheet.values(at, beside)
             rows.append(values if self._across is None else along(values.T, *self._across).T)
         return rows
 
@@ -143,21 +152,19 @@ class Strips:
             part = slice(low, high + 1)
         share = ((self.x[part] - self.x[low]) / (self.x[high] - self.x[low]))[:, np.newaxis]
         worst = 0.0
-        for line, (_, allowed, truth) in zip(self._lines, self._layers, strict=True):
+        for line, layer in zip(self._lines, self._layers, strict=True):
             values = line[low] + share * (line[high] - line[low])
-            error = np.abs(np.minimum(values, allowed[part]) - truth[part])
-            worst = max(worst, float(error.max(initial=0.0)))
+            worst = max(worst, float(layer.error(values, part).max(initial=0.0)))
         return worst
 
     def error_on(self, axis: FloatArray, bound: float = math.inf) -> float:
         """Largest error, rad/s, with any breakpoints of this axis; where it is above `bound`, any figure above that."""
-        layers, all_rows = self._layers, self._rows(axis)
+        all_rows = self._rows(axis)
         worst = 0.0
         for points in (slice(None, None, 7), slice(None)):  # most of what fails does so at a few points
             cell, share = cell_of(axis, self.x[points])
-            for rows, (_, allowed, truth) in zip(all_rows, layers, strict=True):
-                error = np.abs(np.minimum(along(rows, cell, share), allowed[points]) - truth[points])
-                worst = max(worst, float(error.max()))
+            for rows, layer in zip(all_rows, self._layers, strict=True):
+                worst = max(worst, float(layer.error(along(rows, cell, share), points).max()))
             if worst > bound:
                 break
         return worst
@@ -244,26 +251,27 @@ AXIS_OF = {"even": even_axis, "uneven": uneven_axis}
 
 @dataclass(frozen=True)
 class Search:
-    """A search for axes of one spacing. `cost` is to be small, and at most `cost_max`."""
+    """A search for axes of one spacing, for the sheets of all frictions. `cost` is to be small, and at most `cost_max`."""
 
     ground: Ground
+    sheets: Sequence[Sheet]
     spacing: Spacing
     cost: Cost
     cost_max: float = math.inf
 
     def place(self, bound: float) -> Axes | None:
         """Breakpoints of both axes that keep the bound, rad/s, at few bytes; None where they cost too much."""
-        lattice = Lattice.over(self.ground)
+        lattice = Lattice.over(self.ground, self.sheets)
         coarse = max(bound, COARSE * max(float(layer.truth.max()) for layer in lattice.layers))
         best = self._from_starts(lattice, coarse)
         while best is not None and coarse > bound:
             coarse = max(bound, 0.5 * coarse)
-            best = self._from_starts(Lattice.over(self.ground, best), coarse)
+            best = self._from_starts(Lattice.over(self.ground, self.sheets, best), coarse)
         return None if best is None else self.again(best, bound)
 
     def again(self, axes: Axes, bound: float) -> Axes | None:
         """Another search for about the same bound, on a lattice fine enough for the cells of these axes."""
-        lattice = Lattice.over(self.ground, axes)
+        lattice = Lattice.over(self.ground, self.sheets, axes)
         kept = self._cheaper(*(self._turned(lattice, dimension, axes[dimension], bound) for dimension in (0, 1)))
         return self._cheaper(kept, self._from_starts(lattice, bound))
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.place_axes import Axes, Lattice
-from codegen.refmap.place_ground import Ground
+from codegen.refmap.place_ground import Ground, Pair
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
 
@@ -44,7 +44,7 @@ class Ruler:
         self.ground, self.real = ground, real
         speed, front_angle = (axis.astype(real).astype(np.float64) for axis in Lattice.points(ground, axes))
         self._axes = (speed, front_angle)
-        self._truth = [ground.truth(layer, speed, front_angle) for layer in ground.layers]
+        self._truth = [layer.truth(speed, front_angle) for layer in ground.layers]
         self._own = np.ix_(_within(speed, ground.own_speed), _within(front_angle, ground.own_front_angle))
 
     def on_lattice(self, total: TotalMap) -> MeasuredError:
@@ -65,7 +65,7 @@ class Ruler:
 
     def _errors(self, lookup: Lookup) -> Iterator[tuple[FloatArray, FloatArray]]:
         for index, truth in enumerate(self._truth):
-            yield _difference(lookup, index, self._axes, truth)
+            yield self._difference(lookup, index, self._axes, truth)
 
     def _climb(self, lookup: Lookup, index: int, start: tuple[int, int]) -> MeasuredError:
         """The largest error near a point of the lattice; near one of the map's own, among the map's own."""
@@ -79,7 +79,7 @@ class Ruler:
         top = 0.0
         for _ in range(ROUNDS):
             speed, front_angle = (np.linspace(low, high, SIDE) for low, high in windows)
-            error, _ = _difference(lookup, index, (speed, front_angle), self.ground.truth(layer, speed, front_angle))
+            error, _ = self._difference(lookup, index, (speed, front_angle), layer.truth(speed, front_angle))
             best = np.unravel_index(int(error.argmax()), error.shape)
             top = max(top, float(error.max()))
             windows = [
@@ -88,12 +88,15 @@ class Ruler:
             ]
         return MeasuredError(top if own else 0.0, top, 0.0, 0.0)
 
-
-def _difference(lookup: Lookup, index: int, axes: Axes, truth: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
-    stored = lookup.reference(axes[0][:, np.newaxis], axes[1][np.newaxis, :], friction)
-    yaw_rate, rear_angle = (np.abs(have.astype(np.float64) - want) for have, want in zip(stored, truth, strict=True))
-    return yaw_rate, rear_angle
+    def _difference(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> Pair:
+        """With what the layer's surfaces may be off themselves."""
+        friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
+        stored = lookup.reference(axes[0][:, np.newaxis], axes[1][np.newaxis, :], friction)
+        yaw_rate, rear_angle = (
+            np.abs(have.astype(np.float64) - want) + gap
+            for have, want, gap in zip(stored, truth, self.ground.layers[index].gap, strict=True)
+        )
+        return yaw_rate, rear_angle
 
 
 def _narrower(window: tuple[float, float], centre: float) -> tuple[float, float]:

@@ -3,11 +3,12 @@
 For a map that the exact solution made, this is the optimum itself, solved anew at every point. Within the bounds, the optimum
 is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r| alone, and the objective
 falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the grip bounds, continued,
-meets the kink between both exactly, wherever its cells lie. Where sideslip or the rear angle end it, and beyond the last angle
+meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves is a surface too
+(`place_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last angle
 of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
 
 For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
-against. `optimum_of` is the place for further kinds of optimum; `extended` makes one of a solver and its edges.
+against.
 """
 
 from __future__ import annotations
@@ -24,18 +25,22 @@ from codegen.refmap import exact
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import SteeringConstants, capped_rear_angle
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.place_grip import grip_surfaces
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.stack import layer_configs
 from codegen.refmap.tables import PLAUSIBLE
-from codegen.refmap.total import CapSteering, Rule, TotalMap
-from codegen.refmap.turns import Edge, LinearTurns, Solution, passively_feasible
+from codegen.refmap.total import CapSteering, GripTable, Rule, TotalMap
+from codegen.refmap.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
 FloatArray = npt.NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 Surface = Callable[[FloatArray, FloatArray], Pair]
 """Speeds (n,) in m/s and front angles (m,) in rad -> yaw rate in rad/s and rear angle in rad, (n, m) each, before the cap."""
+Values = Callable[[FloatArray, FloatArray], FloatArray]
+"""The same -> one value at each, (n, m)."""
 
-Origin = Literal["optimum", "table"]
+Origin = Literal["optimum", "surfaces", "table"]
 
 SAME_YAW_RATE = 1e-5
 """rad/s: how far the table of a map may lie from the exact optimum and still be it (IPOPT ends within 1e-7)."""
@@ -43,17 +48,71 @@ SAME_YAW_RATE = 1e-5
 UNBOUNDED = 1e3
 """m/s^2 and rad: a grip bound that never acts."""
 
+GAP_POINTS = 150
+"""Speeds, and front angles, at which surfaces are held against the optimum."""
+
 JUST_INSIDE = 1.0 - 1e-12
 """Of an edge: rounding decides whether the edge itself is feasible."""
 
 
 @dataclass(frozen=True)
+class Sheet:
+    """What a table of one friction is placed for: functions of speeds (n,) m/s and front angles (m,) rad that give (n, m).
+
+    Attributes:
+        values: that the table is to hold. scale: of speeds (n,): rad/s for one unit of them; None where they are rad/s.
+        limit: rad/s; the smaller of both is the yaw rate.
+        exact: rad/s, what the limit is meant to be; None where it is that.
+    """
+
+    values: Values
+    limit: Values
+    scale: Callable[[FloatArray], FloatArray] | None = None
+    exact: Values | None = None
+
+
+@dataclass(frozen=True)
 class GroundLayer:
-    """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds."""
+    """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds.
+
+    `share`: of the cap, where it is not the same everywhere. `gap`: how far all this may be off the optimum, rad/s and rad,
+    where that takes too long to be solved anew at every point.
+    """
 
     surface: Surface
     cap: float
     total: TotalMap
+    share: Values | None = None
+    gap: tuple[float, float] = (0.0, 0.0)
+
+    def allowed(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        """(n, m) m/s^2."""
+        if self.share is None:
+            return np.full((speed.size, front_angle.size), self.cap)
+        return self.cap * self.share(speed, front_angle)
+
+    def sheet(self, grip: GripTable | None) -> Sheet:
+        """Of the yaw rate, beside a table of the share of the cap (None: no such table)."""
+        if grip is None:
+            return Sheet(self._asked, self._limit)
+        stored = replace(self, share=interpolated(grip.speed, grip.front_angle, grip.share))
+        return Sheet(self._asked, stored._limit, exact=self._limit)
+
+    def grip_sheet(self) -> Sheet:
+        """Of the share of the cap, beside the exact surface."""
+        assert self.share is not None  # who asks knows
+        return Sheet(self.share, self._asked, scale=lambda v: self.cap / _above_zero(v))
+
+    def _asked(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        return self.surface(speed, front_angle)[0]
+
+    def _limit(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        return self.allowed(speed, front_angle) / _above_zero(speed)[:, np.newaxis]
+
+    def truth(self, speed: FloatArray, front_angle: FloatArray) -> Pair:
+        """Yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
+        yaw_rate, rear_angle = self.surface(speed, front_angle)
+        return capped(yaw_rate, rear_angle, self.allowed(speed, front_angle), speed, self.total.steering)
 
 
 @dataclass(frozen=True)
@@ -61,11 +120,11 @@ class Ground:
     """The continuous total map, the layer of the lowest friction first, and where it is.
 
     Attributes:
-        origin: "optimum": solved anew at every point; "table": the map's own bilinear interpolation.
+        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`place_grip`), with a `gap` for what
+            that is off; "table": the map's own bilinear interpolation.
         own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
         front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
         speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
-        steering: of the rear angle that goes with a capped yaw rate.
     """
 
     layers: tuple[GroundLayer, ...]
@@ -75,27 +134,27 @@ class Ground:
     front_angle_top: float
     speed_kinks: FloatArray
     front_angle_kinks: FloatArray
-    steering: CapSteering
 
     @property
     def total(self) -> TotalMap:
         """What a build without a choice holds, with its layers."""
         return replace(self.layers[-1].total, layers=tuple(layer.total for layer in self.layers[:-1]))
 
-    def truth(self, layer: GroundLayer, speed: FloatArray, front_angle: FloatArray) -> Pair:
-        """Yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
-        yaw_rate, rear_angle = layer.surface(speed, front_angle)
-        return capped(yaw_rate, rear_angle, layer.cap, speed, self.steering)
 
-
-def capped(yaw_rate: FloatArray, rear_angle: FloatArray, cap: float, speed: FloatArray, steering: CapSteering) -> Pair:
-    """Tables (n, m) after the cap at speeds (n,), in exact arithmetic: what the lookup makes of them."""
-    v = np.maximum(speed, 1e-9)[:, np.newaxis]
+def capped(
+    yaw_rate: FloatArray, rear_angle: FloatArray, cap: float | FloatArray, speed: FloatArray, steering: CapSteering
+) -> Pair:
+    """Tables (n, m) after the cap (m/s^2, one or (n, m)) at speeds (n,), in exact arithmetic: what the lookup makes of them."""
+    v = _above_zero(speed)[:, np.newaxis]
     allowed = np.broadcast_to(cap / v, yaw_rate.shape)
     car = SteeringConstants.of(steering, np.float64)
     is_capped = yaw_rate > allowed
     turned = np.where(is_capped, capped_rear_angle(car, yaw_rate, rear_angle, allowed, v), rear_angle)
     return np.minimum(yaw_rate, allowed), turned
+
+
+def _above_zero(speed: FloatArray) -> FloatArray:
+    return np.maximum(speed, 1e-9)
 
 
 def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
@@ -108,49 +167,85 @@ def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
     total = extend(reference_map, config, config.steering.front_angle_stop)
     maps = [*(layer.map for layer in reference_map.layers), reference_map]
     configs = [*layer_configs(reference_map, config), config]
-    surfaces = [optimum_of(one, own) for one, own in zip(maps, configs, strict=True)]
-    origin: Origin = "table" if any(surface is None for surface in surfaces) else "optimum"
-    layers = tuple(
-        GroundLayer(surface if origin == "optimum" and surface else _bilinear(layer), layer.lateral_acceleration_cap, layer)
-        for surface, layer in zip(surfaces, total.stack, strict=True)
-    )
-    speed = reference_map.speed[reference_map.speed > 0.0]
-    front_angle = reference_map.front_angle[reference_map.front_angle > 0.0]
+    layers = tuple(optimum_of(*of) for of in zip(maps, configs, total.stack, strict=True))
+    known = tuple(layer for layer in layers if layer is not None)
+    origin: Origin = "table"
+    if len(known) == len(layers):
+        origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
+    else:
+        known = tuple(GroundLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
+    speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
     return Ground(
-        layers=layers,
+        layers=known,
         origin=origin,
-        own_speed=(float(speed[0]), float(speed[-1])),
-        own_front_angle=(float(front_angle[0]), float(front_angle[-1])),
+        own_speed=speed,
+        own_front_angle=front_angle,
         front_angle_top=float(total.front_angle[-1]),
-        speed_kinks=speed[:1] if origin == "optimum" else total.speed,
-        front_angle_kinks=front_angle[[0, -1]] if origin == "optimum" else total.front_angle,
-        steering=total.steering,
+        speed_kinks=total.speed if origin == "table" else np.array(speed[:1]),
+        front_angle_kinks=total.front_angle if origin == "table" else np.array(front_angle),
     )
 
 
-def optimum_of(reference_map: ReferenceMap, config: Config) -> Surface | None:
-    """The optimum behind a map, as a table is to hold it; None where it is not known or the map does not hold it."""
+def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> GroundLayer | None:
+    """The optimum behind a map, as a table is to hold it; None where it is not known or the map does not hold it.
+
+    Args:
+        total: of the same map.
+
+    Raises:
+        MapError: a steady turn is not found.
+    """
     if not reference_map.solved or reference_map.case is None:
         return None
     case = config.case(reference_map.case)
-    if case.tyre_model != "linear":
+    turns = turns_of(config, case)
+    if not _holds(reference_map, turns, case.passive_safe):
         return None
-    problem = SteadyTurnProblem.from_config(config, case)
-    if not _holds(reference_map, problem, case.passive_safe):
-        return None
-    return continued(
-        problem, reference_map.speed, reference_map.front_angle, case.passive_safe, CapSteering.from_config(config)
+    if isinstance(turns, NonlinearTurns):
+        return _followed(turns, reference_map, total, passive_safe=case.passive_safe)
+    axes = (reference_map.speed, reference_map.front_angle)
+    surface = continued(turns.problem, *axes, case.passive_safe, total.steering)
+    return GroundLayer(surface, total.lateral_acceleration_cap, total)
+
+
+def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> GroundLayer:
+    """With a cap that follows slip: the largest of the continuous optimum, and shares of that."""
+    speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
+    top, rear_max = float(total.front_angle[-1]), total.steering.rear_angle_max
+    found = grip_surfaces(turns, speed, front_angle, top, total.lateral_acceleration_cap, passive_safe=passive_safe)
+    axes, cap = (found.speed, found.front_angle), float(found.lateral_acceleration.max())
+    surface = _surface(*axes, _plausible(found.yaw_rate), np.clip(found.rear_angle, -rear_max, rear_max))
+    share = interpolated(*axes, found.lateral_acceleration / cap)
+    layer = GroundLayer(surface, cap, replace(total, lateral_acceleration_cap=cap), share)
+    return replace(layer, gap=_gap(layer, turns, speed, front_angle, passive_safe=passive_safe))
+
+
+def _gap(
+    layer: GroundLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
+) -> tuple[float, float]:
+    """How far the surfaces are off the optimum, rad/s and rad, at GAP_POINTS x GAP_POINTS places between first and last speed
+    (m/s) and front angle (rad) that are on no line of their grid."""
+    source = np.random.default_rng(0)
+    axes = [np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle)]
+    optimum = turns.solve(*axes)
+    feasible = optimum.feasible & (passively_feasible(turns, *axes) if passive_safe else True)
+    found = layer.truth(*axes)
+    yaw_rate, rear_angle = (
+        float(np.abs(have - want)[feasible].max(initial=0.0))
+        for have, want in zip(found, (optimum.yaw_rate, optimum.rear_angle), strict=True)
     )
+    return yaw_rate, rear_angle
 
 
-def _holds(reference_map: ReferenceMap, problem: SteadyTurnProblem, passive_safe: bool) -> bool:
-    """Whether a map is the exact optimum on its grid: another method's, or one that was edited, is not."""
+def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) -> bool:
+    """Whether a map is the optimum on its grid: one that was edited is not."""
     if reference_map.speed[0] <= 0.0:
         return False
-    optimum = exact.solve(problem, reference_map.speed, reference_map.front_angle)
+    axes = (reference_map.speed, reference_map.front_angle)
+    optimum = turns.solve(*axes)
     feasible, margin = optimum.feasible, optimum.margin
     if passive_safe:
-        passive = exact.solve(replace(problem, rear_angle_max=0.0), reference_map.speed, reference_map.front_angle)
+        passive = turns.without_rear_steering().solve(*axes)
         feasible, margin = feasible & passive.feasible, np.minimum(margin, passive.margin)
     clear = np.abs(margin) > SAME_YAW_RATE
     if np.any((feasible != reference_map.feasible) & clear):
@@ -170,7 +265,7 @@ def continued(
     bounded = _PassivelySafe(LinearTurns(problem)) if ends_passively else LinearTurns(problem)
     cap, rear_max = problem.lateral_acceleration_cap, steering.rear_angle_max
     plain = extended(bounded.solve, bounded.edge, problem.car.yaw_gain, cap, speed, front_angle, steering)
-    first_speed, first_angle = _first(speed), _first(front_angle)
+    (first_speed, _), (first_angle, _) = _ends(speed), _ends(front_angle)
 
     def surface(v: FloatArray, angle: FloatArray) -> Pair:
         v_inside = np.maximum(v, first_speed)
@@ -204,8 +299,9 @@ class _PassivelySafe:
         return Edge(end, found.yaw_rate, found.rear_angle, np.zeros(speed.shape, dtype=bool))
 
 
-def _first(axis: FloatArray) -> float:
-    return float(axis[axis > 0.0][0])
+def _ends(axis: FloatArray) -> tuple[float, float]:
+    """First breakpoint above zero, and last one."""
+    return float(axis[axis > 0.0][0]), float(axis[-1])
 
 
 def extended(
@@ -225,8 +321,7 @@ def extended(
         passive_gain: G of speeds (n,), 1/s. cap: ay_cap in m/s^2.
         speed, front_angle: breakpoints of the map, (n,) and (m,).
     """
-    rear_max, first_speed = steering.rear_angle_max, _first(speed)
-    first_angle, last_angle = _first(front_angle), front_angle[-1]
+    rear_max, (first_speed, _), (first_angle, last_angle) = steering.rear_angle_max, _ends(speed), _ends(front_angle)
 
     def surface(v: FloatArray, angle: FloatArray) -> Pair:
         v_inside = np.maximum(v, first_speed)
@@ -252,15 +347,23 @@ def _plausible(yaw_rate: FloatArray) -> FloatArray:
 
 
 def _bilinear(total: TotalMap) -> Surface:
-    """A total map's own tables, interpolated; the last row and column hold beyond."""
+    """A total map's own tables, interpolated."""
+    return _surface(total.speed, total.front_angle, total.yaw_rate, total.rear_angle)
 
-    def surface(v: FloatArray, angle: FloatArray) -> Pair:
-        i, u = cell_of(total.speed, v)
-        j, w = cell_of(total.front_angle, angle)
-        yaw_rate, rear_angle = (along(along(table, i, u).T, j, w).T for table in (total.yaw_rate, total.rear_angle))
-        return yaw_rate, rear_angle
 
-    return surface
+def _surface(speed: FloatArray, front_angle: FloatArray, *tables: FloatArray) -> Surface:
+    """Both tables (n, m), bilinear."""
+    yaw_rate, rear_angle = (interpolated(speed, front_angle, table) for table in tables)
+    return lambda v, angle: (yaw_rate(v, angle), rear_angle(v, angle))
+
+
+def interpolated(speed: FloatArray, front_angle: FloatArray, table: FloatArray) -> Values:
+    """A table (n, m), bilinear; the last row and column hold beyond."""
+
+    def value(v: FloatArray, angle: FloatArray) -> FloatArray:
+        return along(along(table, *cell_of(speed, v)).T, *cell_of(front_angle, angle)).T
+
+    return value
 
 
 def cell_of(axis: FloatArray, x: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
@@ -281,8 +384,9 @@ def rule_at(ground: Ground, layer: GroundLayer, speed: FloatArray, front_angle: 
     i = np.clip(np.searchsorted(total.speed, speed * JUST_INSIDE), 0, total.speed.size - 1)
     j = np.clip(np.searchsorted(total.front_angle, front_angle * JUST_INSIDE), 0, total.front_angle.size - 1)
     rule = total.rule[np.ix_(i, j)]
-    if ground.origin == "optimum":
-        above = layer.surface(speed, front_angle)[0] * speed[:, np.newaxis] > layer.cap * (1.0 + 1e-9)
+    if ground.origin != "table":
+        asked = layer.surface(speed, front_angle)[0] * speed[:, np.newaxis]
+        above = asked > layer.allowed(speed, front_angle) * (1.0 + 1e-9)
         rule = np.where(above, Rule.CONTINUED.value, rule)
     rule[speed == 0.0, :] = Rule.ZERO.value
     rule[:, front_angle == 0.0] = Rule.ZERO.value

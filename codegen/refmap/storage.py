@@ -26,10 +26,11 @@ class Scales:
     @classmethod
     def of(cls, yaw_rate_max: float, rear_angle_max: float, real: Real) -> Scales:
         """The finest for the largest magnitudes, rad/s and rad."""
-        return cls(_scale(yaw_rate_max, real), _scale(rear_angle_max, real))
+        return cls(scale_of(yaw_rate_max, real), scale_of(rear_angle_max, real))
 
 
-def _scale(largest: float, real: Real) -> float:
+def scale_of(largest: float, real: Real) -> float:
+    """The finest with which a raw number reaches `largest`, as the target's precision holds it."""
     scale = real((largest or 1.0) / RAW_MAX)
     while float(scale) * RAW_MAX < largest:
         scale = np.nextafter(scale, real(np.inf))

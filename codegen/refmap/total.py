@@ -71,6 +71,21 @@ class CapSteering:
 
 
 @dataclass(frozen=True)
+class GripTable:
+    """What grip leaves of ay_cap, bilinear.
+
+    Attributes:
+        speed: (a,) m/s, front_angle: (b,) rad, both from zero. share: (a, b), above 0 and up to 1.
+        scale: of shares that are stored as int16, as in `TotalMap.scales`; None for real numbers.
+    """
+
+    speed: FloatArray
+    front_angle: FloatArray
+    share: FloatArray
+    scale: float | None = None
+
+
+@dataclass(frozen=True)
 class TotalMap:
     """A map over the whole domain of an ECU.
 
@@ -83,6 +98,7 @@ class TotalMap:
         friction: the road friction that the map assumes.
         steering: what the lookup needs where the cap takes yaw rate away.
         layers: the total maps of lower frictions on the same axes, the lowest first.
+        grip: the share of ay_cap that grip leaves, where that is not the same everywhere; of a stack on the same axes.
         scales: of tables that are stored as int16, whose numbers here are then the stored ones; None for real numbers.
     """
 
@@ -96,6 +112,7 @@ class TotalMap:
     steering: CapSteering
     layers: tuple[TotalMap, ...] = ()
     scales: Scales | None = None
+    grip: GripTable | None = None
 
     @property
     def stack(self) -> tuple[TotalMap, ...]:

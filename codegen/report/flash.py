@@ -21,6 +21,7 @@ LOOKS = {
 HEADER = ("error [deg/s]", *(f"{way.name} [B]" for way in WAYS), *(f"{way.name} [%]" for way in WAYS), "breakpoints, uneven")
 AGAINST = {
     "optimum": "errors are against the optimum, solved anew at every point",
+    "surfaces": "errors are against the optimum, solved on a fine grid, with what that may be off",
     "table": "errors are against the bilinear interpolation of the map's own table",
 }
 

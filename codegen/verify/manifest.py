@@ -27,6 +27,11 @@ class _Options(_Read):
     precision: Literal["single", "double"]
 
 
+class _Grip(_Read):
+    speed_m_s: Numbers
+    front_angle_rad: Numbers
+
+
 class _Map(_Read):
     speed_m_s: Numbers
     front_angle_rad: Numbers
@@ -35,6 +40,7 @@ class _Map(_Read):
     lateral_acceleration_cap_m_s2: float
     lookup_error_bound_rad_s: float
     solved: bool
+    grip: _Grip | None = None
 
 
 class _Margins(_Read):

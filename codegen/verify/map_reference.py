@@ -19,7 +19,7 @@ from codegen.emit.laws import LAWS
 from codegen.emit.text import numpy_type
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
-from codegen.refmap.lookup import AxisConstants, Lookup, Real, SteeringConstants
+from codegen.refmap.lookup import AxisConstants, GripConstants, Lookup, Real, SteeringConstants
 from codegen.refmap.total import CapSteering
 from codegen.verify.check import Subject
 
@@ -55,6 +55,14 @@ def lookup_of(subject: Subject) -> Lookup:
         # Of raw numbers, each a number of its own in either precision.
         tables.append(table * bounds.of(f"{quantity}_scale", (1,))[0] if "storage" in facts else table)
     caps = "lateral_acceleration_caps" if frictions.size > 1 else "lateral_acceleration_cap"
+    grip = None
+    if "grip" in facts:
+        own = [
+            Axis.from_breakpoints(np.array(facts["grip"][key], dtype=np.float64)) for key in ("speed_m_s", "front_angle_rad")
+        ]
+        shares = bounds.of("grip_share_table", (frictions.size, own[0].size, own[1].size))
+        scale = bounds.of("grip_share_scale", (1,))[0] if "storage" in facts else real(1.0)
+        grip = GripConstants(AxisConstants(own[0], real), AxisConstants(own[1], real), shares * scale)
     steering = [real(value) for value in astuple(CapSteering.from_config(subject.config))]
     is_own_car = subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
     if uses_rear_angle and not is_own_car and subject.is_of_this_version:
@@ -69,6 +77,7 @@ def lookup_of(subject: Subject) -> Lookup:
         lateral_acceleration_cap_per_friction=bounds.of("lateral_acceleration_cap_per_friction", (1,))[0],
         steering=SteeringConstants(*steering),
         real=real,
+        grip=grip,
     )
 
 

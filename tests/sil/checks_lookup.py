@@ -193,6 +193,8 @@ def check_edges(built: Built) -> None:
     edge = look(faster[:, np.newaxis], angle)
     assert (np.diff(edge, axis=0) <= 0.0).all(), "beyond the last speed the answer never grows with speed"
     lowered = built.lookup.lateral_acceleration_cap
+    if built.total.grip is not None:
+        lowered = lowered * np.interp(angle, built.total.grip.front_angle, built.total.grip.share[-1]).astype(real)
     wanted = np.where(edge[0] * faster[:, np.newaxis] > lowered, lowered / faster[:, np.newaxis], edge[0])
     assert np.abs(edge - wanted).max() <= bound
 

@@ -81,9 +81,14 @@ def _version(tool: str) -> str:
 def _budgets(subject: Subject) -> dict[str, int]:
     config = subject.config
     table = subject.manifest["map"]
-    axes = [Axis.from_breakpoints(np.array(table[name])) for name in ("speed_m_s", "front_angle_rad")]
+    grip = table.get("grip")
+    axes = [
+        Axis.from_breakpoints(np.array(of[name]))
+        for of in (table, *([grip] if grip else []))
+        for name in ("speed_m_s", "front_angle_rad")
+    ]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
-    return config.budgets.resolved(config.controller.kind, MapShape(rounds, len(table["frictions"])))
+    return config.budgets.resolved(config.controller.kind, MapShape(rounds, len(table["frictions"]), grip is not None))
 
 
 def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
