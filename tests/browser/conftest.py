@@ -13,9 +13,10 @@ import pytest
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """The browser. Where it is missing, tests are skipped, but for CI, where they fail."""
+    """The browser, which ends with the file's tests: it would keep a processor busy beside those of other files. Where it is
+    missing, tests are skipped, but for CI, where they fail."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -29,6 +30,16 @@ def chromium() -> Iterator[Any]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
         yield browser
         browser.close()
+
+
+@pytest.fixture(autouse=True)
+def closed_pages(chromium: Any) -> Iterator[None]:
+    """Pages that a test opened are closed after it, for the same reason."""
+    before = list(chromium.contexts)
+    yield
+    for context in chromium.contexts:
+        if context not in before:
+            context.close()
 
 
 HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
