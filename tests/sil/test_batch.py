@@ -19,10 +19,10 @@ from codegen.sil import batch
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.batch_sources import LANES, batch_sources
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
-from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
+from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
 from codegen.sil.vector import ISAS, compiler_offers, machine_runs
 from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
-from tests.sil import builds
+from tests.sil import builds, relinked
 
 FloatArray = npt.NDArray[np.float64]
 HERE = [isa for isa in ISAS if machine_runs(isa) and compiler_offers(isa)]
@@ -116,7 +116,11 @@ def cars(kind: Kind) -> tuple[Config, ...]:
 @functools.cache
 def single(kind: Kind, car: str) -> Software:
     """The build of a kind with the plant of a car (JSON)."""
-    return builds.around(kind).software(car=parse(json.loads(car), "test"))
+    config = parse(json.loads(car), "test")
+    if config.plant.relaxation_length_m > 0.0:  # a plant with states of its own, and so another header
+        folder = builds.of_kind(kind).folder
+        return compile_build(folder.files, folder.manifest, config, flags=relinked.QUICK_FLAGS)
+    return builds.around(kind).software(car=config)
 
 
 def single_run(kind: Kind, car: Config, scenario: FloatArray, **options: Any) -> FloatArray:
