@@ -122,7 +122,6 @@ class GripView:
     speed: AxisView
     front_angle: AxisView
     share: NumbersView
-    flash_bytes: int
 
 
 @dataclass(frozen=True)
@@ -189,7 +188,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         _check_apart(key, constants)
     stacked = bool(total.layers)
     tables = tuple(_tables(total, lookup, options, with_rear_angle))
-    numbers = _calibration(total, lookup, with_rear_angle)
+    numbers = [*_calibration(total, lookup, with_rear_angle), *_grip_numbers(total, lookup)]
     bits = lookup.table.dtype.itemsize * 8
     checksum = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers))
     size = sum(part.nbytes for part in numbers)
@@ -225,7 +224,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         checksum_steps=2 * size,
         bits=bits,
         bits_type=f"uint{bits}_t",
-        flash_bytes=size + (grip.flash_bytes if grip else 0),
+        flash_bytes=size,
     )
 
 
@@ -233,21 +232,27 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
     if total.grip is None or lookup.grip is None:
         return None
     speed, front_angle, scale = lookup.grip.speed_axis, lookup.grip.front_axis, total.grip.scale
-    numbers = lookup.grip.shares
-    if scale is not None:
-        numbers = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
-    axes = (speed.table, front_angle.table, *([] if scale is None else [np.array([scale], dtype=lookup.real)]))
     return GripView(
         speed=_axis_view(speed, "grip_speed", "speed", "m/s", "grip_speed_breakpoints", options),
         front_angle=_axis_view(front_angle, "grip_front_angle", MAGNITUDE, "rad", "grip_front_angle_breakpoints", options),
         share=NumbersView(
             name="grip_share_table",
             function="grip_share",
-            layers=_layers(total, total.grip.speed, numbers, options.precision),
+            layers=_layers(total, total.grip.speed, _grip_numbers(total, lookup)[0], options.precision),
             **_storage("grip_share", "1", scale, options.precision),
         ),
-        flash_bytes=numbers.nbytes + sum(part.nbytes for part in axes),
     )
+
+
+def _grip_numbers(total: TotalMap, lookup: Lookup) -> list[npt.NDArray[Any]]:
+    """What grip leaves, as the C holds it: shares (k, a, b), the scale of raw ones, both axes; nothing where it leaves all."""
+    if total.grip is None or lookup.grip is None:
+        return []
+    scale, axes = total.grip.scale, (lookup.grip.speed_axis.table, lookup.grip.front_axis.table)
+    if scale is None:
+        return [lookup.grip.shares, *axes]
+    shares = np.stack([raw_of(layer.grip.share, scale) for layer in total.stack if layer.grip is not None])
+    return [shares, np.array([scale], dtype=lookup.real), *axes]
 
 
 def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle: bool) -> Iterator[TableView]:
@@ -291,7 +296,7 @@ def _stored(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[tupl
 
 
 def _calibration(total: TotalMap, lookup: Lookup, with_rear_angle: bool) -> list[npt.NDArray[Any]]:
-    """The numbers that the checksum is over, in its order."""
+    """The numbers that the checksum is over, in its order, but for what grip leaves, which comes last."""
     frictions = [lookup.frictions] if lookup.frictions.size > 1 else []
     stored = _stored(total, lookup, with_rear_angle)
     scales = [np.array([scale], dtype=lookup.real) for _, scale in stored if scale is not None]
