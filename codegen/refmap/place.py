@@ -124,8 +124,11 @@ def choose(reference_map: ReferenceMap, config: Config, request: Request, tables
 def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
     placed = maker.for_error(max_error)
     if placed is None:
+        cause = f"takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored"
+        if max_error <= maker.gap:
+            cause = f"is less than the {_degrees(maker.gap, up=True)} that the fine grid of the optimum is off by itself"
         raise BuildError(
-            f"{_degrees(max_error)} takes more than {POINTS_MAX} breakpoints on an axis, or finer numbers than there are",
+            f"{_degrees(max_error)} {cause}",
             where="--max-error",
             remedy=f"{_reachable(maker, max_error)} can be reached, and perhaps less",
         )

@@ -184,20 +184,26 @@ def _row(front_angle: FloatArray, gain: float, optimum: FloatArray) -> tuple[Flo
         return (np.full(front_angle.shape, np.nan),) * 5
     own, upto = front_angle[: yaw_rate.size], slice(end + 1)
     line, rear_angle = (np.interp(front_angle, own[feasible], values[feasible]) for values in (yaw_rate, rear_angle))
-    line[end + 1 :] += gain * (front_angle[end + 1 :] - own[end])
+    # The edge lies between this angle and the next one: up to that it goes on with its slope.
+    beyond = min(end + 1, own.size - 1)
+    line[beyond:] += _slope(own, line, end) * (own[beyond] - own[end]) + gain * (front_angle[beyond:] - own[beyond])
     held = np.abs(grip - yaw_rate) <= HELD  # false for NaN
     asked = line.copy()
     if held.any():
         last = max(int(held.argmax()) - 1, 1)
-        first = max(last - STENCIL, 1) if last > 1 else 0
-        slope = (line[last] - line[first]) / (own[last] - own[first])
-        going_on = line[last] + slope * (front_angle[last + 1 :] - own[last])
+        going_on = line[last] + _slope(own, line, last) * (front_angle[last + 1 :] - own[last])
         asked[last + 1 :] = np.maximum(going_on, np.where(front_angle[last + 1 :] <= own[end], line[last + 1 :], 0.0))
     known = np.isfinite(grip[upto])
     left = np.interp(front_angle, own[upto][known], grip[upto][known]) if known.any() else np.full(front_angle.shape, np.nan)
     least = np.zeros(front_angle.shape)
     least[upto] = np.where(held[upto], 0.0, line[upto])
     return asked, line, rear_angle, left, least
+
+
+def _slope(front_angle: FloatArray, values: FloatArray, at: int) -> float:
+    """Before a point of the grid; from zero where that is the first one."""
+    first = max(at - STENCIL, 1) if at > 1 else 0
+    return float((values[at] - values[first]) / (front_angle[at] - front_angle[first]))
 
 
 def _between_rows(speed: FloatArray, table: FloatArray) -> FloatArray:

@@ -1,11 +1,11 @@
 """What a table is measured against: the continuous total map behind a reference map, at any speed and front angle.
 
-For a map that the exact solution made, this is the optimum itself, solved anew at every point. Within the bounds, the optimum
-is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r| alone, and the objective
-falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the grip bounds, continued,
-meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves is a surface too
-(`place_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last angle
-of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
+For a map that the exact solution made, this is the optimum itself: with linear tyres solved anew at every point. Within the
+bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
+alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
+grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves
+is a surface too (`place_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last
+angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
 
 For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
 against.
@@ -50,6 +50,8 @@ UNBOUNDED = 1e3
 
 GAP_POINTS = 150
 """Speeds, and front angles, at which surfaces are held against the optimum."""
+BESIDE_EDGE = np.array([1e-6, 5e-4, 1e-3, 2e-3, 4e-3])
+"""Of an edge: the same, so far inside it."""
 
 JUST_INSIDE = 1.0 - 1e-12
 """Of an edge: rounding decides whether the edge itself is feasible."""
@@ -223,18 +225,27 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
 def _gap(
     layer: GroundLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
 ) -> tuple[float, float]:
-    """How far the surfaces are off the optimum, rad/s and rad, at GAP_POINTS x GAP_POINTS places between first and last speed
-    (m/s) and front angle (rad) that are on no line of their grid."""
+    """How far the surfaces are off the optimum, rad/s and rad: at GAP_POINTS x GAP_POINTS places between first and last speed
+    (m/s) and front angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
     source = np.random.default_rng(0)
-    axes = [np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle)]
-    optimum = turns.solve(*axes)
-    feasible = optimum.feasible & (passively_feasible(turns, *axes) if passive_safe else True)
-    found = layer.truth(*axes)
-    yaw_rate, rear_angle = (
-        float(np.abs(have - want)[feasible].max(initial=0.0))
-        for have, want in zip(found, (optimum.yaw_rate, optimum.rear_angle), strict=True)
-    )
-    return yaw_rate, rear_angle
+    speeds, angles = (np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle))
+    straight = turns.without_rear_steering() if passive_safe else turns
+    edge = np.minimum(turns.edge(speeds).front_angle, straight.edge(speeds).front_angle)
+    beside = edge[:, np.newaxis] * (1.0 - BESIDE_EDGE)
+    known = (beside >= front_angle[0]) & (beside <= front_angle[1])
+    places = (np.broadcast_to(speeds[:, np.newaxis], beside.shape)[known], beside[known])
+    found = [
+        layer.truth(speeds, angles),
+        *(layer.truth(v[np.newaxis], angle[np.newaxis]) for v, angle in zip(*places, strict=True)),
+    ]
+    optima = [(turns.solve(speeds, angles), straight.solve(speeds, angles)), (turns.at(*places), straight.at(*places))]
+    errors = []
+    for channel, name in enumerate(("yaw_rate", "rear_angle")):
+        have = np.concatenate([each[channel].ravel() for each in found])
+        want = np.concatenate([getattr(optimum, name).ravel() for optimum, _ in optima])
+        feasible = np.concatenate([(optimum.feasible & passive.feasible).ravel() for optimum, passive in optima])
+        errors.append(float(np.abs(have - want)[feasible].max(initial=0.0)))
+    return errors[0], errors[1]
 
 
 def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) -> bool:
