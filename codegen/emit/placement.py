@@ -53,6 +53,8 @@ def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
             "type": "int16",
             "yaw_rate": {"scale_rad_s": scales.yaw_rate, "largest_rounding_rad_s": placed.rounding[0]},
         }
+        if placed.total.grip is not None:
+            storage["grip_share"] = {"scale": placed.total.grip.scale}
         if with_rear_angle:
             storage["rear_angle"] = {"scale_rad": scales.rear_angle, "largest_rounding_rad": placed.rounding[1]}
         found["storage"] = storage
