@@ -8,7 +8,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+import uuid
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.timing import Comparison, Report, Times
@@ -18,10 +20,11 @@ from codegen.sweep import store
 ROOT = Path(__file__).resolve().parents[1]
 REQUIRED_TWO = 1.9
 CORES = 2
-RUNS, QUICK_RUNS = 20_000, 4_000
-"""Of the comparison of engines: so many that starting and compiling, which are left out, would not count anyway."""
+RUNS, QUICK_RUNS = 20_480, 4_096
+"""Of the comparison of engines: so many that starting and compiling, which are left out, would not count anyway, and whole
+chunks (of 512), as many for each core: a last chunk that one core drives alone says nothing of the engine."""
 GROWTH, QUICK_GROWTH = (1_000, 10_000, 100_000, 1_000_000), (1_000, 10_000)
-REPEATS, QUICK_REPEATS = 5, 3
+REPEATS, QUICK_REPEATS = 9, 3
 
 SPEC = """
 samples = {samples}
@@ -43,10 +46,10 @@ rear_stiffness_percent = {{ normal = [0, 10], within = [-25, 25] }}
 CHILD = """
 import json, os, sys, tempfile, time
 from pathlib import Path
-spec, kind, workers = sys.argv[1], sys.argv[2], int(sys.argv[3])
+spec, kind, first, workers = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 # One core means one: without this the thread that writes the file would have the other to itself.
 if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:workers])
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[first : first + workers])
 from codegen.sweep.plan import read
 from codegen.sweep.campaign import run_campaign
 from codegen.sweep.chunk import Work, software
@@ -107,20 +110,28 @@ def run(quick: bool, say: Callable[[str], None]) -> Report:
 
 def _report(scratch: Path, quick: bool, say: Callable[[str], None]) -> Report:
     runs = QUICK_RUNS if quick else RUNS
-    kinds = {"1 core": ("threads", 1), "2 cores": ("threads", 2), "Dask, 2 workers": ("dask", 2)}
+    spec, half = _spec(scratch, runs), _spec(scratch, runs // CORES)
+    kinds = {
+        "1 core": [(spec, "threads", 0, 1)],
+        "2 cores": [(spec, "threads", 0, CORES)],
+        "2 processes": [(half, "threads", core, 1) for core in range(CORES)],
+        "Dask, 2 workers": [(spec, "dask", 0, CORES)],
+    }
     seconds: dict[str, list[float]] = {name: [] for name in kinds}
     for turn in range(QUICK_REPEATS if quick else REPEATS):
-        for name, (kind, workers) in kinds.items():
+        for name, campaigns in kinds.items():
             say(f"campaign of {runs} runs, {name}, {turn + 1}")
-            seconds[name].append(_child(scratch, runs, kind, workers)["seconds"])
+            seconds[name].append(_together(scratch, campaigns))
     times = {name: Times(name, tuple(values)) for name, values in seconds.items()}
     comparisons = [
         Comparison("2 cores against 1", times["1 core"], times["2 cores"], REQUIRED_TWO),
+        Comparison("2 processes against 1 core", times["1 core"], times["2 processes"]),
         Comparison("Dask beside threads", times["2 cores"], times["Dask, 2 workers"]),
     ]
     notes = [
         f"{runs:,} runs of 3.1 s, PI controller, figures and Parquet included; compiling and starting not.",
-        "a thread for each core; the process may use no other.",
+        "2 cores: a thread for each, in one process, which may use no other.",
+        "2 processes: half of the runs each, on a core of its own: what two cores of this machine are worth.",
     ]
     notes.append(f"`codegen sweep --workers {CORES}`, from its start, compiling included, to its last picture:")
     for count in QUICK_GROWTH if quick else GROWTH:
@@ -132,34 +143,35 @@ def _report(scratch: Path, quick: bool, say: Callable[[str], None]) -> Report:
     return Report(f"Campaigns, {CORES} of {os.cpu_count()} cores", tuple(comparisons), tuple(notes))
 
 
-def _child(scratch: Path, samples: int, kind: str, workers: int) -> dict[str, float]:
-    done = _python(scratch, CHILD, samples, str(_spec(scratch, samples)), kind, str(workers))
-    found: dict[str, float] = json.loads(done.splitlines()[-1])
-    return found
+def _together(scratch: Path, campaigns: Sequence[tuple[Path, str, int, int]]) -> float:
+    """Seconds of the longest of these (spec, engine, first core, cores), all begun at once."""
+    with ThreadPoolExecutor(len(campaigns)) as pool:
+        printed = pool.map(lambda campaign: _python(scratch, CHILD, *map(str, campaign)), campaigns)
+        return max(float(json.loads(text.splitlines()[-1])["seconds"]) for text in printed)
 
 
 def _command(scratch: Path, samples: int) -> tuple[float, int]:
     """Largest memory of the command in MB (of 2^20 bytes), and bytes of the campaign's file."""
     with tempfile.TemporaryDirectory(dir=scratch) as folder:
         arguments = ("sweep", "--spec", str(_spec(scratch, samples)), "-o", folder, "--workers", str(CORES))
-        done = _python(scratch, COMMAND, samples, str(CORES), *arguments)
+        done = _python(scratch, COMMAND, str(CORES), *arguments)
         return int(done.splitlines()[-1]) / 1024.0, Path(folder, store.RUNS).stat().st_size
 
 
 def _spec(scratch: Path, samples: int) -> Path:
-    spec = scratch / "sweep.toml"
+    spec = scratch / f"sweep-{samples}.toml"
     spec.write_text(SPEC.format(samples=samples, root=ROOT), encoding="utf-8")
     return spec
 
 
-def _python(scratch: Path, program: str, samples: int, *arguments: str) -> str:
+def _python(scratch: Path, program: str, *arguments: str) -> str:
     """What a program with this package printed. Raises BuildError where it fails."""
-    script = scratch / "child.py"
+    script = scratch / f"{uuid.uuid4().hex}.py"
     script.write_text(program, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, str(script), *arguments], env=environment, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
-        raise BuildError(f"a campaign of {samples} runs ended with {done.returncode}: {done.stderr.strip().splitlines()[-1]}")
+        raise BuildError(f"a campaign ended with {done.returncode}: {done.stderr.strip().splitlines()[-1]}")
     return done.stdout
