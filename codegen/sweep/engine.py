@@ -6,6 +6,7 @@ as it is however long the campaign.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import os
@@ -21,7 +22,8 @@ from codegen.sweep.versions import versions
 ADDRESS = re.compile(r"[a-z]+://[^\s/]+:\d+\Z")
 AHEAD = 2
 """Chunks under way for each worker: one that is driven, one that waits."""
-CONNECT_TIMEOUT = "20s"
+CONNECT_TIMEOUT = 20.0
+"""s"""
 DEATHS_MAX = 10
 """Times that the cluster may give up a chunk because the workers that drove it died, each time after several deaths of its own
 counting: more, and it is the chunk that kills them."""
@@ -95,10 +97,13 @@ class Dask:
         with contextlib.ExitStack() as silence:
             silence.enter_context(_silent(TALKATIVE))
             try:
+                _knock(address)
                 self._client = library.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-            except (OSError, TimeoutError, ValueError) as error:
+            # MemoryError: the first bytes of an answer are taken for its length, also where they are of another protocol.
+            except (OSError, TimeoutError, ValueError, OverflowError, MemoryError) as error:
+                cause = error if isinstance(error, OSError) and str(error) else "what answers is another program"
                 raise CodegenError(
-                    f"no Dask scheduler answers ({error})",
+                    f"no Dask scheduler answers ({cause})",
                     where=address,
                     remedy="start one with `dask scheduler`, check the address",
                 ) from None
@@ -201,6 +206,23 @@ def _silent(names: tuple[str, ...]) -> Iterator[None]:
 
 def _nothing(_record: logging.LogRecord) -> bool:
     return False
+
+
+def _knock(address: str) -> None:
+    """See whether the one who listens speaks as Dask does: `Client` waits for ever for one that does not.
+
+    Raises:
+        OSError: nobody listens. TimeoutError, MemoryError, ValueError, OverflowError: somebody else does, or the port is none.
+    """
+    from distributed.comm import connect
+
+    async def knock() -> None:
+        connection = await connect(address, timeout=CONNECT_TIMEOUT)
+        await connection.close()
+
+    # In a thread of its own, for the caller's may have an event loop already.
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, asyncio.wait_for(knock(), 1.5 * CONNECT_TIMEOUT)).result()
 
 
 def _itself(work: Work) -> Work:

@@ -174,7 +174,7 @@ def test_the_picture_of_a_run_tells_its_car(spec: Path) -> None:
 def test_what_is_refused(
     run: Run, spec: Path, tmp_path: Path, arguments: tuple[object, ...], told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", "1s")
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 1.0)
     given = [str(tmp_path / "out") if argument == "OUT" else argument for argument in arguments]
     answer = run("sweep", "--spec", spec, *given)
     assert answer.code == 2

@@ -9,8 +9,10 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 import tracemalloc
 from collections.abc import Iterable, Iterator
@@ -202,10 +204,32 @@ def test_a_scheduler_that_dies_is_told_in_one_line_and_what_was_finished_is_kept
     assert {part_path(folder, number).name for number in driven}.isdisjoint(kept)
 
 
-def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", "1s")
+@pytest.mark.parametrize("port", [9, 99999])
+def test_nobody_at_the_address(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 1.0)
     with pytest.raises(CodegenError, match="no Dask scheduler answers"):
-        Dask("tcp://127.0.0.1:9")
+        Dask(f"tcp://127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("says", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_another_program_at_the_address(says: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that waits to be spoken to, as does Dask's client, for ever; and one whose first bytes are taken for a size."""
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 1.0)
+    connections: list[socket.socket] = []
+
+    def listen() -> None:
+        with contextlib.suppress(OSError):  # closed
+            while True:
+                connections.append(listener.accept()[0])
+                connections[-1].sendall(says)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=listen, daemon=True)
+        thread.start()
+        with pytest.raises(CodegenError, match=r"no Dask scheduler answers \(what answers is another program\)"):
+            Dask(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
+    for connection in connections:
+        connection.close()
 
 
 def test_a_killed_campaign_goes_on(plan: Plan, spec: Path, whole: Path, tmp_path: Path) -> None:
