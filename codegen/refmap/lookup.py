@@ -12,7 +12,7 @@ is part of the contract, because in floating point it decides the last bit:
 4. where r speed > ay_cap: r = ay_cap / speed, with the speed not clamped above, and the rear angle rises by what the linear car
    needs for that, up to the sideslip bound (`capped_rear_angle`). A friction below the lowest layer's scales ay_cap; above
    it, ay_cap is interpolated. Where grip leaves a share of ay_cap, that is looked up like the others, on its own axes, and
-   multiplies ay_cap where it is below one. The sign of the front angle comes back last.
+   multiplies ay_cap where it is below one (and by zero where below zero). The sign of the front angle comes back last.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ class Lookup:
             yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))
             if self.grip is not None:
                 share = self._over_friction(self.grip.shares, layer, *self.grip.locate(v, magnitude))
-                cap = cap * np.where(share < self.real(1.0), share, self.real(1.0))
+                cap = cap * np.where(share < self.real(1.0), np.maximum(share, self.real(0.0)), self.real(1.0))
             capped = yaw_rate * v > cap
             rear_angle = np.where(capped, capped_rear_angle(self.steering, yaw_rate, rear_angle, cap / v, clamped), rear_angle)
             yaw_rate = np.where(capped, cap / v, yaw_rate)

@@ -170,7 +170,7 @@ def interpolated_at(grip: GripTable, speed: np.ndarray, front_angle: np.ndarray)
     return np.asarray((1.0 - w) * along[0] + w * along[1])
 
 
-@pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)"])
+@pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)", "-1.0f"])
 def test_a_share_that_a_flash_lost_is_told_and_lifts_no_cap(share: str) -> None:
     """One in the midst of the table: the self-test finds it by the checksum, and until then the cap holds without it."""
     built, _ = made("pi", "single", "float", "nonlinear")
@@ -186,12 +186,13 @@ def test_a_share_that_a_flash_lost_is_told_and_lifts_no_cap(share: str) -> None:
     speed, front_angle = np.meshgrid(np.linspace(1.0, 40.0, 120), np.linspace(0.0, 0.7, 120))
     yaw_rate = software.map_yaw_rate(speed.astype(np.float32), front_angle.astype(np.float32))
     assert (yaw_rate * speed <= built.total.lateral_acceleration_cap).all()
+    assert (yaw_rate >= 0.0).all()
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("road->lateral_acceleration_max * ((share < 1.0f) ? share : 1.0f);", "road->lateral_acceleration_max;"),
+        ("road->lateral_acceleration_max * share;", "road->lateral_acceleration_max;"),
         ("locate_grip_speed(speed), locate_grip", "locate_speed(speed), locate_grip"),
         ("interpolate_grip(grip_share_table[road->layer.lower + 1u]", "interpolate_grip(grip_share_table[road->layer.lower]"),
         ("grip_share_scale = ", "grip_share_scale = 1.01f * "),
