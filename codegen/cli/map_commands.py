@@ -113,8 +113,8 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     "--max-error",
     type=yaw_rate_error,
     metavar="RATE",
-    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum (off the table of a map without an "
-    "optimum in closed form), such as 0.05deg/s.",
+    help="Choose the breakpoints so that the yaw rate is at most so far off the optimum (for a map from "
+    "another tool: off its own table), such as 0.05deg/s.",
 )
 @click.option(
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."

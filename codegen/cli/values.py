@@ -188,7 +188,7 @@ class QuantityType(click.ParamType[Quantity]):
             self.fail(f"{value!r} {what}; give a number and {' or '.join(self.units)}, such as {self.shown}", param, ctx)
         size = float(found["number"]) * self.units[unit]
         if not 0.0 < size < math.inf:
-            self.fail(f"{value!r} must be above zero; such as {self.shown}", param, ctx)
+            self.fail(f"{value!r} must be above zero, and finite; such as {self.shown}", param, ctx)
         return Quantity(size, found["number"] + unit)
 
 

@@ -130,7 +130,7 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
         raise BuildError(
             f"{_degrees(max_error)} {cause}",
             where="--max-error",
-            remedy=f"{_reachable(maker, max_error)} can be reached, and perhaps less",
+            remedy=f"give more; {_reachable(maker, max_error)} can be reached for certain, and what lies between was not tried",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         best = maker.for_flash(request.max_flash)
