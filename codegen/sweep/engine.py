@@ -214,10 +214,10 @@ def _knock(address: str) -> None:
     Raises:
         OSError: nobody listens. TimeoutError, MemoryError, ValueError, OverflowError: somebody else does, or the port is none.
     """
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     async def knock() -> None:
-        connection = await connect(address, timeout=CONNECT_TIMEOUT)
+        connection = await connect(address, timeout=CONNECT_TIMEOUT)  # type: ignore[no-untyped-call]
         await connection.close()
 
     # In a thread of its own, for the caller's may have an event loop already.
