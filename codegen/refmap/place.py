@@ -18,7 +18,8 @@ from codegen.errors import BuildError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place_axes import POINTS_MAX, Axes, Cost, Search, Spacing
 from codegen.refmap.place_error import MeasuredError, Ruler
-from codegen.refmap.place_ground import Ground, GroundLayer, Origin, Sheet, ground_of, rule_at
+from codegen.refmap.place_ground import Ground, GroundLayer, Origin, ground_of, rule_at
+from codegen.refmap.place_sheet import Sheet, grip_sheet, reference_sheet, yaw_rate_sheet
 from codegen.refmap.storage import Real, Scales, Storage, raw_of, scale_of, table_bytes, values_of
 from codegen.refmap.total import GripTable, TotalMap
 
@@ -92,6 +93,7 @@ class Placed:
         rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
         origin: what the error is measured against.
         own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
+        tables: 2 with one of the rear angle, else 1.
         gap: what of the error is the ground's own: how far it may be off the optimum, rad/s.
     """
 
@@ -103,7 +105,15 @@ class Placed:
     origin: Origin
     own_speed: tuple[float, float]
     own_front_angle: tuple[float, float]
+    tables: int
     gap: float = 0.0
+
+    @property
+    def bounded_error(self) -> float:
+        """What a request bounds, rad/s: the error of the yaw rate, and that of the rear angle times the passive yaw gain where
+        that is looked up."""
+        error = self.error
+        return error.yaw_rate_whole if self.tables == 1 else max(error.yaw_rate_whole, error.rear_yaw_rate_whole)
 
 
 def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
@@ -134,7 +144,7 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
         best = maker.for_flash(request.max_flash)
-        reached = "nothing" if best is None else _degrees(best.error.yaw_rate_whole, up=True)
+        reached = "nothing" if best is None else _degrees(best.bounded_error, up=True)
         raise BuildError(
             f"{_degrees(max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
             where="--max-error, --max-flash",
@@ -161,7 +171,7 @@ def _reachable(maker: Maker, target: float) -> str:
         tried *= 4.0
         if tried > maker.largest:
             return "more than the map holds"
-    return _degrees(found.error.yaw_rate_whole, up=True)
+    return _degrees(found.bounded_error, up=True)
 
 
 def _degrees(yaw_rate: float, *, up: bool = False) -> str:
@@ -201,8 +211,11 @@ class Maker:
 
     @property
     def gap(self) -> float:
-        """What the ground itself may be off the optimum, rad/s."""
-        return max(layer.gap[0] for layer in self.ground.layers)
+        """What the ground itself may be off the optimum in what is bounded, rad/s."""
+        return max(gap for layer in self.ground.layers for gap in self._gaps(layer))
+
+    def _gaps(self, layer: GroundLayer) -> tuple[float, ...]:
+        return (layer.gap.yaw_rate, layer.gap.rear_yaw_rate)[: self.target.tables]
 
     @property
     def least_bytes(self) -> int:
@@ -227,8 +240,8 @@ class Maker:
         """For a bound in rad/s; None where no table of the cap's share holds it."""
         layers = self.ground.layers
         if not self._follows_grip:
-            return _Frame((None,) * len(layers), tuple(layer.sheet(None) for layer in layers), self._bytes_of)
-        search = Search(self.ground, [layer.grip_sheet() for layer in layers], "uneven", self._grip_bytes)
+            return _Frame((None,) * len(layers), tuple(self._sheet(layer, None) for layer in layers), self._bytes_of)
+        search = Search(self.ground, [grip_sheet(layer) for layer in layers], "uneven", self._grip_bytes)
         axes = search.place(GRIP_SHARE * bound)
         if axes is None:
             return None
@@ -236,9 +249,12 @@ class Maker:
         beside = self._grip_bytes(axes[0].size, axes[1].size)
         return _Frame(
             grips,
-            tuple(layer.sheet(grip) for layer, grip in zip(layers, grips, strict=True)),
+            tuple(self._sheet(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
             lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
         )
+
+    def _sheet(self, layer: GroundLayer, grip: GripTable | None) -> Sheet:
+        return yaw_rate_sheet(layer, grip) if self.target.tables == 1 else reference_sheet(layer, grip)
 
     def _grip(self, axes: Axes, share: FloatArray) -> GripTable:
         """As it is stored."""
@@ -279,10 +295,10 @@ class Maker:
             if axes is None:
                 return None
             placed = self._on(axes, spacing, frame)
-            if placed.error.yaw_rate_whole <= max_error:
+            if placed.bounded_error <= max_error:
                 return placed
             # The lattice of the search and the rounding of the numbers both leave a little out.
-            bound *= SPARE * max_error / placed.error.yaw_rate_whole
+            bound *= SPARE * max_error / placed.bounded_error
             axes = search.again(axes, bound)
         return None
 
@@ -299,15 +315,15 @@ class Maker:
                 low = middle
                 continue
             high = middle
-            best = placed if _error(placed) < _error(best) else best
-        bound, missed = _error(best), 0
+            best = placed if placed.bounded_error < best.bounded_error else best
+        bound, missed = best.bounded_error, 0
         while missed < MISSED:  # a smaller error does not always take more bytes
             bound *= TIGHTER
             fitting = self._fitting(spacing, bound, max_flash)
-            if fitting is None or _error(fitting) >= _error(best):  # none is below zero
+            if fitting is None or fitting.bounded_error >= best.bounded_error:  # none is below zero
                 missed += 1
             else:
-                best, bound, missed = fitting, _error(fitting), 0
+                best, bound, missed = fitting, fitting.bounded_error, 0
         return best
 
     def _fitting(self, spacing: Spacing, max_error: float, max_flash: int) -> Placed | None:
@@ -323,8 +339,8 @@ class Maker:
 
     def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
         """One of another spacing with no larger error, in as many bytes."""
-        placed = self._within(spacing, _error(than) - self.gap, than.flash_bytes)
-        return placed if placed is not None and _error(placed) <= _error(than) else None
+        placed = self._within(spacing, than.bounded_error - self.gap, than.flash_bytes)
+        return placed if placed is not None and placed.bounded_error <= than.bounded_error else None
 
     def _within(self, spacing: Spacing, bound: float, bytes_max: float) -> Placed | None:
         """What one search finds for a bound on what the tables add to the error; the stored numbers can add a little more."""
@@ -353,6 +369,7 @@ class Maker:
             origin=self.ground.origin,
             own_speed=self.ground.own_speed,
             own_front_angle=self.ground.own_front_angle,
+            tables=self.target.tables,
             gap=self.gap,
         )
 
@@ -366,7 +383,9 @@ class Maker:
             after = ruler.on_lattice(held)
             if after.yaw_rate_whole > before.yaw_rate_whole or after.yaw_rate > before.yaw_rate:
                 return total
-            if self.target.tables > 1 and after.rear_angle_whole > before.rear_angle_whole:
+            if self.target.tables > 1 and (
+                after.rear_angle_whole > before.rear_angle_whole or after.rear_yaw_rate_whole > before.rear_yaw_rate_whole
+            ):
                 return total
             total = held
 
@@ -382,10 +401,6 @@ class Maker:
             for key in ("yaw_rate", "rear_angle")
         ]
         return replace(stored[-1], layers=tuple(stored[:-1])), (rounding[0], rounding[1])
-
-
-def _error(placed: Placed) -> float:
-    return placed.error.yaw_rate_whole
 
 
 def _total(ground: Ground, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:

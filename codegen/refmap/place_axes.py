@@ -18,7 +18,8 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.refmap.place_ground import Ground, Sheet, along, cell_of
+from codegen.refmap.place_ground import Ground, along, cell_of
+from codegen.refmap.place_sheet import Outcome, Sheet
 
 FloatArray = npt.NDArray[np.float64]
 Spacing = Literal["even", "uneven"]
@@ -46,31 +47,29 @@ COARSE = 0.004
 
 @dataclass(frozen=True)
 class _Layer:
-    """A sheet on a lattice, (n, m) each, with what is to come of it in rad/s. `scale`: None for one."""
+    """A sheet on a lattice: its arrays, (k, n, m) each, and what comes of them."""
 
     values: FloatArray
-    limit: FloatArray
+    beside: FloatArray
     truth: FloatArray
-    scale: FloatArray | None
+    outcome: Outcome
 
     @classmethod
     def of(cls, sheet: Sheet, speed: FloatArray, front_angle: FloatArray) -> Self:
         """On these coordinates."""
-        values, limit = (of(speed, front_angle) for of in (sheet.values, sheet.limit))
-        scale = None if sheet.scale is None else np.broadcast_to(sheet.scale(speed)[:, np.newaxis], values.shape)
-        exact = limit if sheet.exact is None else sheet.exact(speed, front_angle)
-        return cls(values, limit, np.minimum(values if scale is None else scale * values, exact), scale)
+        values, beside, truth = (of(speed, front_angle) for of in (sheet.values, sheet.beside, sheet.truth))
+        return cls(values, beside, truth, sheet.outcome)
 
     @property
     def transposed(self) -> _Layer:
         """With the axes exchanged."""
-        return _Layer(self.values.T, self.limit.T, self.truth.T, None if self.scale is None else self.scale.T)
+        values, beside, truth = (np.swapaxes(each, 1, 2) for each in (self.values, self.beside, self.truth))
+        return _Layer(values, beside, truth, self.outcome)
 
-    def error(self, values: FloatArray, points: slice) -> FloatArray:
-        """(k, m) rad/s, of values (k, m) that a table gives at some points of the first axis."""
-        asked = values if self.scale is None else values * self.scale[points]
-        result: FloatArray = np.abs(np.minimum(asked, self.limit[points]) - self.truth[points])
-        return result
+    def error(self, values: FloatArray, points: slice) -> float:
+        """The largest in rad/s, of values (k, p, m) that the tables give at p points of the first axis."""
+        found = self.outcome(values, self.beside[:, points])
+        return float(np.abs(found - self.truth[:, points]).max(initial=0.0))
 
 
 class Lattice:
@@ -137,12 +136,12 @@ class Strips:
         self._lines = [layer.values for layer in self._layers] if other is None else self._rows(self.x)
 
     def _rows(self, at: FloatArray) -> list[FloatArray]:
-        """For each layer the values (k, m) at points (k,) of this axis, over the lattice of the other one."""
+        """For each layer the values (k, p, m) at points (p,) of this axis, over the lattice of the other one."""
         beside = self.lattice.coordinates[1 - self.dimension] if self.other is None else self.other
         rows = []
         for sheet in self.lattice.sheets:
-            values = sheet.values(beside, at).T if self.dimension else sheet.values(at, beside)
-            rows.append(values if self._across is None else along(values.T, *self._across).T)
+            values = np.swapaxes(sheet.values(beside, at), 1, 2) if self.dimension else sheet.values(at, beside)
+            rows.append(values if self._across is None else np.swapaxes(along(np.swapaxes(values, 1, 2), *self._across), 1, 2))
         return rows
 
     def error(self, low: int, high: int) -> float:
@@ -153,8 +152,8 @@ class Strips:
         share = ((self.x[part] - self.x[low]) / (self.x[high] - self.x[low]))[:, np.newaxis]
         worst = 0.0
         for line, layer in zip(self._lines, self._layers, strict=True):
-            values = line[low] + share * (line[high] - line[low])
-            worst = max(worst, float(layer.error(values, part).max(initial=0.0)))
+            begin, end = line[:, low : low + 1], line[:, high : high + 1]
+            worst = max(worst, layer.error(begin + share * (end - begin), part))
         return worst
 
     def error_on(self, axis: FloatArray, bound: float = math.inf) -> float:
@@ -164,7 +163,7 @@ class Strips:
         for points in (slice(None, None, 7), slice(None)):  # most of what fails does so at a few points
             cell, share = cell_of(axis, self.x[points])
             for rows, layer in zip(all_rows, self._layers, strict=True):
-                worst = max(worst, float(layer.error(along(rows, cell, share), points).max()))
+                worst = max(worst, layer.error(along(rows, cell, share), points))
             if worst > bound:
                 break
         return worst

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.place_axes import Axes, Lattice
-from codegen.refmap.place_ground import Ground, Pair
+from codegen.refmap.place_ground import Ground, Pair, above_zero
+from codegen.refmap.place_sheet import gain_of
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
 
@@ -20,16 +21,20 @@ FloatArray = npt.NDArray[np.float64]
 PLACES, ROUNDS, SIDE, CLOSER = 24, 3, 9, 0.25
 """Of the climb: so many places of each direction, rounds, points along a side of the window, and its next width."""
 
+YAW_RATE, REAR_ANGLE, REAR_YAW_RATE = range(3)
+"""Channels of errors: rad/s, rad, and rad/s."""
+
 
 @dataclass(frozen=True)
 class MeasuredError:
     """Largest errors after the cap, of yaw rate in rad/s and rear angle in rad: over the map's own breakpoints, and over all
-    that an ECU meets."""
+    that an ECU meets. `rear_yaw_rate_whole`: that of the rear angle times the passive yaw gain, rad/s."""
 
-    yaw_rate: float
-    yaw_rate_whole: float
-    rear_angle: float
-    rear_angle_whole: float
+    yaw_rate: float = 0.0
+    yaw_rate_whole: float = 0.0
+    rear_angle: float = 0.0
+    rear_angle_whole: float = 0.0
+    rear_yaw_rate_whole: float = 0.0
 
     def __or__(self, other: MeasuredError) -> MeasuredError:
         """The larger of each."""
@@ -38,7 +43,7 @@ class MeasuredError:
 
 class Ruler:
     """Measures total maps on the same axes against a ground, as the lookup computes them in `real`, at the friction of each
-    layer."""
+    layer; the rear angle as the laws take it, within its range."""
 
     def __init__(self, ground: Ground, axes: Axes, real: Real) -> None:
         self.ground, self.real = ground, real
@@ -49,25 +54,27 @@ class Ruler:
 
     def on_lattice(self, total: TotalMap) -> MeasuredError:
         """Sampled in every cell."""
-        found = MeasuredError(0.0, 0.0, 0.0, 0.0)
-        for yaw_rate, rear_angle in self._errors(Lookup.from_map(total, self.real)):
-            own = (float(error[self._own].max()) for error in (yaw_rate, rear_angle))
-            found |= MeasuredError(next(own), float(yaw_rate.max()), next(own), float(rear_angle.max()))
+        found = MeasuredError()
+        for errors in self._errors(Lookup.from_map(total, self.real)):
+            own = [float(error[self._own].max()) for error in errors]
+            whole = [float(error.max()) for error in errors]
+            found |= MeasuredError(own[YAW_RATE], whole[YAW_RATE], own[REAR_ANGLE], whole[REAR_ANGLE], whole[REAR_YAW_RATE])
         return found
 
     def error(self, total: TotalMap) -> MeasuredError:
-        """Kinks of the surface cross cells: the largest errors of the yaw rate on the lattice are followed to their tops."""
+        """Kinks of the surface cross cells: the largest errors on the lattice are followed to their tops."""
         lookup, found = Lookup.from_map(total, self.real), self.on_lattice(total)
-        for index, (yaw_rate, _) in enumerate(self._errors(lookup)):
-            for place in _tops(yaw_rate):
-                found |= self._climb(lookup, index, place)
+        for index, errors in enumerate(self._errors(lookup)):
+            for channel in (YAW_RATE, REAR_YAW_RATE):
+                for place in _tops(errors[channel]):
+                    found |= self._climb(lookup, index, channel, place)
         return found
 
-    def _errors(self, lookup: Lookup) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def _errors(self, lookup: Lookup) -> Iterator[list[FloatArray]]:
         for index, truth in enumerate(self._truth):
-            yield self._difference(lookup, index, self._axes, truth)
+            yield self._differences(lookup, index, self._axes, truth)
 
-    def _climb(self, lookup: Lookup, index: int, start: tuple[int, int]) -> MeasuredError:
+    def _climb(self, lookup: Lookup, index: int, channel: int, start: tuple[int, int]) -> MeasuredError:
         """The largest error near a point of the lattice; near one of the map's own, among the map's own."""
         ends = (self.ground.own_speed, self.ground.own_front_angle)
         layer = self.ground.layers[index]
@@ -79,24 +86,27 @@ class Ruler:
         top = 0.0
         for _ in range(ROUNDS):
             speed, front_angle = (np.linspace(low, high, SIDE) for low, high in windows)
-            error, _ = self._difference(lookup, index, (speed, front_angle), layer.truth(speed, front_angle))
+            error = self._differences(lookup, index, (speed, front_angle), layer.truth(speed, front_angle))[channel]
             best = np.unravel_index(int(error.argmax()), error.shape)
             top = max(top, float(error.max()))
             windows = [
                 _narrower(window, float(points[k]))
                 for window, points, k in zip(windows, (speed, front_angle), best, strict=True)
             ]
-        return MeasuredError(top if own else 0.0, top, 0.0, 0.0)
+        if channel == REAR_YAW_RATE:
+            return MeasuredError(rear_yaw_rate_whole=top)
+        return MeasuredError(yaw_rate=top if own else 0.0, yaw_rate_whole=top)
 
-    def _difference(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> Pair:
-        """With what the layer's surfaces may be off themselves."""
+    def _differences(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> list[FloatArray]:
+        """Of each channel, with what the layer's surfaces may be off themselves."""
+        layer, speed = self.ground.layers[index], axes[0][:, np.newaxis]
         friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
-        stored = lookup.reference(axes[0][:, np.newaxis], axes[1][np.newaxis, :], friction)
-        yaw_rate, rear_angle = (
-            np.abs(have.astype(np.float64) - want) + gap
-            for have, want, gap in zip(stored, truth, self.ground.layers[index].gap, strict=True)
-        )
-        return yaw_rate, rear_angle
+        yaw_rate, rear_angle = (each.astype(np.float64) for each in lookup.reference(speed, axes[1][np.newaxis, :], friction))
+        largest = layer.total.steering.rear_angle_max
+        turned = np.abs(np.clip(rear_angle, -largest, largest) - truth[1])
+        by_turning = turned * gain_of(layer.total.steering, above_zero(speed))
+        errors = (np.abs(yaw_rate - truth[0]), turned, by_turning)
+        return [error + gap for error, gap in zip(errors, astuple(layer.gap), strict=True)]
 
 
 def _narrower(window: tuple[float, float], centre: float) -> tuple[float, float]:

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.problem import SteadyTurnProblem
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -56,6 +57,8 @@ class GripSurfaces:
     Attributes:
         yaw_rate, rear_angle: (n, m) rad/s and rad, what is asked for.
         lateral_acceleration: (n, m) m/s^2, what grip leaves.
+        rear_slip: rad s^2/m: with so much slip of the rear axle for each m/s^2, the sideslip of no optimum that grip holds
+            counts as more than its bound.
     """
 
     speed: FloatArray
@@ -63,6 +66,7 @@ class GripSurfaces:
     yaw_rate: FloatArray
     rear_angle: FloatArray
     lateral_acceleration: FloatArray
+    rear_slip: float
 
 
 def grip_surfaces(
@@ -104,7 +108,18 @@ def grip_surfaces(
         yaw_rate=np.pad(asked, ((1, 0), (0, 0))),
         rear_angle=np.pad(rear_angle, ((1, 0), (0, 0))),
         lateral_acceleration=np.pad(acceleration, ((1, 0), (0, 0)), mode="edge"),
+        rear_slip=_rear_slip(turns.problem, speeds[:, np.newaxis], optimum),
     )
+
+
+def _rear_slip(problem: SteadyTurnProblem, speed: FloatArray, optimum: FloatArray) -> float:
+    """See `GripSurfaces`; `optimum` as of `_on_grid`. Zero where grip holds none."""
+    yaw_rate, rear_angle, grip = optimum
+    held = np.abs(grip - yaw_rate) <= HELD  # false for NaN
+    with np.errstate(invalid="ignore"):
+        slip = rear_angle + yaw_rate * problem.car.rear_arm / speed - problem.sideslip_max
+        needed = np.where(held, slip / (yaw_rate * speed), 0.0)
+    return float(needed.max())
 
 
 def _solver(turns: NonlinearTurns, *, passive_safe: bool) -> Solve:
@@ -174,7 +189,7 @@ def _row(front_angle: FloatArray, gain: float, optimum: FloatArray) -> tuple[Flo
 
     Returns:
         (m,) each, NaN where nothing is known: the yaw rate asked for; the optimum, and beyond its end on with the passive gain;
-        the rear angle, the optimum's or that at its end; the yaw rate that grip leaves; the least that it has to leave.
+        the rear angle, the optimum's or that at its edge; the yaw rate that grip leaves; the least that it has to leave.
     """
     yaw_rate, rear_angle, grip = np.pad(optimum, ((0, 0), (1, 0)))
     grip[0] = np.nan
@@ -188,6 +203,8 @@ def _row(front_angle: FloatArray, gain: float, optimum: FloatArray) -> tuple[Flo
     beyond = min(end + 1, own.size - 1)
     line[beyond:] += _slope(own, line, end) * (own[beyond] - own[end]) + gain * (front_angle[beyond:] - own[beyond])
     held = np.abs(grip - yaw_rate) <= HELD  # false for NaN
+    if held[end]:
+        rear_angle[beyond:] += _slope(own, rear_angle, end) * (own[beyond] - own[end])
     asked = line.copy()
     if held.any():
         last = max(int(held.argmax()) - 1, 1)

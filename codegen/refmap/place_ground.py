@@ -13,7 +13,7 @@ against.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,7 +30,7 @@ from codegen.refmap.place_grip import grip_surfaces
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.stack import layer_configs
 from codegen.refmap.tables import PLAUSIBLE
-from codegen.refmap.total import CapSteering, GripTable, Rule, TotalMap
+from codegen.refmap.total import CapSteering, Rule, TotalMap
 from codegen.refmap.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -58,34 +58,27 @@ JUST_INSIDE = 1.0 - 1e-12
 
 
 @dataclass(frozen=True)
-class Sheet:
-    """What a table of one friction is placed for: functions of speeds (n,) m/s and front angles (m,) rad that give (n, m).
+class Gap:
+    """How far a ground may be off the optimum, rad/s and rad; `rear_yaw_rate`: the latter times the passive gain, rad/s."""
 
-    Attributes:
-        values: that the table is to hold. scale: of speeds (n,): rad/s for one unit of them; None where they are rad/s.
-        limit: rad/s; the smaller of both is the yaw rate.
-        exact: rad/s, what the limit is meant to be; None where it is that.
-    """
-
-    values: Values
-    limit: Values
-    scale: Callable[[FloatArray], FloatArray] | None = None
-    exact: Values | None = None
+    yaw_rate: float = 0.0
+    rear_angle: float = 0.0
+    rear_yaw_rate: float = 0.0
 
 
 @dataclass(frozen=True)
 class GroundLayer:
     """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds.
 
-    `share`: of the cap, where it is not the same everywhere. `gap`: how far all this may be off the optimum, rad/s and rad,
-    where that takes too long to be solved anew at every point.
+    `share`: of the cap, where it is not the same everywhere. `gap`: what all this may be off, where the optimum takes too
+    long to be solved anew at every point.
     """
 
     surface: Surface
     cap: float
     total: TotalMap
     share: Values | None = None
-    gap: tuple[float, float] = (0.0, 0.0)
+    gap: Gap = Gap()
 
     def allowed(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
         """(n, m) m/s^2."""
@@ -93,23 +86,13 @@ class GroundLayer:
             return np.full((speed.size, front_angle.size), self.cap)
         return self.cap * self.share(speed, front_angle)
 
-    def sheet(self, grip: GripTable | None) -> Sheet:
-        """Of the yaw rate, beside a table of the share of the cap (None: no such table)."""
-        if grip is None:
-            return Sheet(self._asked, self._limit)
-        stored = replace(self, share=interpolated(grip.speed, grip.front_angle, grip.share))
-        return Sheet(self._asked, stored._limit, exact=self._limit)
+    def limit(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        """(n, m) rad/s."""
+        return self.allowed(speed, front_angle) / above_zero(speed)[:, np.newaxis]
 
-    def grip_sheet(self) -> Sheet:
-        """Of the share of the cap, beside the exact surface."""
-        assert self.share is not None  # who asks knows
-        return Sheet(self.share, self._asked, scale=lambda v: self.cap / _above_zero(v))
-
-    def _asked(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-        return self.surface(speed, front_angle)[0]
-
-    def _limit(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
-        return self.allowed(speed, front_angle) / _above_zero(speed)[:, np.newaxis]
+    def with_share(self, share: Values) -> GroundLayer:
+        """The same with another share of the cap."""
+        return replace(self, share=share)
 
     def truth(self, speed: FloatArray, front_angle: FloatArray) -> Pair:
         """Yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
@@ -147,15 +130,16 @@ def capped(
     yaw_rate: FloatArray, rear_angle: FloatArray, cap: float | FloatArray, speed: FloatArray, steering: CapSteering
 ) -> Pair:
     """Tables (n, m) after the cap (m/s^2, one or (n, m)) at speeds (n,), in exact arithmetic: what the lookup makes of them."""
-    v = _above_zero(speed)[:, np.newaxis]
+    v = above_zero(speed)[:, np.newaxis]
     allowed = np.broadcast_to(cap / v, yaw_rate.shape)
     car = SteeringConstants.of(steering, np.float64)
     is_capped = yaw_rate > allowed
     turned = np.where(is_capped, capped_rear_angle(car, yaw_rate, rear_angle, allowed, v), rear_angle)
-    return np.minimum(yaw_rate, allowed), turned
+    return np.minimum(yaw_rate, allowed), np.clip(turned, -car.rear_angle_max, car.rear_angle_max)
 
 
-def _above_zero(speed: FloatArray) -> FloatArray:
+def above_zero(speed: FloatArray) -> FloatArray:
+    """Speeds in m/s, to divide by."""
     return np.maximum(speed, 1e-9)
 
 
@@ -174,6 +158,8 @@ def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
     origin: Origin = "table"
     if len(known) == len(layers):
         origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
+        if origin == "surfaces":
+            known = _measured(known, maps, configs)
     else:
         known = tuple(GroundLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
     speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
@@ -213,39 +199,66 @@ def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> 
 def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> GroundLayer:
     """With a cap that follows slip: the largest of the continuous optimum, and shares of that."""
     speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
-    top, rear_max = float(total.front_angle[-1]), total.steering.rear_angle_max
-    found = grip_surfaces(turns, speed, front_angle, top, total.lateral_acceleration_cap, passive_safe=passive_safe)
+    found = grip_surfaces(
+        turns, speed, front_angle, float(total.front_angle[-1]), total.lateral_acceleration_cap, passive_safe=passive_safe
+    )
     axes, cap = (found.speed, found.front_angle), float(found.lateral_acceleration.max())
-    surface = _surface(*axes, _plausible(found.yaw_rate), np.clip(found.rear_angle, -rear_max, rear_max))
-    share = interpolated(*axes, found.lateral_acceleration / cap)
-    layer = GroundLayer(surface, cap, replace(total, lateral_acceleration_cap=cap), share)
-    return replace(layer, gap=_gap(layer, turns, speed, front_angle, passive_safe=passive_safe))
+    # Near its peak the tyre slips more for the same lateral acceleration than the linear car's.
+    slip = max(found.rear_slip, total.steering.rear_slip_per_lateral_acceleration)
+    steering = replace(total.steering, rear_slip_per_lateral_acceleration=slip)
+    return GroundLayer(
+        # Before the cap the rear angle may leave its range, in which the laws hold it.
+        surface=_surface(*axes, _plausible(found.yaw_rate), found.rear_angle),
+        cap=cap,
+        total=replace(total, lateral_acceleration_cap=cap, steering=steering),
+        share=interpolated(*axes, found.lateral_acceleration / cap),
+    )
+
+
+def _measured(
+    layers: Sequence[GroundLayer], maps: Sequence[ReferenceMap], configs: Sequence[Config]
+) -> tuple[GroundLayer, ...]:
+    """Surfaces with their gaps, as one lookup makes them of one car for all frictions: that with the most slip."""
+    slip = max(layer.total.steering.rear_slip_per_lateral_acceleration for layer in layers)
+    measured = []
+    for layer, reference_map, config in zip(layers, maps, configs, strict=True):
+        assert reference_map.case is not None  # it is solved
+        case = config.case(reference_map.case)
+        steering = replace(layer.total.steering, rear_slip_per_lateral_acceleration=slip)
+        steered = replace(layer, total=replace(layer.total, steering=steering))
+        ends = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
+        measured.append(replace(steered, gap=_gap(steered, turns_of(config, case), *ends, passive_safe=case.passive_safe)))
+    return tuple(measured)
 
 
 def _gap(
     layer: GroundLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
-) -> tuple[float, float]:
-    """How far the surfaces are off the optimum, rad/s and rad: at GAP_POINTS x GAP_POINTS places between first and last speed
-    (m/s) and front angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
+) -> Gap:
+    """How far the surfaces are off the optimum: at GAP_POINTS x GAP_POINTS places between first and last speed (m/s) and front
+    angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
     source = np.random.default_rng(0)
     speeds, angles = (np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle))
     straight = turns.without_rear_steering() if passive_safe else turns
     edge = np.minimum(turns.edge(speeds).front_angle, straight.edge(speeds).front_angle)
     beside = edge[:, np.newaxis] * (1.0 - BESIDE_EDGE)
     known = (beside >= front_angle[0]) & (beside <= front_angle[1])
-    places = (np.broadcast_to(speeds[:, np.newaxis], beside.shape)[known], beside[known])
+    speeds_beside = np.broadcast_to(speeds[:, np.newaxis], beside.shape)[known]
     found = [
         layer.truth(speeds, angles),
-        *(layer.truth(v[np.newaxis], angle[np.newaxis]) for v, angle in zip(*places, strict=True)),
+        *(layer.truth(v[np.newaxis], angle[np.newaxis]) for v, angle in zip(speeds_beside, beside[known], strict=True)),
     ]
-    optima = [(turns.solve(speeds, angles), straight.solve(speeds, angles)), (turns.at(*places), straight.at(*places))]
-    errors = []
+    optima = [
+        (turns.solve(speeds, angles), straight.solve(speeds, angles)),
+        (turns.at(speeds_beside, beside[known]), straight.at(speeds_beside, beside[known])),
+    ]
+    feasible = np.concatenate([(optimum.feasible & passive.feasible).ravel() for optimum, passive in optima])
+    off = []
     for channel, name in enumerate(("yaw_rate", "rear_angle")):
-        have = np.concatenate([each[channel].ravel() for each in found])
+        have = np.concatenate([pair[channel].ravel() for pair in found])
         want = np.concatenate([getattr(optimum, name).ravel() for optimum, _ in optima])
-        feasible = np.concatenate([(optimum.feasible & passive.feasible).ravel() for optimum, passive in optima])
-        errors.append(float(np.abs(have - want)[feasible].max(initial=0.0)))
-    return errors[0], errors[1]
+        off.append(np.abs(have - want))
+    off.append(off[1] * turns.problem.car.yaw_gain(np.concatenate([np.repeat(speeds, angles.size), speeds_beside])))
+    return Gap(*(float(error[feasible].max(initial=0.0)) for error in off))
 
 
 def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) -> bool:
@@ -384,8 +397,9 @@ def cell_of(axis: FloatArray, x: FloatArray) -> tuple[npt.NDArray[np.int64], Flo
 
 
 def along(table: FloatArray, cell: npt.NDArray[np.int64], share: FloatArray) -> FloatArray:
-    """Rows of a table (n, m) interpolated at positions (k,): (k, m)."""
-    result: FloatArray = table[cell] + share[:, np.newaxis] * (table[cell + 1] - table[cell])
+    """Rows of a table (..., n, m) interpolated at positions (k,): (..., k, m)."""
+    low, high = table[..., cell, :], table[..., cell + 1, :]
+    result: FloatArray = low + share[:, np.newaxis] * (high - low)
     return result
 
 
