@@ -13,6 +13,8 @@ from pydantic import Field, model_validator
 from codegen.sections import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
+TRIM_MAX_PERCENT = 20.0
+"""Of the map's yaw rate: a trim beyond has nothing of a trim."""
 
 Kind = Literal["tracking", "pi", "feedforward", "proportional"]
 """What the controllers are called; their parameters and templates are chosen in `emit.laws`."""
@@ -78,7 +80,7 @@ class Tracking(Section):
     lead_smoothing_s: Annotated[float, Range(0.002, 0.2, "s")] = 0.015
     lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
     yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
-    trim_max_percent: Annotated[float, Range(0.0, 20.0, "%")] = 1.0
+    trim_max_percent: Annotated[float, Range(0.0, TRIM_MAX_PERCENT, "%")] = 1.0
     trim_time_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0
     grip_shortfall_m_s2: Annotated[float, Range(0.1, 20.0, "m/s^2")] = 0.5
     grip_loss_time_s: Annotated[float, Range(0.02, 10.0, "s")] = 0.1

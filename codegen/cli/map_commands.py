@@ -135,12 +135,11 @@ def build(
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
-    from codegen.emit.evidence import margin_note
+    from codegen.emit.evidence import excess_note, margin_note
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.write import write_folder
-    from codegen.refmap.model_excess import excess_note
 
     request = _request(max_error, max_flash, storage)
     with console.status(f"generating the C of {map_path}"):
@@ -163,7 +162,7 @@ def build(
             console.say(f"{target}: up to date")
         return
     changed = write_folder(prepared.folder, target)
-    found_notes = (margin_note(prepared.folder.manifest), excess_note(prepared.reference_map, prepared.chosen.config))
+    found_notes = (margin_note(prepared.folder.manifest), excess_note(prepared.folder.manifest))
     cautions = [text for text in found_notes if text]
     notes = [*prepared.chosen.notes, *cautions]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}

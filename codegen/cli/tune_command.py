@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,10 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
 )
 @json_option
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
-    """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map."""
+    """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map.
+
+    For a map of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
+    """
     from codegen.design.margins import gains_of, weakest
     from codegen.design.tune import design
     from codegen.emit.outputs import check_output
@@ -56,15 +60,18 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         _check_same_origin(reference_map, chosen.config, config_path)
     with within(config_path or map_path), console.progress("tuning") as progress:
         made = design(chosen.config, progress)
-    config = _with_schedule(chosen.config, made.schedule, config_path or map_path)
+        config = _with_schedule(chosen.config, made.schedule, config_path or map_path)
+        config, trim = _with_trim(reference_map, config, config_path or map_path)
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
     if as_json:
-        console.print_json({"map": str(output), "configuration": chosen.source, **_to_dict(config, made, least)})
+        console.print_json({"map": str(output), "configuration": chosen.source, **_to_dict(config, made, least), **trim})
         return
     for text in chosen.notes:
         console.note(text)
     _print(output, config, made, least)
+    if trim:
+        console.say(_trim_text(trim))
 
 
 def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path: Path) -> None:
@@ -90,6 +97,43 @@ def _with_schedule(config: Config, schedule: Schedule, where: Path) -> Config:
     data["controller"]["kind"] = "tracking"
     data["controller"]["tracking"]["schedule"] = schedule.model_dump(mode="json")
     return parse(data, where)
+
+
+def _with_trim(reference_map: ReferenceMap, config: Config, where: Path) -> tuple[Config, dict[str, Any]]:
+    """The configuration with a trim that takes back what the reference model turns more than the map allows, as far as a trim
+    may; with what to tell of it, nothing where the trim is enough as it is or nothing is asked of it."""
+    from codegen.config import KM_H, parse
+    from codegen.controller_sections import TRIM_MAX_PERCENT
+    from codegen.refmap.extend import extend
+    from codegen.refmap.model_excess import asks_for_more, model_excess
+
+    before = config.controller.tracking.trim_max_percent
+    if not asks_for_more(reference_map, config):
+        return config, {}
+    total = extend(reference_map, config, config.steering.front_angle_stop)
+    excess = model_excess(reference_map, total, config)
+    if excess.percent <= before:
+        return config, {}
+    data = config.model_dump(mode="json")
+    data["controller"]["tracking"]["trim_max_percent"] = min(float(excess.trim_percent), TRIM_MAX_PERCENT)
+    changed = parse(data, where)
+    told = {
+        "trim_max_percent": changed.controller.tracking.trim_max_percent,
+        "trim_max_percent_before": before,
+        "reference_model_excess_percent": excess.percent,
+        "excess_at_km_h": round(excess.speed / KM_H, 1),
+        "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 1),
+    }
+    return changed, told
+
+
+def _trim_text(told: dict[str, Any]) -> str:
+    place = f"{told['excess_at_km_h']:.0f} km/h, {told['excess_at_front_angle_deg']:.1f} deg"
+    return (
+        f"controller.tracking.trim_max_percent: {told['trim_max_percent']:g} instead of {told['trim_max_percent_before']:g}; "
+        f"in steady state the reference model turns up to {told['reference_model_excess_percent']:.1f} % more than this map "
+        f"allows ({place}), and would exceed a slip bound there"
+    )
 
 
 def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:

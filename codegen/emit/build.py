@@ -19,7 +19,7 @@ from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
-from codegen.emit.evidence import Evidence
+from codegen.emit.evidence import Evidence, margins_text
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
@@ -165,7 +165,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         options.prefix, options.precision, context["controller"], context["limiter"], table, context["can"]
     )
     bound = error_bound(total, numpy_type(options.precision))
-    evidence = Evidence.of(reference_map, config)
+    evidence = Evidence.of(reference_map, total, config, numpy_type(options.precision))
     parts = _Parts(reference_map, config, options, inputs, total, table, bound, evidence, placed)
     context["readme"] = _readme_facts(parts)
     prefix = options.prefix
@@ -248,7 +248,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "precision": options.precision,
         "kind": config.controller.kind,
         "title": law_of(config).title,
-        "margins": parts.evidence.margins_text(),
+        "margins": margins_text(parts.evidence.margins),
         "loss": parts.evidence.loss_rows(),
         "margin_range": _margin_range(config),
         "loss_share": parts.evidence.loss.share_of_feasible,
@@ -310,7 +310,7 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
             "rules": {rule.value: {"cells": count, "text": RULE_TEXT[rule]} for rule, count in rule_counts(total).items()},
             "rule_by_speed_and_front_angle": ["".join(row) for row in total.rule],
             **grip_facts(total),
-            **(placement_facts(parts.placed, law_of(config).uses_rear_angle) if parts.placed else {}),
+            **(placement_facts(parts.placed) if parts.placed else {}),
         },
         **parts.evidence.to_dict(),
         "dynamics_library_functions": list(dynamics.math_functions),

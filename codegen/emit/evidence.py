@@ -1,4 +1,5 @@
-"""What a build knows of its own safety before it runs: margins of its feedback, and what losing the function means."""
+"""What a build knows of its own safety before it runs: margins of its feedback, what losing the function means, and by how much
+its reference model turns more than a map of the nonlinear car allows."""
 
 from __future__ import annotations
 
@@ -12,29 +13,47 @@ from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, W
 from codegen.emit.laws import law_of
 from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
+from codegen.refmap.storage import Real
+from codegen.refmap.total import TotalMap
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Of one build: `margins` is None where the kind of controller has no feedback."""
+    """Of one build: `margins` is None where the kind of controller has no feedback, `excess` where it is not asked for."""
 
     config: Config
     margins: Weakest | None
     loss: LossOfFunction
+    excess: Excess | None
 
     @classmethod
-    def of(cls, reference_map: ReferenceMap, config: Config) -> Evidence:
-        """Of a map and the configuration that it is built for. Raises BuildError: see `law_of`."""
-        gains = law_of(config).gains(config)
+    def of(cls, reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real) -> Evidence:
+        """Of a map, what a build holds of it in which numbers, and the configuration that it is built for.
+
+        Raises:
+            BuildError: see `law_of`.
+        """
         return cls(
             config,
-            None if gains is None else weakest(config, gains),
+            margins_of(config),
             loss_of_function(reference_map, config),
+            model_excess(reference_map, total, config, real) if asks_for_more(reference_map, config) else None,
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For the manifest. Margins are rounded so that no machine's last bits show."""
-        return {"margins": self._margins(), "loss_of_function": self.loss.to_dict()}
+        """For the manifest. Margins and excess are rounded so that no machine's last bits show."""
+        excess = {} if self.excess is None else {"reference_model_excess": self._excess(self.excess)}
+        return {"margins": self._margins(), "loss_of_function": self.loss.to_dict(), **excess}
+
+    def _excess(self, found: Excess) -> dict[str, Any]:
+        return {
+            "percent": found.percent,
+            "at_km_h": round(found.speed / KM_H, 1),
+            "at_front_angle_deg": round(math.degrees(found.front_angle), 1),
+            "trim_max_percent": self.config.controller.tracking.trim_max_percent,
+            "enough": found.percent <= self.config.controller.tracking.trim_max_percent,
+        }
 
     def _margins(self) -> dict[str, Any] | None:
         found = self.margins
@@ -52,19 +71,6 @@ class Evidence:
             "delay_samples": self.config.tuning.delay_samples,
         }
 
-    def margins_text(self) -> str:
-        """For the README."""
-        if self.margins is None:
-            return "no feedback, so no margins"
-        if self.margins.unstable_from is not None:
-            little, none = _km_h(self.margins.warns_from), _km_h(self.margins.unstable_from)
-            return f"little margin from {little:.0f} km/h, **unstable from {none:.0f} km/h**"
-        gain, phase = self.margins.gain_margin_db, self.margins.phase_margin_deg
-        return (
-            f"{gain:.1f} dB at {self.margins.gain_margin_speed / KM_H:.0f} km/h, "
-            f"{phase:.0f} deg at {self.margins.phase_margin_speed / KM_H:.0f} km/h"
-        )
-
     def loss_rows(self) -> list[tuple[str, ...]]:
         """For the README, at the largest front angle of each speed: km/h, angles and sideslip in deg before the loss, and the
         largest sideslip after each kind of loss."""
@@ -79,6 +85,26 @@ class Evidence:
             angles = (math.degrees(loss.front_angle[k]), math.degrees(loss.rear_angle[k]), math.degrees(loss.sideslip[k]))
             rows.append((f"{speed / KM_H:.0f}", f"{angles[0]:.1f}", f"{angles[1]:.1f}", _text(angles[2]), *sideslips))
         return rows
+
+
+def margins_of(config: Config) -> Weakest | None:
+    """Of the feedback that a configuration asks for; None without one. Raises BuildError: see `law_of`."""
+    gains = law_of(config).gains(config)
+    return None if gains is None else weakest(config, gains)
+
+
+def margins_text(margins: Weakest | None) -> str:
+    """Of a feedback (None: there is none), for the README."""
+    if margins is None:
+        return "no feedback, so no margins"
+    if margins.unstable_from is not None:
+        little, none = _km_h(margins.warns_from), _km_h(margins.unstable_from)
+        return f"little margin from {little:.0f} km/h, **unstable from {none:.0f} km/h**"
+    gain, phase = margins.gain_margin_db, margins.phase_margin_deg
+    return (
+        f"{gain:.1f} dB at {margins.gain_margin_speed / KM_H:.0f} km/h, "
+        f"{phase:.0f} deg at {margins.phase_margin_speed / KM_H:.0f} km/h"
+    )
 
 
 def _text(value: float) -> str:
@@ -101,4 +127,17 @@ def margin_note(manifest: Mapping[str, Any]) -> str:
         f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
         f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
         'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
+    )
+
+
+def excess_note(manifest: Mapping[str, Any]) -> str:
+    """What to warn of; "" where the trim takes back what the reference model turns too much, or nothing is asked."""
+    found = manifest.get("reference_model_excess")
+    if found is None or found["enough"]:
+        return ""
+    return (
+        f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
+        f"({found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg), and its trim takes "
+        f"{found['trim_max_percent']:g} % back: there the slip bounds of the map are exceeded; "
+        f"controller.tracking.trim_max_percent = {math.ceil(found['percent'])} keeps them, with more overshoot"
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.config import KM_H, Config, Schedule
+from codegen.controller_sections import TRIM_MAX_PERCENT
 from codegen.design.margins import Gains, gains_of
 from codegen.emit.parameters import Field, Parameter
 from codegen.errors import BuildError
@@ -153,7 +154,13 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             0.0,
             1.0,
         ),
-        Parameter("trim_share", tracking.trim_max_percent / 100.0, "of the map's yaw rate: bound of the trim", 0.0, 0.2),
+        Parameter(
+            "trim_share",
+            tracking.trim_max_percent / 100.0,
+            "of the map's yaw rate: bound of the trim",
+            0.0,
+            TRIM_MAX_PERCENT / 100.0,
+        ),
         Parameter("trim_rate", 1.0 / tracking.trim_time_s, "1/s, how fast the trim follows", 0.01, 20.0),
         Parameter(
             "grip_shortfall",

@@ -24,16 +24,19 @@ def request_facts(request: Request) -> dict[str, Any]:
 
 
 def grip_facts(total: TotalMap) -> dict[str, Any]:
-    """For the manifest's map: the axes of what grip leaves of the cap, where that is not the same everywhere."""
+    """For the manifest's map: the axes of what grip leaves of the cap, where that is not the same everywhere, and the slip of
+    the rear axle that the lookup takes the optimum's sideslip from."""
     if total.grip is None:
         return {}
     speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
-    return {"grip": {"speed_m_s": speed, "front_angle_rad": front_angle, "least_share": float(total.grip.share.min())}}
+    facts = {"speed_m_s": speed, "front_angle_rad": front_angle, "least_share": float(total.grip.share.min())}
+    slip = total.steering.rear_slip_per_lateral_acceleration
+    return {"grip": {**facts, "rear_slip_per_lateral_acceleration_rad_s2_m": slip}}
 
 
-def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
+def placement_facts(placed: Placed) -> dict[str, Any]:
     """For the manifest's map: errors are largest ones, after the cap, in the stored numbers."""
-    error, scales = placed.error, placed.total.scales
+    error, scales, with_rear_angle = placed.error, placed.total.scales, placed.tables > 1
     facts: dict[str, Any] = {
         "axes": placed.spacing,
         "own_speed_range_m_s": list(placed.own_speed),
@@ -47,6 +50,7 @@ def placement_facts(placed: Placed, with_rear_angle: bool) -> dict[str, Any]:
     if with_rear_angle:
         facts["rear_angle_error_rad"] = _rounded(error.rear_angle)
         facts["rear_angle_error_whole_domain_rad"] = _rounded(error.rear_angle_whole)
+        facts["rear_angle_error_as_yaw_rate_rad_s"] = _rounded(error.rear_yaw_rate_whole)
     found: dict[str, Any] = {"placement": facts}
     if scales is not None:
         storage: dict[str, Any] = {
@@ -76,6 +80,7 @@ def placement_text(placed: Placed) -> str:
     return (
         f"{placed.spacing}{stored}: after the cap at most {own:.3g} deg/s off {AGAINST[placed.origin]}, over the map's own "
         f"breakpoints; {whole:.3g} deg/s wherever an ECU may be{_gap_text(placed.gap)}"
+        f"{_rear_text(placed.error.rear_angle_whole, placed.error.rear_yaw_rate_whole) if placed.tables > 1 else ''}"
     )
 
 
@@ -84,6 +89,11 @@ def _gap_text(gap: float) -> str:
         return ""
     degrees = math.degrees(_rounded(gap))
     return f"; of that, {degrees:.2g} deg/s for what the fine grid is off at {GAP_POINTS} x {GAP_POINTS} other points"
+
+
+def _rear_text(rear_angle: float, as_yaw_rate: float) -> str:
+    angle, rate = (math.degrees(_rounded(error)) for error in (rear_angle, as_yaw_rate))
+    return f"; the rear angle at most {angle:.2g} deg, which is worth {rate:.3g} deg/s at most"
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -99,8 +109,9 @@ def placement_line(manifest: Mapping[str, Any]) -> str:
     facts = placement_summary(manifest)
     error, whole = (math.degrees(facts[key]) for key in ("error_rad_s", "error_whole_domain_rad_s"))
     rows, columns = facts["breakpoints"]
-    rear = facts.get("rear_angle_error_whole_domain_rad")
-    rear_text = "" if rear is None else f"; the rear angle at most {math.degrees(rear):.2g} deg"
+    rear_text = ""
+    if "rear_angle_error_whole_domain_rad" in facts:
+        rear_text = _rear_text(facts["rear_angle_error_whole_domain_rad"], facts["rear_angle_error_as_yaw_rate_rad_s"])
     return (
         f"{rows} x {columns} breakpoints, {facts['axes']}, {facts['flash_bytes']:,} bytes: at most {error:.3g} deg/s off "
         f"{facts['error_against']}; {whole:.3g} deg/s wherever an ECU may be"

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.config import Config
+from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.storage import Real
+from codegen.refmap.total import TotalMap
 from codegen.vehicle.dynamics import single_track
 
 STEPS = 30
@@ -31,16 +34,33 @@ class Excess:
     speed: float
     front_angle: float
 
+    @property
+    def percent(self) -> float:
+        """Up, to a tenth: what a trim has to be allowed to take back at least."""
+        return math.ceil(1e3 * self.share - 1e-6) / 10.0
 
-def model_excess(reference_map: ReferenceMap, config: Config) -> Excess:
-    """Over the feasible cells of a solved map. Where the model has no steady turn near the map's, a cell is left out."""
-    assert reference_map.sideslip is not None  # a solved map has both
-    assert reference_map.rear_angle is not None
+    @property
+    def trim_percent(self) -> int:
+        """The whole number of percent that is enough."""
+        return math.ceil(self.percent)
+
+
+def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real = np.float32) -> Excess:
+    """Over the feasible cells of a solved map, with the yaw rates and rear angles that the lookup of a build gives there.
+
+    Args:
+        total: what the build holds. real: its numbers.
+
+    Where the model has no steady turn near the map's, a cell is left out.
+    """
+    assert reference_map.sideslip is not None  # a solved map has one
     moving = reference_map.feasible & (reference_map.speed > 0.0)[:, np.newaxis]
     row, column = np.nonzero(moving)
-    speed, front_angle, wanted = reference_map.speed[row], reference_map.front_angle[column], reference_map.yaw_rate[moving]
+    speed, front_angle = reference_map.speed[row], reference_map.front_angle[column]
+    wanted, rear_angle = (values.astype(np.float64) for values in Lookup.from_map(total, real).reference(speed, front_angle))
+    largest = total.steering.rear_angle_max  # the laws hold it there
     friction = np.full(speed.size, config.road.friction)
-    inputs = np.array([speed, front_angle, reference_map.rear_angle[moving], friction])
+    inputs = np.array([speed, front_angle, np.clip(rear_angle, -largest, largest), friction])
     state = np.array([reference_map.sideslip[moving], wanted])
     derivative = single_track(config, "magic-formula").derivative
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 4)
@@ -54,16 +74,6 @@ def model_excess(reference_map: ReferenceMap, config: Config) -> Excess:
     return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]))
 
 
-def excess_note(reference_map: ReferenceMap, config: Config) -> str | None:
-    """What to say of a build of kind "tracking" whose trim does not reach; None where it does, or nothing is asked."""
-    if config.controller.kind != "tracking" or not reference_map.solved or reference_map.tyre_model == "linear":
-        return None
-    excess, allowed = model_excess(reference_map, config), config.controller.tracking.trim_max_percent
-    percent = 100.0 * excess.share
-    if not percent > allowed:
-        return None
-    return (
-        f"in steady state the reference model turns up to {percent:.1f} % more than this map ({excess.speed / KM_H:.0f} km/h, "
-        f"{math.degrees(excess.front_angle):.1f} deg), and its trim takes {allowed:g} % back: there the slip bounds of the map "
-        f"are exceeded; controller.tracking.trim_max_percent = {math.ceil(percent)} keeps them, with more overshoot"
-    )
+def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:
+    """Whether the question is asked: of the kind of controller with a reference model, and a map that the nonlinear car set."""
+    return config.controller.kind == "tracking" and reference_map.solved and reference_map.tyre_model != "linear"

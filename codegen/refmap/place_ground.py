@@ -236,7 +236,7 @@ def _gap(
 ) -> Gap:
     """How far the surfaces are off the optimum: at GAP_POINTS x GAP_POINTS places between first and last speed (m/s) and front
     angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
-    source = np.random.default_rng(0)
+    source, rear_max = np.random.default_rng(0), layer.total.steering.rear_angle_max
     speeds, angles = (np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle))
     straight = turns.without_rear_steering() if passive_safe else turns
     edge = np.minimum(turns.edge(speeds).front_angle, straight.edge(speeds).front_angle)
@@ -256,7 +256,7 @@ def _gap(
     for channel, name in enumerate(("yaw_rate", "rear_angle")):
         have = np.concatenate([pair[channel].ravel() for pair in found])
         want = np.concatenate([getattr(optimum, name).ravel() for optimum, _ in optima])
-        off.append(np.abs(have - want))
+        off.append(np.abs(have - (want if name == "yaw_rate" else np.clip(want, -rear_max, rear_max))))
     off.append(off[1] * turns.problem.car.yaw_gain(np.concatenate([np.repeat(speeds, angles.size), speeds_beside])))
     return Gap(*(float(error[feasible].max(initial=0.0)) for error in off))
 
@@ -287,7 +287,7 @@ def continued(
     ends_passively = passive_safe and problem.rear_angle_max > 0.0
     ending = replace(problem, rear_angle_max=0.0) if ends_passively else without_grip
     bounded = _PassivelySafe(LinearTurns(problem)) if ends_passively else LinearTurns(problem)
-    cap, rear_max = problem.lateral_acceleration_cap, steering.rear_angle_max
+    cap = problem.lateral_acceleration_cap
     plain = extended(bounded.solve, bounded.edge, problem.car.yaw_gain, cap, speed, front_angle, steering)
     (first_speed, _), (first_angle, _) = _ends(speed), _ends(front_angle)
 
@@ -298,7 +298,7 @@ def continued(
         optimum = exact.solve(without_grip, v_inside, solved_at)
         gain = problem.car.yaw_gain(v_inside)[:, np.newaxis]
         yaw_rate = _plausible(optimum.yaw_rate + gain * (angle - solved_at))
-        rear_angle = np.clip(optimum.rear_angle, -rear_max, rear_max)
+        rear_angle = optimum.rear_angle
         slow, ahead = v <= first_speed, angle <= first_angle
         yaw_rate[slow], rear_angle[slow] = plain(v[slow], angle)
         yaw_rate[:, ahead], rear_angle[:, ahead] = plain(v, angle[ahead])

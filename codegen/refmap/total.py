@@ -44,7 +44,8 @@ class CapSteering:
 
     Attributes:
         wheelbase: L, m. understeer_coefficient: K, s^2/m.
-        rear_arm: m, and rear_slip_per_lateral_acceleration: rad s^2/m, of the sideslip beta = delta_r + r (lr/vx - slip vx).
+        rear_arm: m, and rear_slip_per_lateral_acceleration: rad s^2/m, of the sideslip beta = delta_r + r (lr/vx - slip vx);
+            of a nonlinear optimum that was taken apart, of its tyre where grip ends the turns.
         sideslip_max: rad; such steering ends where the steady sideslip would reach it.
         rear_angle_max: rad.
     """
@@ -92,7 +93,7 @@ class TotalMap:
     Attributes:
         speed: (n,) m/s, from 0. front_angle: (m,) rad, from 0 to the mechanical stop or beyond.
         yaw_rate: (n, m) rad/s, before the cap.
-        rear_angle: (n, m) rad, within the actuator's range.
+        rear_angle: (n, m) rad, before the cap, where on chosen breakpoints it may leave the actuator's range; the laws hold it.
         rule: (n, m) of `Rule` letters.
         lateral_acceleration_cap: ay_cap, m/s^2.
         friction: the road friction that the map assumes.

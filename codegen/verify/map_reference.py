@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -63,7 +63,10 @@ def lookup_of(subject: Subject) -> Lookup:
         shares = bounds.of("grip_share_table", (frictions.size, own[0].size, own[1].size))
         scale = bounds.of("grip_share_scale", (1,))[0] if "storage" in facts else real(1.0)
         grip = GripConstants(AxisConstants(own[0], real), AxisConstants(own[1], real), shares * scale)
-    steering = [real(value) for value in astuple(CapSteering.from_config(subject.config))]
+    car = CapSteering.from_config(subject.config)
+    if "grip" in facts:
+        car = replace(car, rear_slip_per_lateral_acceleration=facts["grip"]["rear_slip_per_lateral_acceleration_rad_s2_m"])
+    steering = [real(value) for value in astuple(car)]
     is_own_car = subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
     if uses_rear_angle and not is_own_car and subject.is_of_this_version:
         steering = [bounds.of(name, (1,))[0] for name in _STEERING]

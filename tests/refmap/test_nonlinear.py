@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,16 @@ from benchmarks.dense_search import DenseSearch
 from benchmarks.nonlinear_map import nonlinear
 from benchmarks.random_cars import random_car, random_cells
 from codegen import config as configuration
-from codegen.config import Config
+from codegen.config import KM_H, Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.evidence import excess_note
+from codegen.emit.folder import Folder
 from codegen.refmap import ipopt
+from codegen.refmap.extend import extend
 from codegen.refmap.map import Binding, ReferenceMap, load
-from codegen.refmap.model_excess import excess_note, model_excess
+from codegen.refmap.model_excess import model_excess
 from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.place import Request
 from codegen.refmap.problem import breakpoints
 from codegen.refmap.solve import solve_case
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
@@ -105,9 +110,12 @@ def test_slip_bounds_bind_and_are_kept_on_the_plant() -> None:
     assert (found.active[found.feasible] & (Binding.SLIP_FRONT | Binding.SLIP_REAR)).any()
 
 
-def steady_slips(reference_map: ReferenceMap, config: Config, speed: float, front_angle: float) -> np.ndarray:
-    """Largest front and rear slip (rad) in steady state of the paper's controller on a map: turned in slowly, then held."""
-    folder = build(reference_map, config, BuildOptions("test"), BuildInputs("test.npz", "0" * 64, "map"))
+def built(reference_map: ReferenceMap, config: Config, request: Request | None = None) -> Folder:
+    return build(reference_map, config, BuildOptions("test", request=request), BuildInputs("test.npz", "0" * 64, "map"))
+
+
+def steady_slips(folder: Folder, config: Config, speed: float, front_angle: float) -> np.ndarray:
+    """Largest front and rear slip (rad) in steady state of a build on the plant: turned in slowly, then held."""
     software = compile_build(folder.files, folder.manifest)
     time = np.arange(0.0, 30.0, config.plant.sampling_time_s)
     inputs = np.zeros((time.size, len(INPUT_COLUMNS)))
@@ -136,7 +144,7 @@ def test_closed_loop_keeps_the_slip_bounds_in_steady_state(row: int, share: floa
     last = int(np.flatnonzero(found.feasible[row])[-1])
     column = int(share * last)
     speed, front_angle = float(found.speed[row]), float(found.front_angle[column])
-    slips = steady_slips(found, config, speed, front_angle)
+    slips = steady_slips(built(found, config), config, speed, front_angle)
     assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
 
 
@@ -154,34 +162,60 @@ def test_kind_tracking_keeps_them_with_the_trim_that_the_build_asks_for() -> Non
     """At the operating point that is named; with the default trim the bound is exceeded there."""
     config = tracking()
     found = solve_case(config, "4ws-2")
-    told = excess_note(found, config)
-    assert told is not None
-    named = re.search(r"trim_max_percent = (\d+) keeps them", told)
+    folder = built(found, config)
+    named = re.search(r"trim_max_percent = (\d+) keeps them", excess_note(folder.manifest))
     assert named is not None
-    place, tyres = model_excess(found, config), AxleTyres.from_config(config)
+    place, tyres = folder.manifest["reference_model_excess"], AxleTyres.from_config(config)
     bounds = np.array([tyres.front_slip_bound, tyres.rear_slip_bound])
-    before = steady_slips(found, config, place.speed, place.front_angle)
-    assert (before / bounds).max() > 1.0 + 2.0 * SLIP_SHARE
+    speed, front_angle = place["at_km_h"] * KM_H, math.radians(place["at_front_angle_deg"])
+    assert (steady_slips(folder, config, speed, front_angle) / bounds).max() > 1.0 + 2.0 * SLIP_SHARE
     enough = tracking(float(named[1]))
-    assert excess_note(found, enough) is None
-    slips = steady_slips(found, enough, place.speed, place.front_angle)
+    mended = built(found, enough)
+    assert mended.manifest["reference_model_excess"]["enough"] and excess_note(mended.manifest) == ""
+    slips = steady_slips(mended, enough, speed, front_angle)
     assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
 
 
+def test_kind_tracking_keeps_them_on_chosen_breakpoints() -> None:
+    """Beside the edge of the map, where the rear angle that the reference model takes from its table turns fastest."""
+    config = tracking(5.0)
+    found = solve_case(config, "4ws-2")
+    folder = built(found, config, Request(math.radians(0.1), None, "int16", "--max-error 0.1deg/s --storage int16"))
+    assert folder.manifest["reference_model_excess"]["enough"]
+    tyres, turns = AxleTyres.from_config(config), NonlinearTurns.from_config(config, config.cases["4ws-2"])
+    bounds = np.array([tyres.front_slip_bound, tyres.rear_slip_bound])
+    for speed in np.array([70.0, 95.0, 110.0]) * KM_H:
+        edge = float(turns.edge(np.array([speed])).front_angle[0])
+        for share in (0.7, 0.9, 0.99):
+            slips = steady_slips(folder, config, float(speed), share * edge)
+            assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), (speed / KM_H, share, slips / bounds)
+
+
+def test_a_rear_angle_that_is_off_shows_as_an_excess() -> None:
+    """The question is asked of the tables that the build holds, not of the map that was solved."""
+    config = tracking()
+    found = solve_case(config, "4ws-2")
+    total = extend(found, config, config.steering.front_angle_stop)
+    turned = replace(total, rear_angle=total.rear_angle - math.radians(0.2))
+    assert model_excess(found, turned, config).percent > model_excess(found, total, config).percent + 1.0
+
+
 def test_nothing_is_asked_of_other_maps_and_kinds() -> None:
-    assert excess_note(made(), nonlinear(PAPER, "4ws-2")) is None  # kind pi follows the map itself
+    # Kind pi follows the map itself.
+    assert "reference_model_excess" not in built(made(), nonlinear(PAPER, "4ws-2")).manifest
     config = load(ROOT / "generated/4ws2-tracking.npz").config
     assert config is not None
     linear = solve_case(config, "4ws-2")
-    assert excess_note(linear, config) is None
-    assert model_excess(linear, config).share < 1e-3  # the model does no more than a map of linear tyres asks for
+    assert "reference_model_excess" not in built(linear, config).manifest
+    total = extend(linear, config, config.steering.front_angle_stop)
+    assert model_excess(linear, total, config).share < 1e-3  # the model does no more than a map of linear tyres asks for
 
 
 def test_the_linear_map_exceeds_them() -> None:
     tyres = AxleTyres.from_config(PAPER)
     linear = solve_case(PAPER, "4ws-2")
     last = int(np.flatnonzero(linear.feasible[22])[-1])
-    slips = steady_slips(linear, PAPER, float(linear.speed[22]), float(linear.front_angle[last]))
+    slips = steady_slips(built(linear, PAPER), PAPER, float(linear.speed[22]), float(linear.front_angle[last]))
     over = (slips / np.array([tyres.front_slip_bound, tyres.rear_slip_bound])).max()
     assert 1.10 < over < 1.25
 

@@ -21,11 +21,12 @@ from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap, from_arrays
 from codegen.refmap.place import SPACINGS, Maker, Placed, Request, Target, choose
 from codegen.refmap.place_error import Ruler
-from codegen.refmap.place_ground import Ground, capped, extended, ground_of
+from codegen.refmap.place_ground import Ground, above_zero, capped, extended, ground_of
+from codegen.refmap.place_sheet import gain_of, reference_sheet, yaw_rate_sheet
 from codegen.refmap.problem import SteadyTurnProblem, breakpoints
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, solve_stack
-from codegen.refmap.storage import RAW_MAX
+from codegen.refmap.storage import RAW_MAX, Real
 from codegen.refmap.total import Rule, TotalMap
 from codegen.refmap.turns import passively_feasible, turns_of
 from tests.refmap.cars import CASE, random_config
@@ -117,8 +118,61 @@ def test_a_twentieth_of_a_degree_takes_a_tenth_of_the_even_grid(
     found = placed(maps["4ws-2"], paper, FINE, tables, storage=storage)
     assert 0.4 * FINE < largest_error(found.total, truth_of(paper, "4ws-2"), 2) <= FINE
     grid = extend(maps["4ws-2"], paper).yaw_rate.size * 4 * tables
-    # 8.2 % and 4.7 % are found for one table.
-    assert found.flash_bytes < (0.1 if storage == "float" else 0.06) * grid
+    # 8.2 % and 4.7 % are found for one table, 10.6 % and 5.6 % for two.
+    assert found.flash_bytes < (0.12 if storage == "float" else 0.07) * grid
+
+
+def off_the_optimum(found: Placed, config: Config, case: str, storage: Real = np.float32) -> float:
+    """Largest error of the rear angle as a yaw rate (rad/s), at random points where the optimum solved there is feasible."""
+    rng = np.random.default_rng(5)
+    speed, front_angle = (
+        np.sort(rng.uniform(*ends, 300)).astype(storage).astype(np.float64) for ends in (found.own_speed, found.own_front_angle)
+    )
+    problem = SteadyTurnProblem.from_config(config, config.case(case))
+    optimum = exact.solve(problem, speed, front_angle)
+    _, rear_angle = Lookup.from_map(found.total, storage).reference(speed[:, np.newaxis], front_angle)
+    largest = found.total.steering.rear_angle_max
+    held = (np.clip(angle, -largest, largest) for angle in (rear_angle.astype(np.float64), optimum.rear_angle))
+    error = np.abs(np.subtract(*held))
+    inside = optimum.margin > 1e-9  # rad: at the edge itself rounding decides
+    assert inside.mean() > 0.3
+    return float((error * problem.car.yaw_gain(speed)[:, np.newaxis])[inside].max())
+
+
+def test_the_bound_holds_for_the_rear_angle_too_where_that_is_looked_up(paper: Config, maps: dict[str, ReferenceMap]) -> None:
+    """As the yaw rate that it is worth; one table does not know of it."""
+    one, both = (placed(maps["4ws-2"], paper, COARSE, tables) for tables in (1, 2))
+    error = off_the_optimum(both, paper, "4ws-2")
+    assert 0.4 * COARSE < error <= both.error.rear_yaw_rate_whole + ROUNDING
+    assert both.error.rear_yaw_rate_whole <= both.bounded_error <= COARSE
+    assert off_the_optimum(one, paper, "4ws-2") > 2.0 * COARSE
+    assert one.bounded_error == one.error.yaw_rate_whole
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_on_the_rear_angle_holds_for_any_car(seed: int) -> None:
+    config = random_config(np.random.default_rng(seed))
+    found = placed(solve_case(config, CASE), config, math.radians(0.5), 2)
+    assert off_the_optimum(found, config, CASE) <= found.error.rear_yaw_rate_whole + ROUNDING
+    assert found.bounded_error <= math.radians(0.5)
+
+
+@pytest.mark.parametrize("tyre", ["linear", "nonlinear"])
+def test_what_a_sheet_makes_of_exact_numbers_is_the_truth(paper: Config, tyre: str) -> None:
+    """And the lookup makes the same of others."""
+    config = coarsely(paper if tyre == "linear" else nonlinear(paper, "4ws-2"))
+    layer = ground_of(solve_case(config, "4ws-2"), config).layers[-1]
+    speed, front_angle = np.linspace(0.0, 33.0, 120), np.linspace(0.0, 0.6, 110)
+    for sheet in (yaw_rate_sheet(layer, None), reference_sheet(layer, None)):
+        made = sheet.outcome(sheet.values(speed, front_angle), sheet.beside(speed, front_angle))
+        np.testing.assert_allclose(made, sheet.truth(speed, front_angle), rtol=0.0, atol=1e-12)
+    sheet, rng = reference_sheet(layer, None), np.random.default_rng(2)
+    tables = layer.surface(speed, front_angle)
+    other = [table + rng.normal(scale=size, size=table.shape) for table, size in zip(tables, (0.1, 0.02), strict=True)]
+    made = sheet.outcome(np.stack(other), sheet.beside(speed, front_angle))
+    wanted = capped(other[0], other[1], layer.allowed(speed, front_angle), speed, layer.total.steering)
+    gain = gain_of(layer.total.steering, above_zero(speed))[:, np.newaxis]
+    np.testing.assert_allclose(made, np.stack([wanted[0], wanted[1] * gain]), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -267,9 +321,10 @@ def against_optimum(config: Config, case: str, total: TotalMap) -> tuple[float, 
     feasible = optimum.feasible & (passively_feasible(turns, speed, front_angle) if chosen.passive_safe else True)
     assert 0.3 < np.mean(feasible) < 0.9
     stored = Lookup.from_map(total, np.float32).reference(speed[:, np.newaxis], front_angle, math.nan)
-    errors = (np.abs(have - want)[feasible] for have, want in zip(stored, (optimum.yaw_rate, optimum.rear_angle), strict=True))
-    yaw_rate, rear_angle = (float(error.max()) for error in errors)
-    return yaw_rate, rear_angle
+    largest = total.steering.rear_angle_max  # in which the laws hold it
+    yaw_rate = np.abs(stored[0] - optimum.yaw_rate)
+    rear_angle = np.abs(np.clip(stored[1], -largest, largest) - np.clip(optimum.rear_angle, -largest, largest))
+    return float(yaw_rate[feasible].max()), float(rear_angle[feasible].max())
 
 
 @pytest.mark.parametrize("storage", ["float", "int16"])
@@ -280,7 +335,7 @@ def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(paper: Conf
     assert found.origin == "surfaces"
     assert 0.0 < found.gap < 0.15 * COARSE
     yaw_rate, rear_angle = against_optimum(config, "4ws-2", found.total)
-    assert 0.5 * COARSE < yaw_rate <= found.error.yaw_rate_whole <= COARSE
+    assert 0.4 * COARSE < yaw_rate <= found.error.yaw_rate_whole <= found.bounded_error <= COARSE
     assert rear_angle <= found.error.rear_angle
     assert Rule.CONTINUED.value in found.total.rule
     # One cap for all speeds and front angles could not: slip follows both.
@@ -294,7 +349,7 @@ def test_with_the_nonlinear_tyre_the_bound_holds_for_any_car(seed: int) -> None:
     found = placed(solve_case(config, CASE), config, COARSE, 2)
     assert found.origin == "surfaces"
     yaw_rate, rear_angle = against_optimum(config, CASE, found.total)
-    assert yaw_rate <= found.error.yaw_rate_whole <= COARSE
+    assert yaw_rate <= found.error.yaw_rate_whole <= found.bounded_error <= COARSE
     assert rear_angle <= found.error.rear_angle
 
 
@@ -315,7 +370,7 @@ def test_what_the_fine_grid_is_off_is_counted(paper: Config, monkeypatch: pytest
     monkeypatch.setattr("codegen.refmap.place_grip.HALVINGS", 0)
     config = coarsely(nonlinear(paper, "4ws-2"))
     ground = ground_of(solve_case(config, "4ws-2"), config)
-    gap, _ = ground.layers[-1].gap
+    gap = ground.layers[-1].gap.yaw_rate
     assert gap > FINE
     maker = Maker(ground, Target(1, np.float32, "float"))
     assert maker.for_error(0.99 * gap) is None

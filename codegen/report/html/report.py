@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
-from codegen.emit.evidence import Evidence
+from codegen.emit.evidence import margins_of, margins_text
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
 from codegen.report.fault_table import HEADER, fault_cells
@@ -223,7 +223,7 @@ def _margins(material: Material) -> Iterator[Block]:
         return
     yield chart
     for name, config in (material.loops or {}).items():
-        least = Evidence.of(material.map.map, config).margins_text().replace("**", "")
+        least = margins_text(margins_of(config)).replace("**", "")
         top = config.controller.inputs.speed_max_km_h
         yield Text(f"{name}, least margins of the car itself up to {top:g} km/h: {least}.")
 
