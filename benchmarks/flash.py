@@ -4,93 +4,134 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from benchmarks.nonlinear_map import nonlinear
 from benchmarks.paper_build import CONFIG
 from benchmarks.tables import CountReport, Row
+from codegen.config import Config
 from codegen.refmap.lookup import Lookup
+from codegen.refmap.nonlinear import NonlinearTurns
+from codegen.refmap.place_error import MeasuredError
 from codegen.refmap.place_ground import Ground, ground_of
 from codegen.refmap.place_sweep import FlashTable, flash_table
 from codegen.refmap.solve import solve_case
 from codegen.refmap.total import TotalMap
-from codegen.report.flash import AGAINST, HEADER, flash_rows
+from codegen.report.flash import HEADER, flash_rows
+from codegen.vehicle.single_track import SingleTrack
+
+FloatArray = npt.NDArray[np.float64]
 
 CASE = "4ws-2"
 BOUND = math.radians(0.05)
 REQUIRED = {"uneven": 0.35, "int16": 0.25}
 """Of the bytes of the even grid in single precision, at BOUND."""
 
+COLUMNS = (
+    *("stored", "breakpoints", "bytes", "of the grid"),
+    *("largest error [deg/s]", "rear angle, worth [deg/s]", "at random points [deg/s]"),
+    "required",
+)
+
+GAIN = SingleTrack.from_config(CONFIG).yaw_gain
+
 TABLES = {"pi": 1, "tracking": 2}
 """Kind of controller -> tables that it looks up."""
 
-RANDOM = 1_000
-"""Speeds, and as many front angles, at which the error is measured again."""
+RANDOM, SOLVED_ANEW = 1_000, 300
+"""Speeds, and as many front angles, at which the error is measured again; with the nonlinear tyre, solved at each."""
+
+Seen = Callable[[TotalMap, int], str]
+"""A total map and how many tables it has -> the largest error at random points, deg/s."""
 
 
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
-    """Place the breakpoints of the paper's map; `quick` for the bound alone of which something is asked."""
-    reference_map = solve_case(CONFIG, CASE)
-    ground = ground_of(reference_map, CONFIG)
+    """Place the breakpoints of the paper's map, and of that with the nonlinear tyre for the bound of which something is asked;
+    `quick` for that bound alone."""
     tables: list[tuple[str, tuple[str, ...], tuple[Row, ...]]] = []
-    for kind, count in TABLES.items():
-        say(f"placing breakpoints for kind {kind}")
-        found = flash_table(reference_map, CONFIG, count, bounds=(BOUND,) if quick else None)
-        title = f"At {math.degrees(BOUND):g} deg/s, map {CASE}, kind {kind}: tables and axes"
-        header = ("stored", "breakpoints", "bytes", "of the grid", "largest error [deg/s]", "at random points", "required")
-        tables.append((title, header, _rows(found, ground)))
-        if not quick:
-            rows = tuple(Row(cells) for cells in flash_rows(found))
-            tables.append((f"Error against flash, map {CASE}, kind {kind}", HEADER, rows))
+    for config, tyre in ((CONFIG, ""), (nonlinear(CONFIG, CASE), " with the nonlinear tyre")):
+        reference_map = solve_case(config, CASE)
+        ground = ground_of(reference_map, config)
+        seen = _solved_anew(ground, config) if tyre else _at_random(ground)
+        for kind, count in TABLES.items():
+            say(f"placing breakpoints for kind {kind}{tyre}")
+            found = flash_table(reference_map, config, count, bounds=(BOUND,) if quick or tyre else None)
+            title = f"At {math.degrees(BOUND):g} deg/s, map {CASE}{tyre}, kind {kind}: tables and axes"
+            tables.append((title, COLUMNS, _rows(found, ground, seen)))
+            if not quick and not tyre:
+                rows = tuple(Row(cells) for cells in flash_rows(found))
+                tables.append((f"Error against flash, map {CASE}, kind {kind}", HEADER, rows))
     return CountReport(
         tuple(tables),
         (
-            f"{AGAINST[ground.origin]}, in the stored numbers, after the cap,",
-            "wherever an ECU may be: from rest and straight ahead to the last speed and the mechanical stop.",
-            f"At random points: the same at {RANDOM:,} speeds times {RANDOM:,} front angles, which the search has not seen.",
+            "errors are against the optimum, in the stored numbers, after the cap, from rest to the last speed and the stop.",
+            "With linear tyres it is solved anew at every point, with the nonlinear one on a fine grid; its own error counts.",
+            "Rear angle, worth: its error times the yaw gain of the car with its rear wheels straight; bounded as well.",
+            f"At random points: the larger of both at {RANDOM:,} x {RANDOM:,} points that the search has not seen.",
+            f"With the nonlinear tyre it is solved anew at {SOLVED_ANEW} x {SOLVED_ANEW} points, of which the feasible count.",
             "The grid as it is: 101 x 100, with the rows and columns at its edges.",
         ),
     )
 
 
-def _rows(found: FlashTable, ground: Ground) -> tuple[Row, ...]:
-    seen = _at_random(ground, ground.total)
+def _rows(found: FlashTable, ground: Ground, seen: Seen) -> tuple[Row, ...]:
     grid = f"{found.grid[0]} x {found.grid[1]}"
-    error = f"{math.degrees(found.grid_error):.3g}"
-    rows = [Row(("the grid as it is, float", grid, f"{found.grid_bytes:,}", "100 %", error, seen, "-"))]
+    told = (*_told(found.grid_error, found.tables), seen(ground.total, found.tables))
+    rows = [Row(("the grid as it is, float", grid, f"{found.grid_bytes:,}", "100 %", *told, "-"))]
     for point in found.points:
         placed, required = point.placed, REQUIRED.get(point.way)
         if point.bound != BOUND:
             continue
         if placed is None:
-            rows.append(Row((point.way, "-", "-", "-", "-", "-", "-"), required is None))
+            rows.append(Row((point.way, *["-"] * (len(COLUMNS) - 1)), required is None))
             continue
         share = placed.flash_bytes / found.grid_bytes
         met = required is None or share <= required
         asked = "-" if required is None else f"<= {100.0 * required:.0f} %: {'met' if met else 'MISSED'}"
         shape = f"{placed.total.speed.size} x {placed.total.front_angle.size}"
-        told = f"{math.degrees(placed.error.yaw_rate_whole):.3g}"
         name = f"{placed.spacing}, int16" if point.way == "int16" else f"{point.way}, float"
-        cells = (
-            name,
-            shape,
-            f"{placed.flash_bytes:,}",
-            f"{100.0 * share:.1f} %",
-            told,
-            _at_random(ground, placed.total),
-            asked,
-        )
-        rows.append(Row(cells, met))
+        told = (*_told(placed.error, placed.tables), seen(placed.total, placed.tables))
+        rows.append(Row((name, shape, f"{placed.flash_bytes:,}", f"{100.0 * share:.1f} %", *told, asked), met))
     return tuple(rows)
 
 
-def _at_random(ground: Ground, total: TotalMap) -> str:
-    """deg/s, as text."""
+def _told(error: MeasuredError, tables: int) -> tuple[str, str]:
+    """Of the yaw rate, and of the rear angle; deg/s."""
+    rear = "-" if tables == 1 else f"{math.degrees(error.rear_yaw_rate_whole):.3g}"
+    return f"{math.degrees(error.yaw_rate_whole):.3g}", rear
+
+
+def _at_random(ground: Ground) -> Seen:
+    rng = np.random.default_rng(1)
+    speed, front_angle = (_stored(rng.uniform(0.0, top, RANDOM)) for top in (ground.own_speed[1], ground.front_angle_top))
+    truth = ground.layers[-1].truth(speed, front_angle)
+    return lambda total, tables: _largest(total, tables, speed, front_angle, truth, np.True_)
+
+
+def _solved_anew(ground: Ground, config: Config) -> Seen:
     rng = np.random.default_rng(1)
     speed, front_angle = (
-        rng.uniform(0.0, top, RANDOM).astype(np.float32).astype(np.float64)
-        for top in (ground.own_speed[1], ground.front_angle_top)
+        _stored(np.sort(rng.uniform(*ends, SOLVED_ANEW))) for ends in (ground.own_speed, ground.own_front_angle)
     )
-    truth, _ = ground.layers[-1].truth(speed, front_angle)
-    error = np.abs(Lookup.from_map(total)(speed[:, np.newaxis], front_angle) - truth)
-    return f"{math.degrees(float(error.max())):.3g}"
+    optimum = NonlinearTurns.from_config(config, config.case(CASE)).solve(speed, front_angle)
+    truth = (optimum.yaw_rate, optimum.rear_angle)
+    return lambda total, tables: _largest(total, tables, speed, front_angle, truth, optimum.feasible)
+
+
+def _stored(axis: FloatArray) -> FloatArray:
+    """What an ECU reads."""
+    return axis.astype(np.float32).astype(np.float64)
+
+
+def _largest(
+    total: TotalMap, tables: int, speed: FloatArray, front_angle: FloatArray, truth: tuple[FloatArray, FloatArray], where: Any
+) -> str:
+    yaw_rate, rear_angle = Lookup.from_map(total).reference(speed[:, np.newaxis], front_angle)
+    errors = [np.abs(yaw_rate - truth[0])]
+    if tables > 1:
+        largest = total.steering.rear_angle_max  # in which the laws hold it
+        errors.append(np.abs(np.clip(rear_angle, -largest, largest) - truth[1]) * GAIN(np.maximum(speed, 1e-9))[:, np.newaxis])
+    return f"{math.degrees(max(float(error.max(where=where, initial=0.0)) for error in errors)):.3g}"

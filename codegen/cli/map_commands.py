@@ -139,9 +139,11 @@ def build(
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
-    from codegen.emit.write import write_folder
+    from codegen.emit.write import check_target, write_folder
 
     request = _request(max_error, max_flash, storage)
+    if request is not None and output is not None:
+        check_target(output)  # a search takes its time
     with console.status(f"generating the C of {map_path}"):
         prepared = prepare(
             map_path, config_path, output, prefix, "double" if precision == "double" else "single", request=request

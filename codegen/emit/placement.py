@@ -93,7 +93,7 @@ def _gap_text(gap: float) -> str:
 
 def _rear_text(rear_angle: float, as_yaw_rate: float) -> str:
     angle, rate = (math.degrees(_rounded(error)) for error in (rear_angle, as_yaw_rate))
-    return f"; the rear angle at most {angle:.2g} deg, which is worth {rate:.3g} deg/s at most"
+    return f"; the rear angle at most {angle:.2g} deg off, worth at most {rate:.3g} deg/s"
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -40,6 +40,7 @@ __all__ = [
     "BESIDE",
     "MANIFEST",
     "Folder",
+    "check_target",
     "differences",
     "read_manifest",
     "render_manifest",
@@ -69,6 +70,15 @@ def write_folder(folder: Folder, target: Path) -> bool:
             return False
         _replace(place, folder.content(), target)
         return True
+
+
+def check_target(target: Path) -> None:
+    """Refuse before any work what `write_folder` would refuse after it: a file, or a folder that holds something else.
+
+    Raises:
+        BuildError: with what stands there.
+    """
+    _refuse_foreign(Path(os.path.realpath(target)), target)
 
 
 def _refuse_foreign(place: Path, target: Path) -> None:

@@ -110,10 +110,8 @@ class Placed:
 
     @property
     def bounded_error(self) -> float:
-        """What a request bounds, rad/s: the error of the yaw rate, and that of the rear angle times the passive yaw gain where
-        that is looked up."""
-        error = self.error
-        return error.yaw_rate_whole if self.tables == 1 else max(error.yaw_rate_whole, error.rear_yaw_rate_whole)
+        """See `MeasuredError.bounded`."""
+        return self.error.bounded(self.tables)
 
 
 def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:

@@ -36,6 +36,10 @@ class MeasuredError:
     rear_angle_whole: float = 0.0
     rear_yaw_rate_whole: float = 0.0
 
+    def bounded(self, tables: int) -> float:
+        """The larger of those that a request bounds, rad/s: that of the rear angle counts where it has a table too."""
+        return self.yaw_rate_whole if tables == 1 else max(self.yaw_rate_whole, self.rear_yaw_rate_whole)
+
     def __or__(self, other: MeasuredError) -> MeasuredError:
         """The larger of each."""
         return MeasuredError(*(max(getattr(self, key.name), getattr(other, key.name)) for key in fields(self)))

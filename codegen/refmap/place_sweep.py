@@ -12,7 +12,7 @@ from codegen.config import Config
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place import SPACINGS, Maker, Placed, Target
 from codegen.refmap.place_axes import Spacing
-from codegen.refmap.place_error import Ruler
+from codegen.refmap.place_error import MeasuredError, Ruler
 from codegen.refmap.place_ground import Origin, ground_of
 from codegen.refmap.storage import Real, Storage
 
@@ -34,7 +34,7 @@ WAYS = (Way("even", ("even",), "float"), Way("uneven", ("uneven",), "float"), Wa
 
 @dataclass(frozen=True)
 class FlashPoint:
-    """One way at one bound. Error in rad/s: the largest wherever an ECU may be. None: no table of 256 breakpoints an axis."""
+    """One way at one bound, rad/s. None: no table of 256 breakpoints an axis."""
 
     way: str
     bound: float
@@ -48,7 +48,7 @@ class FlashTable:
     Attributes:
         tables: how many the kind of controller has. origin: what errors are measured against.
         grid: breakpoints of both axes, with those that the total map adds.
-        grid_bytes, grid_error: of the map as it is, in real numbers; rad/s, wherever an ECU may be.
+        grid_bytes, grid_error: of the map as it is, in real numbers.
     """
 
     points: tuple[FlashPoint, ...]
@@ -56,7 +56,7 @@ class FlashTable:
     origin: Origin
     grid: tuple[int, int]
     grid_bytes: int
-    grid_error: float
+    grid_error: MeasuredError
 
     def of(self, way: str) -> list[FlashPoint]:
         """The points of a way that have a table, the largest bound first."""
@@ -107,5 +107,5 @@ def flash_table(
         origin=ground.origin,
         grid=grid,
         grid_bytes=plain.bytes_of(*grid, len(ground.layers)),
-        grid_error=Ruler(ground, (total.speed, total.front_angle), real).error(total).yaw_rate_whole,
+        grid_error=Ruler(ground, (total.speed, total.front_angle), real).error(total),
     )

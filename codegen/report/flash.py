@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from codegen.refmap.place_error import MeasuredError
 from codegen.refmap.place_sweep import WAYS, FlashPoint, FlashTable
 from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 
@@ -41,10 +42,13 @@ def flash_rows(table: FlashTable) -> list[tuple[str, ...]]:
 
 def flash_headline(table: FlashTable) -> str:
     """The grid as it is, and what is measured."""
-    tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
+    tables, rear = "yaw rate", ""
+    if table.tables > 1:
+        tables = "yaw rate and rear angle"
+        rear = f", the rear angle worth {math.degrees(table.grid_error.rear_yaw_rate_whole):.2g} deg/s"
     return (
         f"as it is {table.grid[0]} x {table.grid[1]} breakpoints with those of its edges, {table.grid_bytes:,} B for {tables}, "
-        f"up to {math.degrees(table.grid_error):.2g} deg/s off; {AGAINST[table.origin]}"
+        f"up to {math.degrees(table.grid_error.yaw_rate_whole):.2g} deg/s off{rear}; {AGAINST[table.origin]}"
     )
 
 
@@ -53,7 +57,12 @@ def flash_dict(table: FlashTable) -> dict[str, Any]:
     return {
         "tables": table.tables,
         "error_against": table.origin,
-        "grid": {"breakpoints": list(table.grid), "flash_bytes": table.grid_bytes, "error_rad_s": table.grid_error},
+        "grid": {
+            "breakpoints": list(table.grid),
+            "flash_bytes": table.grid_bytes,
+            "error_rad_s": table.grid_error.yaw_rate_whole,
+            **_rear(table.tables, table.grid_error),
+        },
         "placed": [_point(point) for point in table.points],
     }
 
@@ -68,8 +77,13 @@ def _point(point: FlashPoint) -> dict[str, Any]:
             "axes": point.placed.spacing,
             "error_rad_s": error.yaw_rate,
             "error_whole_domain_rad_s": error.yaw_rate_whole,
+            **_rear(point.placed.tables, error),
         }
     return facts
+
+
+def _rear(tables: int, error: MeasuredError) -> dict[str, float]:
+    return {} if tables == 1 else {"rear_angle_error_as_yaw_rate_rad_s": error.rear_yaw_rate_whole}
 
 
 def flash_figure(table: FlashTable, name: str) -> Figure:
@@ -80,12 +94,14 @@ def flash_figure(table: FlashTable, name: str) -> Figure:
         for way, (colour, marker, label) in LOOKS.items():
             found = [point.placed for point in table.of(way) if point.placed is not None]
             sizes = [placed.flash_bytes for placed in found]
-            errors = [math.degrees(placed.error.yaw_rate_whole) for placed in found]
+            errors = [math.degrees(placed.bounded_error) for placed in found]
             axes.loglog(sizes, errors, marker=marker, color=colour, label=label, markersize=5.0)
-        axes.loglog([table.grid_bytes], [math.degrees(table.grid_error)], "D", color=GREY, label="the map's own grid, float")
+        grid_error = math.degrees(table.grid_error.bounded(table.tables))
+        axes.loglog([table.grid_bytes], [grid_error], "D", color=GREY, label="the map's own grid, float")
         axes.grid(True, which="both")
         axes.set_xlabel("Tables, axes and scales (bytes)")
-        axes.set_ylabel("Largest error of the yaw rate (deg/s)")
+        more = "" if table.tables == 1 else ",\nor of the rear angle times the yaw gain"
+        axes.set_ylabel(f"Largest error of the yaw rate{more} (deg/s)")
         tables = "yaw rate" if table.tables == 1 else "yaw rate and rear angle"
         axes.set_title(f"{name}: {tables}")
         axes.legend()

@@ -90,6 +90,18 @@ def test_what_cannot_be_is_told_in_a_line(refused: Refused, solved: Path, option
     assert told in refused("build", "--map", solved, *options, "-o", solved.parent / "x")
 
 
+def test_a_folder_of_the_user_is_refused_before_the_search(
+    refused: Refused, solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def search(*_: object) -> None:
+        raise AssertionError("searched first")
+
+    monkeypatch.setattr("codegen.emit.build.choose", search)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("mine", encoding="utf-8")
+    assert "holds 'notes.txt'" in refused("build", "--map", solved, "--max-error", "1deg/s", "-o", tmp_path / "mine")
+
+
 RATES = {"0.05deg/s": math.radians(0.05), " 1e-3 rad/s": 1e-3, ".5deg/s": math.radians(0.5)}
 
 

@@ -58,6 +58,28 @@ def solved(tmp_path: Path, config_path: Path, monkeypatch: pytest.MonkeyPatch) -
     return path
 
 
+@pytest.mark.parametrize(("written", "raised"), [("", True), ("trim_max_percent = 15.0", False)])
+def test_the_trim_is_what_a_map_of_the_nonlinear_tyre_needs(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str, raised: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tyre = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\ntyre_model = "magic-formula"\n'
+    path = write_config(tmp_path, tuning=TUNING + tyre + (f"[controller.tracking]\n{written}\n" if written else ""))
+    npz.save(solve_case(configuration.load(path), "nonlinear"), Path("map.npz"))
+    answer = run("tune", "--map", "map.npz", "-o", "map.npz")
+    assert answer.code == 0, answer
+    trim = stored(Path("map.npz")).controller.tracking.trim_max_percent
+    if not raised:
+        assert trim == 15.0 and "trim_max_percent" not in answer.out
+        return
+    assert trim > 1.0 and trim == int(trim)
+    assert f"controller.tracking.trim_max_percent: {trim:g} instead of 1; " in answer.out
+    again = json.loads(run("tune", "--map", "map.npz", "-o", "map.npz", "--json").out)
+    assert "trim_max_percent" not in again  # it is enough now
+    build = run("build", "--map", "map.npz", "-o", "x")
+    assert build.code == 0 and "slip bounds" not in build.err
+
+
 @pytest.fixture
 def bare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A user's own table: no configuration in it."""
