@@ -19,9 +19,12 @@ Count = Annotated[int, Field(ge=1, le=100_000_000)]
 LOOKUP, SECOND_TABLE = 95, 75
 """Instructions of a lookup over even breakpoints, and what a table for the rear angle adds."""
 
-SEARCH_ROUND, FRICTIONS, FRICTION, GRIP = 10, 60, 10, 60
+SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
 """Instructions that are added by a round of a search over uneven breakpoints, by tables for several frictions, by each of
-those, and by a table of what slip leaves of the cap."""
+those, by a table of what slip leaves of the cap, and by that for several frictions."""
+CARS, RAW = 20, 15
+"""Those of the steering that goes with a capped yaw rate, where the car lies between two frictions; and of what turns the raw
+numbers of a table into values."""
 
 COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 64}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
@@ -36,6 +39,8 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     },
 }
 """For a map with even breakpoints and one friction."""
+WITH_REAR_ANGLE: tuple[Kind, ...] = ("feedforward", "tracking")
+"""Kinds whose step looks the rear angle up."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +51,30 @@ class MapShape:
         search_rounds: of all axes together; an even one needs none.
         frictions: that the map is for.
         with_grip: whether there is a table of what slip leaves of the cap.
+        is_raw: whether the tables hold raw numbers.
     """
 
     search_rounds: int = 0
     frictions: int = 1
     with_grip: bool = False
+    is_raw: bool = False
 
     @property
     def instructions(self) -> int:
         """What that adds to a lookup."""
         stacked = FRICTIONS + FRICTION * self.frictions if self.frictions > 1 else 0
-        return SEARCH_ROUND * self.search_rounds + stacked + (GRIP if self.with_grip else 0)
+        grip = (GRIP + (GRIP_FRICTIONS if stacked else 0)) if self.with_grip else 0
+        return SEARCH_ROUND * self.search_rounds + stacked + grip + (1 + self.with_grip) * self._raw
+
+    @property
+    def reference_instructions(self) -> int:
+        """The same to one that gives the rear angle too."""
+        return self.instructions + (CARS if self.frictions > 1 else 0) + self._raw
+
+    @property
+    def _raw(self) -> int:
+        """Of one table, of which two layers are looked up where there are more."""
+        return RAW * min(self.frictions, 2) if self.is_raw else 0
 
 
 class Budgets(Section):
@@ -79,10 +97,10 @@ class Budgets(Section):
 
     def resolved(self, kind: Kind, shape: MapShape) -> dict[str, int]:
         """Every budget that there is, by its key."""
-        more = shape.instructions
+        more = shape.reference_instructions if kind in WITH_REAR_ANGLE else shape.instructions
         found = {
-            "lookup_instructions_max": LOOKUP + more,
-            "reference_instructions_max": LOOKUP + SECOND_TABLE + more,
+            "lookup_instructions_max": LOOKUP + shape.instructions,
+            "reference_instructions_max": LOOKUP + SECOND_TABLE + shape.reference_instructions,
             **COMMON,
             **OF_KIND[kind],
         }

@@ -47,8 +47,30 @@ def test_a_map_that_is_more_work_may_take_more() -> None:
     stacked = Budgets().resolved("pi", MapShape(search_rounds=8, frictions=4))
     gripping = Budgets().resolved("pi", MapShape(search_rounds=8, with_grip=True))
     more = {"lookup_instructions_max", "reference_instructions_max", "step_instructions_max", "task_instructions_max"}
-    for found, by in ((uneven, 80), (stacked, 80 + 100), (gripping, 80 + 60)):
+    for found, by in ((uneven, 80), (gripping, 80 + 60)):
         assert {key: found[key] - plain[key] for key in plain} == {key: by if key in more else 0 for key in plain}
+    # Where the car lies between two frictions, a reference is more work still.
+    steered = {"reference_instructions_max": 20}
+    assert {key: stacked[key] - plain[key] for key in plain} == {
+        key: 80 + 100 + steered.get(key, 0) if key in more else 0 for key in plain
+    }
+
+
+@pytest.mark.parametrize(
+    ("shape", "lookup", "reference"),
+    [
+        (MapShape(is_raw=True), 15, 30),
+        (MapShape(is_raw=True, with_grip=True), 60 + 2 * 15, 60 + 3 * 15),
+        (MapShape(is_raw=True, frictions=3), 90 + 2 * 15, 90 + 20 + 4 * 15),
+        (MapShape(is_raw=True, frictions=3, with_grip=True), 90 + 60 + 30 + 4 * 15, 90 + 60 + 30 + 20 + 6 * 15),
+    ],
+)
+def test_raw_numbers_take_a_conversion_for_each_table_and_layer(shape: MapShape, lookup: int, reference: int) -> None:
+    for kind, step in (("pi", lookup), ("tracking", reference)):
+        plain, found = Budgets().resolved(kind, PLAIN), Budgets().resolved(kind, shape)
+        assert found["lookup_instructions_max"] - plain["lookup_instructions_max"] == lookup
+        assert found["reference_instructions_max"] - plain["reference_instructions_max"] == reference
+        assert found["step_instructions_max"] - plain["step_instructions_max"] == step
 
 
 def test_what_is_given_holds_whatever_the_map() -> None:

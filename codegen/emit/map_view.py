@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
-from dataclasses import astuple, dataclass
-from typing import Any, Literal
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import AxisConstants, Lookup
+from codegen.refmap.lookup import AxisConstants, Lookup, SteeringConstants
 from codegen.refmap.storage import raw_of
 from codegen.refmap.tables import PLAUSIBLE
 
@@ -126,7 +126,7 @@ class GripView:
 
 @dataclass(frozen=True)
 class SteeringView:
-    """The linear car of `extend.CapSteering`."""
+    """The linear car of `total.CapSteering`; what its tyres decide, for each layer with commas between."""
 
     wheelbase: str
     understeer_coefficient: str
@@ -134,6 +134,16 @@ class SteeringView:
     rear_slip: str
     sideslip_max: str
     rear_angle_max: str
+
+    @classmethod
+    def of(cls, cars: Sequence[SteeringConstants], precision: Precision) -> Self:
+        """Of the layers' cars, which differ in their tyres alone."""
+        own = {field.name: literal(getattr(cars[-1], field.name), precision) for field in fields(cars[-1])}
+        of_the_tyres = {
+            name: ", ".join(literal(getattr(car, name), precision) for car in cars)
+            for name in ("understeer_coefficient", "rear_slip")
+        }
+        return cls(**own | of_the_tyres)
 
 
 @dataclass(frozen=True)
@@ -212,7 +222,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
         caps=", ".join(literal(value, precision) for value in lookup.caps),
         grip=grip,
-        steering=SteeringView(*(literal(value, precision) for value in astuple(lookup.steering))),
+        steering=SteeringView.of(lookup.cars, precision),
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap=literal(lookup.lateral_acceleration_cap, precision),
         cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),

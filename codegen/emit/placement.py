@@ -30,8 +30,8 @@ def grip_facts(total: TotalMap) -> dict[str, Any]:
         return {}
     speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
     facts = {"speed_m_s": speed, "front_angle_rad": front_angle, "least_share": float(total.grip.share.min())}
-    slip = total.steering.rear_slip_per_lateral_acceleration
-    return {"grip": {**facts, "rear_slip_per_lateral_acceleration_rad_s2_m": slip}}
+    slips = [layer.steering.rear_slip_per_lateral_acceleration for layer in total.stack]
+    return {"grip": {**facts, "rear_slip_per_lateral_acceleration_rad_s2_m": slips}}
 
 
 def placement_facts(placed: Placed) -> dict[str, Any]:

@@ -86,7 +86,7 @@ class Calibration:
             zip(_MAP, (lookup.caps[-1], lookup.lateral_acceleration_cap_per_friction, lookup.friction), strict=True)
         )
         if law.uses_rear_angle:
-            steering = lookup.steering
+            steering = lookup.cars[-1]
             constants |= zip(
                 _MAP_STEERING,
                 (steering.understeer_coefficient, steering.rear_slip, steering.sideslip_max, steering.rear_angle_max),

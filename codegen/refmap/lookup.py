@@ -18,7 +18,7 @@ is part of the contract, because in floating point it decides the last bit:
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -113,7 +113,7 @@ class AxisConstants:
 
 @dataclass(frozen=True)
 class SteeringConstants:
-    """`extend.CapSteering` in the precision of the target."""
+    """`total.CapSteering` in the precision of the target."""
 
     wheelbase: Any
     understeer_coefficient: Any
@@ -126,6 +126,12 @@ class SteeringConstants:
     def of(cls, steering: CapSteering, real: Real) -> SteeringConstants:
         """Those of a car."""
         return cls(*(real(value) for value in astuple(steering)))
+
+    def towards(self, other: SteeringConstants, share: Any) -> SteeringConstants:
+        """Between two roads, of which the tyres' stiffnesses are."""
+        coefficient = self.understeer_coefficient + share * (other.understeer_coefficient - self.understeer_coefficient)
+        slip = self.rear_slip + share * (other.rear_slip - self.rear_slip)
+        return replace(self, understeer_coefficient=coefficient, rear_slip=slip)
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,7 @@ class Lookup:
         tables, rear_tables: (k, n, m), of the lowest friction first; k is 1 for a map without a stack.
         frictions, caps: (k,) the layers' friction and ay_cap in m/s^2.
         lateral_acceleration_cap_per_friction: m/s^2, of the lowest layer: below its friction the cap shrinks in proportion.
+        cars: (k,) of the layers.
         grip: shares of the caps; None where the caps are the same everywhere.
     """
 
@@ -168,7 +175,7 @@ class Lookup:
     frictions: npt.NDArray[Any]
     caps: npt.NDArray[Any]
     lateral_acceleration_cap_per_friction: Any
-    steering: SteeringConstants
+    cars: tuple[SteeringConstants, ...]
     real: Real
     grip: GripConstants | None = None
 
@@ -184,7 +191,7 @@ class Lookup:
             frictions=np.array([layer.friction for layer in stack], dtype=real),
             caps=np.array([cap_in_precision(layer.lateral_acceleration_cap, real) for layer in stack], dtype=real),
             lateral_acceleration_cap_per_friction=cap_in_precision(lowest.lateral_acceleration_cap / lowest.friction, real),
-            steering=SteeringConstants.of(total.steering, real),
+            cars=tuple(SteeringConstants.of(layer.steering, real) for layer in stack),
             real=real,
             grip=GripConstants.of(total, real),
         )
@@ -232,7 +239,8 @@ class Lookup:
                 share = self._over_friction(self.grip.shares, layer, *self.grip.locate(v, magnitude))
                 cap = cap * np.where(share < self.real(1.0), np.maximum(share, self.real(0.0)), self.real(1.0))
             capped = yaw_rate * v > cap
-            rear_angle = np.where(capped, capped_rear_angle(self.steering, yaw_rate, rear_angle, cap / v, clamped), rear_angle)
+            car = self._car(layer)
+            rear_angle = np.where(capped, capped_rear_angle(car, yaw_rate, rear_angle, cap / v, clamped), rear_angle)
             yaw_rate = np.where(capped, cap / v, yaw_rate)
             left = ~(angle < zero)
             return np.where(left, yaw_rate, -yaw_rate), np.where(left, rear_angle, -rear_angle)
@@ -257,6 +265,10 @@ class Lookup:
         if friction < frictions[0]:
             cap = self.lateral_acceleration_cap_per_friction * friction
         return (layer, share), cap
+
+    def _car(self, layer: tuple[int, Any]) -> SteeringConstants:
+        index, share = layer
+        return self.cars[0] if len(self.cars) == 1 else self.cars[index].towards(self.cars[index + 1], share)
 
     def _over_friction(self, tables: npt.NDArray[Any], layer: tuple[int, Any], row: Any, column: Any) -> npt.NDArray[Any]:
         index, share = layer

@@ -13,7 +13,7 @@ against.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -158,8 +158,6 @@ def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
     origin: Origin = "table"
     if len(known) == len(layers):
         origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
-        if origin == "surfaces":
-            known = _measured(known, maps, configs)
     else:
         known = tuple(GroundLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
     speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
@@ -206,29 +204,14 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
     # Near its peak the tyre slips more for the same lateral acceleration than the linear car's.
     slip = max(found.rear_slip, total.steering.rear_slip_per_lateral_acceleration)
     steering = replace(total.steering, rear_slip_per_lateral_acceleration=slip)
-    return GroundLayer(
+    layer = GroundLayer(
         # Before the cap the rear angle may leave its range, in which the laws hold it.
         surface=_surface(*axes, _plausible(found.yaw_rate), found.rear_angle),
         cap=cap,
         total=replace(total, lateral_acceleration_cap=cap, steering=steering),
         share=interpolated(*axes, found.lateral_acceleration / cap),
     )
-
-
-def _measured(
-    layers: Sequence[GroundLayer], maps: Sequence[ReferenceMap], configs: Sequence[Config]
-) -> tuple[GroundLayer, ...]:
-    """Surfaces with their gaps, as one lookup makes them of one car for all frictions: that with the most slip."""
-    slip = max(layer.total.steering.rear_slip_per_lateral_acceleration for layer in layers)
-    measured = []
-    for layer, reference_map, config in zip(layers, maps, configs, strict=True):
-        assert reference_map.case is not None  # it is solved
-        case = config.case(reference_map.case)
-        steering = replace(layer.total.steering, rear_slip_per_lateral_acceleration=slip)
-        steered = replace(layer, total=replace(layer.total, steering=steering))
-        ends = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
-        measured.append(replace(steered, gap=_gap(steered, turns_of(config, case), *ends, passive_safe=case.passive_safe)))
-    return tuple(measured)
+    return replace(layer, gap=_gap(layer, turns, speed, front_angle, passive_safe=passive_safe))
 
 
 def _gap(

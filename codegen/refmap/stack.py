@@ -105,6 +105,11 @@ def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, .
     return tuple(rising[:-1])
 
 
+def roads(config: Config, frictions: Sequence[float]) -> list[Config]:
+    """The configuration on each of some frictions, of which the last one is its own. Raises ConfigError: see `on_road`."""
+    return [*(on_road(config, friction) for friction in frictions[:-1]), config]
+
+
 def layer_configs(reference_map: ReferenceMap, config: Config) -> tuple[Config, ...]:
     """The configuration of each layer: its own, or for a map that brings none the car of `config` on the layer's road.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -20,6 +20,7 @@ from codegen.emit.text import numpy_type
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
 from codegen.refmap.lookup import AxisConstants, GripConstants, Lookup, Real, SteeringConstants
+from codegen.refmap.stack import roads
 from codegen.refmap.total import CapSteering
 from codegen.verify.check import Subject
 
@@ -34,6 +35,7 @@ _STEERING = (
     *("sideslip_max", "rear_angle_max"),
 )
 """Of the linear car, in the order of `SteeringConstants`."""
+_OF_THE_TYRES = ("understeer_coefficient", "rear_slip_per_lateral_acceleration")
 _NUMBER = re.compile(r"(?<!\w)[-+]?\d[\d.]*(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
@@ -63,13 +65,14 @@ def lookup_of(subject: Subject) -> Lookup:
         shares = bounds.of("grip_share_table", (frictions.size, own[0].size, own[1].size))
         scale = bounds.of("grip_share_scale", (1,))[0] if "storage" in facts else real(1.0)
         grip = GripConstants(AxisConstants(own[0], real), AxisConstants(own[1], real), shares * scale)
-    car = CapSteering.from_config(subject.config)
+    cars = [CapSteering.from_config(config) for config in roads(subject.config, facts["frictions"])]
     if "grip" in facts:
-        car = replace(car, rear_slip_per_lateral_acceleration=facts["grip"]["rear_slip_per_lateral_acceleration_rad_s2_m"])
-    steering = [real(value) for value in astuple(car)]
+        slips = facts["grip"]["rear_slip_per_lateral_acceleration_rad_s2_m"]
+        cars = [replace(car, rear_slip_per_lateral_acceleration=slip) for car, slip in zip(cars, slips, strict=True)]
+    steering = [SteeringConstants.of(car, real) for car in cars]
     is_own_car = subject.manifest["inputs"]["configuration"]["source"] in ("map", "preset")
     if uses_rear_angle and not is_own_car and subject.is_of_this_version:
-        steering = [bounds.of(name, (1,))[0] for name in _STEERING]
+        steering = _cars_of(bounds, len(cars))
     return Lookup(
         speed_axis=AxisConstants(axes[0], real),
         front_axis=AxisConstants(axes[1], real),
@@ -78,10 +81,19 @@ def lookup_of(subject: Subject) -> Lookup:
         frictions=frictions,
         caps=bounds.of(caps, frictions.shape),
         lateral_acceleration_cap_per_friction=bounds.of("lateral_acceleration_cap_per_friction", (1,))[0],
-        steering=SteeringConstants(*steering),
+        cars=tuple(steering),
         real=real,
         grip=grip,
     )
+
+
+def _cars_of(bounds: _Constants, count: int) -> list[SteeringConstants]:
+    """Those of the C: what the tyres decide has a number for each friction."""
+    columns = [
+        bounds.of(name + "s", (count,)) if count > 1 and name in _OF_THE_TYRES else np.repeat(bounds.of(name, (1,)), count)
+        for name in _STEERING
+    ]
+    return [SteeringConstants(*numbers) for numbers in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -134,6 +135,8 @@ def reference_by_rule(
     yaw_rate = np.minimum(asked, cap / speed)
     capped = asked > yaw_rate
     car, v = total.steering, np.minimum(speed, total.speed[-1])
+    for name in ("understeer_coefficient", "rear_slip_per_lateral_acceleration"):  # of the tyres on that road
+        car = replace(car, **{name: over_friction([getattr(layer.steering, name) for layer in stack])})
     less_turn = rear + (asked - yaw_rate) * inverse_gain(car, v)
     sideslip_bound = car.sideslip_max - yaw_rate * (car.rear_arm / v - car.rear_slip_per_lateral_acceleration * v)
     steered = np.maximum(np.minimum(np.minimum(less_turn, sideslip_bound), car.rear_angle_max), rear)

@@ -54,7 +54,7 @@ def test_on_a_layer_s_own_friction_the_map_is_that_layer() -> None:
     of_map = units.of_map("stack", "double")
     speed, angle = (values.ravel() for values in np.meshgrid(np.linspace(1.0, 40.0, 30), np.linspace(0.001, 0.6, 30)))
     for layer in of_map.total.stack:
-        alone = replace(layer, steering=of_map.total.steering, layers=())  # one linear car serves all roads
+        alone = replace(layer, layers=())
         yaw_rate, rear_angle, _ = checks_map_reference.reference_by_rule(alone, speed, angle, layer.friction)
         got = of_map.map_reference(speed, angle, layer.friction)
         assert np.abs(got[0] - yaw_rate).max() < 1e-12

@@ -88,7 +88,8 @@ def _budgets(subject: Subject) -> dict[str, int]:
         for name in ("speed_m_s", "front_angle_rad")
     ]
     rounds = sum(len(axis.search_steps) for axis in axes if not axis.even)
-    return config.budgets.resolved(config.controller.kind, MapShape(rounds, len(table["frictions"]), grip is not None))
+    shape = MapShape(rounds, len(table["frictions"]), grip is not None, "storage" in table)
+    return config.budgets.resolved(config.controller.kind, shape)
 
 
 def _unbounded(subject: Subject) -> tuple[tuple[str, ...], tuple[str, ...]]:
