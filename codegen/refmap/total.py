@@ -34,7 +34,7 @@ RULE_TEXT = {
     Rule.PASSIVE_SLOPE: "beyond an edge set by sideslip or rear angle, or beyond the last angle: on with the passive gain",
     Rule.BETWEEN: "infeasible between feasible cells: interpolated over the front angle",
     Rule.NEIGHBOUR: "no feasible cell at this speed: interpolated between the neighbouring speeds",
-    Rule.CONTINUED: "above the cap, which cuts it: the optimum without the grip bounds; with the nonlinear tyre, by its slope",
+    Rule.CONTINUED: "above the cap, which cuts it off: the optimum without the bounds on grip (nonlinear tyre: its slope)",
 }
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, plain, style
-from codegen.sweep.summary import BINS, Figure, Outcome, Summary
+from codegen.sweep.summary import Figure, Outcome, Summary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +32,10 @@ PANELS = (
 )
 """Name of the picture, figure, label."""
 
-LIMITS = {"yaw_rate_ratio_1_75_s_percent": (20.0, "%"), "lateral_displacement_m": (1.83, "m")}
-"""Value and unit, of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
+LIMITS = {"yaw_rate_ratio_1_75_s_percent": (20.0, "% at most"), "lateral_displacement_m": (1.83, "m at least")}
+"""Value, unit and side, of FMVSS 126, S5.2.2 and S5.2.3 (for cars up to 3,500 kg)."""
+OUT_FROM = 3.0
+"""Width of the data over that of the usual runs and the limit, from which the axis ends at half of the latter beyond them."""
 
 
 def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
@@ -68,19 +70,40 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
 
 def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
     """A line, or a line in the legend alone where the axis would have to reach far beyond the data for it."""
-    low, high = min(one.low for one in shown), max(one.high for one in shown)
     look: Mapping[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
     label = f"limit of FMVSS 126, {limit:g} {unit}"
-    if max(high, limit) - min(low, limit) <= FAR_FROM * (high - low):
+    if _is_near(shown, limit):
         axes.axvline(limit, label=label, **look)
     else:
-        axes.plot([], [], label=f"{label}:\nfar to the {'left' if limit < low else 'right'}", **look)
+        side = "left" if limit < min(one.low for one in shown) else "right"
+        axes.plot([], [], label=f"{label}:\nfar to the {side}", **look)
+
+
+def _is_near(shown: list[Figure], limit: float) -> bool:
+    low, high = min(one.low for one in shown), max(one.high for one in shown)
+    return max(high, limit) - min(low, limit) <= FAR_FROM * (high - low)
+
+
+def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
+    """The usual runs, and a limit that is drawn; of those far beyond, the legend says how many they are."""
+    drawn = [limit] if _is_near(shown, limit) else []
+    low, high = (of([*(one.quantiles[at] for one in shown), *drawn]) for of, at in ((min, 0), (max, 2)))
+    if max(one.high for one in shown) - min(one.low for one in shown) <= OUT_FROM * (high - low):
+        return
+    begin, end = low - 0.5 * (high - low), high + 0.5 * (high - low)
+    beyond = sum(int(one.histogram[(one.edges[1:] < begin) | (one.edges[:-1] > end)].sum()) for one in shown)
+    axes.set_xlim(begin, end)
+    if beyond:
+        percent = 100.0 * beyond / sum(one.count for one in shown)
+        axes.plot([], [], " ", label=f"{percent:.2g} % of the runs lie beyond the axis")
 
 
 def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
     """Linear, or where a few runs lie far out logarithmic beyond a power of ten, with plain numbers at its ticks."""
     furthest = max(max(abs(one.low), abs(one.high)) for one in shown)
     if furthest <= LOG_FROM * max(*(abs(one.quantiles[1]) for one in shown), limit, 1e-9):
+        if limit:
+            _window(axes, shown, limit)
         return
     usual = max(*(abs(value) for one in shown for value in (one.quantiles[0], one.quantiles[2])), limit)
     least = math.ceil(math.log10(usual)) if usual > 0.0 else 0
@@ -96,10 +119,8 @@ def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
 
 def _draw(axes: Axes, figure: Figure, outcome: Outcome, name: str, place: int) -> None:
     """Cumulative, over all runs: a curve that ends below 100 % shows how many spun, or never came to the figure."""
-    edges = figure.low + (figure.high - figure.low) * np.arange(1, BINS + 1) / BINS
-    share = 100.0 * np.cumsum(figure.histogram) / outcome.runs
-    edges, share = np.concatenate([[figure.low], edges]), np.concatenate([[0.0], share])
+    share = np.concatenate([[0.0], 100.0 * np.cumsum(figure.histogram) / outcome.runs])
     spun = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun" if outcome.spun else ""
     colour = GREY if name == "passive" else COLOURS[place % len(COLOURS)]
     line = LINES[(place // len(COLOURS)) % len(LINES)]
-    axes.plot(edges, share, color=colour, linestyle=line, label=f"{name}{spun}")
+    axes.plot(figure.edges, share, color=colour, linestyle=line, label=f"{name}{spun}")

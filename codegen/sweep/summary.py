@@ -67,6 +67,11 @@ class Figure:
         """Standard deviation."""
         return math.sqrt(self.squares / self.count) if self.count else math.nan
 
+    @property
+    def edges(self) -> FloatArray:
+        """(BINS + 1,) of the bins."""
+        return self.low + (self.high - self.low) * np.arange(BINS + 1) / BINS
+
     def add(self, values: FloatArray) -> None:
         """First reading: more runs. (T. F. Chan, G. H. Golub, R. J. LeVeque, 1979: sums that keep their digits.)"""
         if not values.size:

@@ -126,19 +126,19 @@ def test_kinds_without_feedback_are_told_as_the_car_alone(linear: Region) -> Non
     assert linear.without.all()  # the paper's car
 
 
-def test_the_line_of_6_db_is_named_in_the_legend(linear: Region) -> None:
+def test_the_line_of_6_db_is_named_in_the_caption(linear: Region) -> None:
     """Where there is one; its labels would be rotated, "9" for 6."""
 
-    def names(one: Region) -> list[list[str]]:
+    def captions(one: Region) -> list[str]:
         gallery = next(block for block in region_blocks({"pi": one}) if isinstance(block, Gallery))
         for chart in gallery.charts:
             (line,) = (trace for trace in chart.figure["data"] if trace["type"] == "contour")
             assert not line["contours"]["showlabels"]
-        return [[trace.get("name", "") for trace in chart.figure["data"]] for chart in gallery.charts]
+        return [chart.caption for chart in gallery.charts]
 
-    assert all("gain margin of 6 dB" in one for one in names(linear))
+    assert all("In white: line: 6 dB" in one for one in captions(linear))
     ample = replace(linear, gain_margin_db=np.full_like(linear.gain_margin_db, 12.0))
-    assert not any("gain margin of 6 dB" in one for one in names(ample))
+    assert not any("6 dB" in one for one in captions(ample))
 
 
 def test_growth_and_stability_say_the_same(linear: Region) -> None:

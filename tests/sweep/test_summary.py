@@ -258,6 +258,16 @@ def test_a_limit_far_from_the_data_is_told_in_words(low: float, high: float, dra
     assert ("left" in label) == (low > 20.0)
 
 
+def test_a_few_runs_far_out_do_not_set_the_axis() -> None:
+    """The legend counts them."""
+    ratios = np.concatenate([np.linspace(-2.0, 3.0, 990), np.linspace(150.0, 200.0, 10)])
+    ((_, picture),) = pictures(of_ratios(ratios))
+    (axes,) = picture.axes
+    left, right = axes.get_xlim()
+    assert -20.0 < left < -2.0 and 20.0 < right < 40.0
+    assert "1 % of the runs lie beyond the axis" in [text.get_text() for text in axes.get_legend().get_texts()]
+
+
 def test_the_factors_of_a_run_in_words() -> None:
     row = dict.fromkeys(FACTORS, 12.3456) | {"delay_samples": 2.0, "mass_percent": -0.0, "overshoot_percent": 7.0}
     assert factors_of(row) == (

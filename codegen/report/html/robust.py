@@ -9,7 +9,7 @@ import numpy as np
 
 from codegen.config import preset
 from codegen.emit.laws import LAWS
-from codegen.report.html.blocks import MUTED, Block, Chart, Gallery, Table, Text
+from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers, scale_of
 from codegen.report.html.maps import SPEED, colour_bar
 from codegen.sweep.region import MARGIN_SHARES, TURN_SHARE, Region
@@ -39,7 +39,7 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
         f'chart; the rows "{WITHOUT}" of the first table are those of all of them.'
     )
     for name, region in regions.items():
-        yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))])
+        yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))], "17rem")
     header = ("controller", "mass", *(f"friction {friction:g}" for friction in _shown(next(iter(regions.values())))))
     yield Table(
         "First speed of the grid at which it is unstable straight ahead, km/h", header, list(_rows(regions)), words=(0,)
@@ -120,7 +120,7 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "zmin": 0.0,
             "zmax": GAIN_MARGIN_SHOWN,
             "colorscale": scale_of("viridis"),
-            "colorbar": colour_bar("dB"),
+            "colorbar": {**colour_bar("gain margin (dB)"), "orientation": "h", "y": -0.28, "yanchor": "top"},
             "hovertemplate": f"{name}, {weight}: %{{z:.1f}} dB<br>%{{x:.0f}} km/h, friction %{{y:g}}<extra></extra>",
         },
         {
@@ -135,13 +135,11 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             "hoverinfo": "skip",
         },
     ]
-    has_line = bool((margin < WANTED).any() and (margin > WANTED).any())
-    if has_line:  # an entry of its own: that of a contour shows its colour scale
-        entry = {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "hoverinfo": "skip"}
-        data.append({**entry, "name": f"gain margin of {WANTED:g} dB", "line": {"width": 2, "color": "white"}})
-    for title, symbol, cells in _marks(region, mass):
+    told = [f"line: {WANTED:g} dB"] if (margin < WANTED).any() and (margin > WANTED).any() else []
+    for title, symbol, sign, cells in _marks(region, mass):
         at = np.argwhere(cells)
         if at.size:
+            told.append(f"{sign} {title}")
             data.append(
                 {
                     "type": "scatter",
@@ -160,22 +158,24 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
                 SPEED, showgrid=False, zeroline=False, range=[region.speeds_km_h[0] - 10.0, region.speeds_km_h[-1] + 10.0]
             ),
             yaxis=axis("Friction of the road", showgrid=False, zeroline=False),
-            legend={"bgcolor": MUTED, "font": {"color": "white"}, "orientation": "h", "y": 1.02, "yanchor": "bottom"},
+            showlegend=False,
+            margin={"l": 60, "r": 20, "t": 20, "b": 120},
         ),
     }
     share = 100.0 * region.stable[mass].mean()
-    line = f"White line: {WANTED:g} dB. " if has_line else ""
+    signs = f"In white: {', '.join(told)}. " if told else ""
     caption = (
-        f"{name}, {weight}: gain margin straight ahead; stable in {share:.0f} % of the cells. {line}"
+        f"{name}, {weight}: gain margin straight ahead; stable in {share:.0f} % of the cells. {signs}"
         f"More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
     )
     return Chart(f"region-{name}-{mass}", figure, caption, caption, 400)
 
 
-def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, Any]]:
-    yield "unstable", "x-thin", ~region.stable[mass]
+def _marks(region: Region, mass: int) -> Iterator[tuple[str, str, str, Any]]:
+    """Name, symbol, its sign in a text, and the cells."""
+    yield "unstable", "x-thin", "×", ~region.stable[mass]
     if region.driven is not None:
-        yield "driven: otherwise than computed", "diamond", region.contradicted[mass]
-        yield "gain margin driven: otherwise", "diamond-open", region.margin_contradicted[mass]
-        yield "too near to the border to tell", "square-open", (region.undecided | region.margin_undecided)[mass]
-    yield "unstable in the turn", "circle-open", region.stable[mass] & region.turn_found[mass] & ~region.turn_stable[mass]
+        yield "driven: otherwise than computed", "diamond", "◆", region.contradicted[mass]
+        yield "gain margin driven: otherwise", "diamond-open", "◇", region.margin_contradicted[mass]
+        yield "too near to the border to tell", "square-open", "□", (region.undecided | region.margin_undecided)[mass]
+    yield "unstable in the turn", "circle-open", "○", region.stable[mass] & region.turn_found[mass] & ~region.turn_stable[mass]
