@@ -195,7 +195,7 @@ class QuantityType(click.ParamType[Quantity]):
 _QUANTITY = re.compile(r"(?P<number>-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)\s*(?P<unit>[A-Za-z/]*)", re.ASCII)
 
 yaw_rate_error = QuantityType("yaw rate", {"deg/s": math.pi / 180.0, "rad/s": 1.0}, "0.05deg/s")
-memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MiB": 1048576.0}, "4KiB")
+memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MB": 1e6, "MiB": 1048576.0}, "4KiB")
 any_file = FileType()
 map_file, map_to_write = FileType((".npz",)), FileType((".npz",), to_write=True)
 configuration_file = FileType((".toml",))

@@ -32,6 +32,7 @@ CLOSER = (0.98, 0.96)
 """Of a bound: tighter ones, for which the search can happen to find fewer bytes."""
 
 TRIES = 10
+"""Of a search whose tables turn out a little further off in the stored numbers, each time for a tighter bound."""
 SPARE = 0.995
 """Of the bound that the last try calls for."""
 

@@ -71,12 +71,12 @@ def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) ->
 def _draw_limit(axes: Axes, shown: list[Figure], limit: float, unit: str) -> None:
     """A line, or a line in the legend alone where the axis would have to reach far beyond the data for it."""
     look: Mapping[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (2, 2))}
-    label = f"limit of FMVSS 126, {limit:g} {unit}"
+    label = f"limit of FMVSS 126,\n{limit:g} {unit}"
     if _is_near(shown, limit):
         axes.axvline(limit, label=label, **look)
     else:
         side = "left" if limit < min(one.low for one in shown) else "right"
-        axes.plot([], [], label=f"{label}:\nfar to the {side}", **look)
+        axes.plot([], [], label=f"{label}, far to the {side}", **look)
 
 
 def _is_near(shown: list[Figure], limit: float) -> bool:
@@ -95,7 +95,7 @@ def _window(axes: Axes, shown: list[Figure], limit: float) -> None:
     axes.set_xlim(begin, end)
     if beyond:
         percent = 100.0 * beyond / sum(one.count for one in shown)
-        axes.plot([], [], " ", label=f"{percent:.2g} % of the runs lie beyond the axis")
+        axes.plot([], [], " ", label=f"{percent:.2g} % of the runs\nlie beyond the axis")
 
 
 def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:

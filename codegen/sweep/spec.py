@@ -104,6 +104,9 @@ class Values(Section):
     def _one_kind(self) -> Self:
         if sum(kind is not None for kind in (self.uniform, self.normal, self.values)) != 1:
             raise ValueError("give exactly one of uniform, normal and values")
+        given = [*(self.uniform or ()), *(self.normal or ()), *(self.within or ()), *(self.values or ())]
+        if not all(math.isfinite(number) for number in given):
+            raise ValueError("nan and inf are no values; give finite numbers")
         if self.uniform is not None and self.uniform[0] >= self.uniform[1]:
             raise ValueError("uniform needs the lower end first; swap them, or give values")
         if (self.normal is None) != (self.within is None):
@@ -174,7 +177,7 @@ class Spec(Section):
     design: Literal["monte-carlo", "factorial"] = "monte-carlo"
     samples: int | None = Field(default=None, ge=WHOLE["samples"][0], le=WHOLE["samples"][1])
     seed: int = Field(default=0, ge=WHOLE["seed"][0], le=WHOLE["seed"][1])
-    scenarios: Annotated[list[str], Field(min_length=1, max_length=20)] = Field(default_factory=lambda: ["step-steer"])
+    scenarios: Annotated[list[str], Field(max_length=20)] = Field(default_factory=lambda: ["step-steer"])
     lead_s: Annotated[float, Range(0.1, 60.0, "s")] = 1.0
     length_s: Annotated[float, Range(1.0, 600.0, "s")] | None = None
     controllers: Annotated[
@@ -186,6 +189,8 @@ class Spec(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        if not self.scenarios:
+            raise ValueError("scenarios names none; list one at least, such as step-steer")
         if len(set(self.scenarios)) != len(self.scenarios):
             raise ValueError("scenarios names one twice; remove it")
         if self.controllers.get(PASSIVE):
@@ -252,7 +257,7 @@ def parse(data: Mapping[str, Any], where: object) -> Spec:
 def _first_fault(error: ValidationError, where: object) -> CodegenError:
     # A misspelt key explains a value that seems missing, so it is told first.
     fault = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
-    parts = [str(part) for part in fault["loc"] if isinstance(part, int) or not part.startswith("function-")]
+    parts = [str(part) for part in fault["loc"] if isinstance(part, int) or not part.startswith(("function-", "["))]
     place = f"{where}: {'.'.join(parts)}" if parts else str(where)
     if fault["type"] == "extra_forbidden":
         known = Values.model_fields if parts[:1] == ["factors"] else Spec.model_fields

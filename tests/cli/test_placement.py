@@ -76,7 +76,7 @@ def test_bytes_and_error_are_kept_and_told(run: Run, solved: Path, tmp_path: Pat
         (("--max-error", "1e999rad/s"), "above zero"),
         (("--max-error", "1\ndeg/s\n2"), "no number"),
         (("--max-error", ""), "no number"),
-        (("--max-flash", "4"), "no unit; give a number and B or kB or KiB or MiB"),
+        (("--max-flash", "4"), "no unit; give a number and B or kB or KiB or MB or MiB"),
         (("--max-flash", "4kb"), "is in 'kb'"),
         (("--max-flash", "-4KiB"), "'-4KiB' must be above zero"),
         (("--max-flash", "8B"), "the smallest one takes 32 bytes"),
@@ -117,7 +117,7 @@ def test_rates_are_read_with_their_unit(written: str, value: float) -> None:
 def test_sizes_are_read_with_their_unit() -> None:
     from codegen.cli.values import memory_size
 
-    sizes = {"4KiB": 4096, "4096B": 4096, "4kB": 4000, "1MiB": 1048576, "0.5 KiB": 512}
+    sizes = {"4KiB": 4096, "4096B": 4096, "4kB": 4000, "2MB": 2000000, "1MiB": 1048576, "0.5 KiB": 512}
     assert {written: memory_size.convert(written, None, None).value for written in sizes} == sizes
 
 

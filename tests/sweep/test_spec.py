@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,6 @@ def test_a_factorial_design_counts_its_combinations() -> None:
         ({"samples": None}, "samples is missing; a monte-carlo design needs it"),
         ({"samples": True}, "samples: "),
         ({"design": "random"}, "design: "),
-        ({"scenarios": []}, "scenarios: "),
         ({"scenarios": ["step-steer", "step-steer"]}, "names one twice"),
         ({"controllers": {}}, "controllers: "),
         ({"controllers": {"passive": ""}}, "controllers names no build"),
@@ -68,6 +68,9 @@ def test_a_factorial_design_counts_its_combinations() -> None:
         ({"controllers": {"a b": "build"}}, "cannot stand in C"),
         ({"factors": {"mass_percnt": [1.0]}}, "there is no factor 'mass_percnt'; did you mean 'mass_percent'?"),
         ({"factors": {"friction": [90]}}, "outside 0.05 to 1.5; check the unit"),
+        ({"factors": {"friction": [math.nan]}}, "nan and inf are no values"),
+        ({"factors": {"friction": {"normal": [math.nan, 0.1], "within": [0.2, 1.0]}}}, "nan and inf are no values"),
+        ({"scenarios": []}, "scenarios names none"),
         ({"factors": {"friction": []}}, "factors.friction.values: "),
         ({"factors": {"friction": True}}, "a number is needed, not True"),
         ({"factors": {"friction": {"uniform": [0.9, 0.4]}}}, "uniform needs the lower end first"),

@@ -253,7 +253,7 @@ def test_a_limit_far_from_the_data_is_told_in_words(low: float, high: float, dra
     left, right = axes.get_xlim()
     assert (left <= 20.0 <= right) == drawn
     (label,) = [text.get_text() for text in axes.get_legend().get_texts() if "limit" in text.get_text()]
-    assert label.startswith("limit of FMVSS 126, 20 %")
+    assert label.startswith("limit of FMVSS 126,\n20 % at most")
     assert ("far to the" in label) == (not drawn)
     assert ("left" in label) == (low > 20.0)
 
@@ -265,7 +265,7 @@ def test_a_few_runs_far_out_do_not_set_the_axis() -> None:
     (axes,) = picture.axes
     left, right = axes.get_xlim()
     assert -20.0 < left < -2.0 and 20.0 < right < 40.0
-    assert "1 % of the runs lie beyond the axis" in [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "1 % of the runs\nlie beyond the axis" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_the_factors_of_a_run_in_words() -> None:
