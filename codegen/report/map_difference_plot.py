@@ -52,6 +52,9 @@ def map_difference_figure(
     Args:
         used: `slip_use` of each; without any its two panels are left out.
     """
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import MaxNLocator
+
     known = any(used)
     titles = [f"{which}: {plain(one_line(name, NAME_MAX))}" for which, name in zip(("first", "second"), names, strict=True)]
     with style():
@@ -62,11 +65,12 @@ def map_difference_figure(
         limits = {"xlim": grid[0][0].get_xlim(), "ylim": grid[0][0].get_ylim()}
         _draw_gain(figure, gain, maps)
         entries = _draw_where(where, maps)
-        if known:
-            _draw_use(figure, grid[1][:2], maps, used, titles)
+        if known and _draw_use(figure, grid[1][:2], maps, used, titles):
+            entries.append(Line2D([], [], color=BLACK, linewidth=1.0, label="slip meets its bound"))
         grid[0][0].set(**limits)
         for axes in grid[-1]:
             axes.set_xlabel(SPEED_LABEL)
+        grid[0][0].xaxis.set_major_locator(MaxNLocator(5, prune="upper"))  # the last would touch the next panel's first
         for axes in grid[:, 0]:
             axes.set_ylabel(FRONT_ANGLE_LABEL)
         figure.legend(handles=entries, loc="outside lower center", ncols=len(entries))
@@ -83,7 +87,7 @@ def _draw_yaw_rates(
         assert table is not None
         draw_table(axes, one, table, scale, YAW_RATE.colours)
         axes.set_title(f"{YAW_RATE.name}, {title}")
-    YAW_RATE.colour_bar(figure, list(panels), scale, label=YAW_RATE.unit)
+    YAW_RATE.colour_bar(figure, list(panels), scale, label=f"yaw rate ({YAW_RATE.unit})")
 
 
 def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMap]) -> None:
@@ -95,7 +99,7 @@ def _draw_gain(figure: Figure, axes: Axes, maps: tuple[ReferenceMap, ReferenceMa
     reach = max(float(np.nanmax(np.abs(gain), initial=0.0)), LEAST)
     scale = Normalize(-reach, reach)
     draw_table(axes, first, gain, scale, DIVERGING)
-    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label="deg/s")
+    figure.colorbar(ScalarMappable(scale, DIVERGING), ax=axes, label=f"yaw rate ({YAW_RATE.unit})")
     axes.set_title("First less second")
 
 
@@ -128,8 +132,9 @@ def _draw_use(
     maps: tuple[ReferenceMap, ReferenceMap],
     used: tuple[SlipUse | None, SlipUse | None],
     titles: Sequence[str],
-) -> None:
-    """The axle that is nearer to its bound, in percent of it; a line where it meets its bound, the middle of the scale."""
+) -> bool:
+    """The axle that is nearer to its bound, in percent of it; a line where it meets its bound, the middle of the scale. Whether
+    there is such a line."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import TwoSlopeNorm
 
@@ -137,15 +142,18 @@ def _draw_use(
     highest = max((float(np.nanmax(table, initial=0.0)) for table in tables if table is not None), default=0.0)
     top = max(highest, BOUND + LEAST_ABOVE)
     scale = TwoSlopeNorm(BOUND, 0.0, top)
+    lines = 0
     for axes, one, table, title in zip(panels, maps, tables, titles, strict=True):
         if table is None:
             axes.text(0.5, 0.5, "brings no car", transform=axes.transAxes, ha="center")
         else:
             draw_table(axes, one, table, scale, USE)
             if (table > ABOVE).any():
+                lines += 1
                 held = np.ma.masked_invalid(table.T)
                 axes.contour(one.speed / KM_H, np.degrees(one.front_angle), held, [ABOVE], colors=BLACK, linewidths=1.0)
         axes.set_title(f"Slip used, {title}")
     ticks = [*np.arange(0.0, BOUND, 25.0), *np.linspace(BOUND, top, 3)]
-    label = "of the bound on the plant, line at 100 (%)"
+    label = "slip, of its bound on the plant (%)"
     figure.colorbar(ScalarMappable(scale, USE), ax=list(panels), label=label, ticks=ticks, format="%.0f")
+    return lines > 0
