@@ -122,13 +122,15 @@ def _with_trim(reference_map: ReferenceMap, config: Config, where: Path) -> tupl
         "trim_max_percent_before": before,
         "reference_model_excess_percent": excess.percent,
         "excess_at_km_h": round(excess.speed / KM_H, 1),
-        "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 1),
+        "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 2),
+        "excess_at_friction": excess.friction,
     }
     return changed, told
 
 
 def _trim_text(told: dict[str, Any]) -> str:
-    place = f"{told['excess_at_km_h']:.0f} km/h, {told['excess_at_front_angle_deg']:.1f} deg"
+    where = f"{told['excess_at_km_h']:.0f} km/h, {told['excess_at_front_angle_deg']:.1f} deg"
+    place = f"{where}, friction {told['excess_at_friction']:g}"
     return (
         f"controller.tracking.trim_max_percent: {told['trim_max_percent']:g} instead of {told['trim_max_percent_before']:g}; "
         f"in steady state the reference model turns up to {told['reference_model_excess_percent']:.1f} % more than this map "

@@ -50,7 +50,8 @@ class Evidence:
         return {
             "percent": found.percent,
             "at_km_h": round(found.speed / KM_H, 1),
-            "at_front_angle_deg": round(math.degrees(found.front_angle), 1),
+            "at_front_angle_deg": round(math.degrees(found.front_angle), 2),
+            "at_friction": found.friction,
             "trim_max_percent": self.config.controller.tracking.trim_max_percent,
             "enough": found.percent <= self.config.controller.tracking.trim_max_percent,
         }
@@ -135,9 +136,10 @@ def excess_note(manifest: Mapping[str, Any]) -> str:
     found = manifest.get("reference_model_excess")
     if found is None or found["enough"]:
         return ""
+    place = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
     return (
         f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
-        f"({found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg), and its trim takes "
+        f"({place}), and its trim takes "
         f"{found['trim_max_percent']:g} % back: there the slip bounds of the map are exceeded; "
         f"controller.tracking.trim_max_percent = {math.ceil(found['percent'])} keeps them, with more overshoot"
     )

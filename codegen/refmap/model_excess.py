@@ -16,23 +16,29 @@ import numpy as np
 from codegen.config import Config
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
+from codegen.refmap.stack import layer_configs
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
+from codegen.refmap.turns import turns_of
 from codegen.vehicle.dynamics import single_track
 
 STEPS = 30
 """Of Newton's method, which starts at the map's own turn, a few percent off."""
 RESIDUAL_MAX = 1e-8
 """1/s^2 and rad/s^2."""
+SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99)
+"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there: the
+last cell of a grid cuts across the kink at the edge itself."""
 
 
 @dataclass(frozen=True)
 class Excess:
-    """The largest excess over a map, as a share of its yaw rate, and where it is: speed in m/s, front angle in rad."""
+    """The largest excess over a map, as a share of its yaw rate, and where it is: m/s, rad, friction."""
 
     share: float
     speed: float
     front_angle: float
+    friction: float
 
     @property
     def percent(self) -> float:
@@ -46,32 +52,51 @@ class Excess:
 
 
 def model_excess(reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real = np.float32) -> Excess:
-    """Over the feasible cells of a solved map, with the yaw rates and rear angles that the lookup of a build gives there.
+    """Of a solved map and each lower friction of its stack, with what the lookup of a build gives there.
 
     Args:
         total: what the build holds. real: its numbers.
 
-    Where the model has no steady turn near the map's, a cell is left out.
+    Where the model has no steady turn near the map's, a point is left out.
+
+    Raises:
+        MapError: a steady turn is not found.
     """
-    assert reference_map.sideslip is not None  # a solved map has one
-    moving = reference_map.feasible & (reference_map.speed > 0.0)[:, np.newaxis]
-    row, column = np.nonzero(moving)
-    speed, front_angle = reference_map.speed[row], reference_map.front_angle[column]
-    wanted, rear_angle = (values.astype(np.float64) for values in Lookup.from_map(total, real).reference(speed, front_angle))
-    largest = total.steering.rear_angle_max  # the laws hold it there
-    friction = np.full(speed.size, config.road.friction)
-    inputs = np.array([speed, front_angle, np.clip(rear_angle, -largest, largest), friction])
-    state = np.array([reference_map.sideslip[moving], wanted])
+    lookup = Lookup.from_map(total, real)
+    return max(
+        (_on_one_road(reference_map, lookup, road) for road in (*layer_configs(reference_map, config), config)),
+        key=lambda found: found.share,
+    )
+
+
+def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) -> Excess:
+    assert reference_map.case is not None  # a solved map has one
+    case = config.case(reference_map.case)
+    turns = turns_of(config, case)
+    moving = reference_map.speed[reference_map.speed > 0.0]
+    speeds = np.linspace(moving[0], moving[-1], SPEEDS)
+    last = float(reference_map.front_angle[-1])
+    ends = [turns.edge(speeds, last), *([turns.without_rear_steering().edge(speeds, last)] if case.passive_safe else [])]
+    edge = np.minimum.reduce([end.front_angle for end in ends], initial=last)
+    speed, front_angle = np.repeat(speeds, len(EDGE_SHARES)), np.outer(edge, EDGE_SHARES).ravel()
+    optimum = turns.at(speed, front_angle)
+    friction = config.road.friction
+    yaw_rate, rear_angle = lookup.reference(speed, front_angle, friction)
+    wanted, largest = yaw_rate.astype(np.float64), lookup.cars[-1].rear_angle_max  # the laws hold the rear angle there
+    inputs = np.array([speed, front_angle, np.clip(rear_angle, -largest, largest), np.full(speed.size, friction)])
+    state = np.array([optimum.sideslip, wanted])
     derivative = single_track(config, "magic-formula").derivative
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 4)
     rate = derivative(x, u)
     newton = ca.Function("newton", [x, u], [x - ca.solve(ca.jacobian(rate, x), rate)])
     for _ in range(STEPS):
         state = np.asarray(newton(state, inputs))
-    settled = np.abs(np.asarray(derivative(state, inputs))).max(axis=0) <= RESIDUAL_MAX
-    share = np.where(settled & (wanted > 0.0), state[1] / np.where(wanted > 0.0, wanted, 1.0) - 1.0, -math.inf)
+    settled = np.abs(np.asarray(derivative(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
+    # What the table is below the optimum is no excess; where it is above, the trim draws to the table.
+    excess = state[1] - np.fmax(wanted, optimum.yaw_rate)
+    share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)
     worst = int(share.argmax())
-    return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]))
+    return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]), friction)
 
 
 def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 from codegen.errors import BuildError, CheckFailed, CodegenError
 from codegen.sweep.versions import versions
 
-ADDRESS = re.compile(r"[a-z]+://[^\s/]+:\d+\Z")
+ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2
 """Chunks under way for each worker: one that is driven, one that waits."""
 CONNECT_TIMEOUT = 20.0
@@ -79,7 +79,8 @@ class Dask:
     """
 
     def __init__(self, address: str) -> None:
-        if not ADDRESS.match(address):
+        found = ADDRESS.match(address)
+        if found is None or int(found["port"]) > PORT_MAX:
             raise CodegenError(
                 f"{address!r} is no address",
                 where="--scheduler",
