@@ -317,7 +317,7 @@ def test_a_difference_shows_what_the_first_has_more_and_the_worse_axle(maps: dic
         int((one.feasible & ~other.feasible).sum()),
         0,
     ]
-    assert names(figure) == ["both", "the first alone", INFEASIBLE]
+    assert names(figure) == ["both", "the first alone", INFEASIBLE, "slip meets its bound"]
 
 
 def test_diverging_colours_are_centred_at_zero(solved: ReferenceMap) -> None:
