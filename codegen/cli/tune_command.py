@@ -120,6 +120,7 @@ def _with_trim(reference_map: ReferenceMap, config: Config, where: Path) -> tupl
     told = {
         "trim_max_percent": changed.controller.tracking.trim_max_percent,
         "trim_max_percent_before": before,
+        "trim_is_enough": excess.trim_percent <= TRIM_MAX_PERCENT,
         "reference_model_excess_percent": excess.percent,
         "excess_at_km_h": round(excess.speed / KM_H, 1),
         "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 2),
@@ -129,13 +130,17 @@ def _with_trim(reference_map: ReferenceMap, config: Config, where: Path) -> tupl
 
 
 def _trim_text(told: dict[str, Any]) -> str:
-    where = f"{told['excess_at_km_h']:.0f} km/h, {told['excess_at_front_angle_deg']:.1f} deg"
-    place = f"{where}, friction {told['excess_at_friction']:g}"
-    return (
-        f"controller.tracking.trim_max_percent: {told['trim_max_percent']:g} instead of {told['trim_max_percent_before']:g}; "
-        f"in steady state the reference model turns up to {told['reference_model_excess_percent']:.1f} % more than this map "
-        f"allows ({place}), and would exceed a slip bound there"
-    )
+    from codegen.refmap.model_excess import COARSE
+
+    speed, front_angle = told["excess_at_km_h"], told["excess_at_front_angle_deg"]
+    place = f"{speed:.0f} km/h, {front_angle:.1f} deg, friction {told['excess_at_friction']:g}"
+    percent = told["reference_model_excess_percent"]
+    excess = f"in steady state the reference model turns up to {percent:.1f} % more than this map allows ({place})"
+    after, before = told["trim_max_percent"], told["trim_max_percent_before"]
+    changed = f"controller.tracking.trim_max_percent: {after:g}" + ("" if after == before else f" instead of {before:g}")
+    if not told["trim_is_enough"]:
+        return f"{changed}, the largest, and not enough: {excess}; {COARSE}"
+    return f"{changed}; {excess}, and would exceed a slip bound there"
 
 
 def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:

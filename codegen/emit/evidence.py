@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from codegen.config import KM_H, Config
+from codegen.controller_sections import TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.emit.laws import law_of
 from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
+from codegen.refmap.model_excess import COARSE, Excess, asks_for_more, model_excess
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
 
@@ -137,9 +138,11 @@ def excess_note(manifest: Mapping[str, Any]) -> str:
     if found is None or found["enough"]:
         return ""
     place = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
+    trim = math.ceil(found["percent"])
+    enough = f"controller.tracking.trim_max_percent = {trim} keeps them, with more overshoot"
+    remedy = enough if trim <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {COARSE}"
     return (
         f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
         f"({place}), and its trim takes "
-        f"{found['trim_max_percent']:g} % back: there the slip bounds of the map are exceeded; "
-        f"controller.tracking.trim_max_percent = {math.ceil(found['percent'])} keeps them, with more overshoot"
+        f"{found['trim_max_percent']:g} % back: there the slip bounds of the map are exceeded; {remedy}"
     )

@@ -30,6 +30,9 @@ SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99
 """Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there: the
 last cell of a grid cuts across the kink at the edge itself."""
 
+COARSE = "a finer [grid], or codegen build --max-error, brings what is interpolated closer to the optimum"
+"""What to do where no trim is enough."""
+
 
 @dataclass(frozen=True)
 class Excess:

@@ -58,14 +58,17 @@ def solved(tmp_path: Path, config_path: Path, monkeypatch: pytest.MonkeyPatch) -
     return path
 
 
+NONLINEAR = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\ntyre_model = "magic-formula"\n'
+FINER = (("speed_points = 11", "speed_points = 31"), ("front_angle_points = 10", "front_angle_points = 41"))
+
+
 @pytest.mark.parametrize(("written", "raised"), [("", True), ("trim_max_percent = 15.0", False)])
 def test_the_trim_is_what_a_map_of_the_nonlinear_tyre_needs(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str, raised: bool
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    tyre = '\n[cases.nonlinear]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\ntyre_model = "magic-formula"\n'
-    path = write_config(tmp_path, tuning=TUNING + tyre + (f"[controller.tracking]\n{written}\n" if written else ""))
-    npz.save(solve_case(configuration.load(path), "nonlinear"), Path("map.npz"))
+    tuning = TUNING + NONLINEAR + (f"[controller.tracking]\n{written}\n" if written else "")
+    npz.save(solve_case(configuration.load(write_config(tmp_path, *FINER, tuning=tuning)), "nonlinear"), Path("map.npz"))
     answer = run("tune", "--map", "map.npz", "-o", "map.npz")
     assert answer.code == 0, answer
     trim = stored(Path("map.npz")).controller.tracking.trim_max_percent
@@ -78,6 +81,20 @@ def test_the_trim_is_what_a_map_of_the_nonlinear_tyre_needs(
     assert "trim_max_percent" not in again  # it is enough now
     build = run("build", "--map", "map.npz", "-o", "x")
     assert build.code == 0 and "slip bounds" not in build.err
+
+
+def test_a_grid_too_coarse_for_any_trim_is_told(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_config(tmp_path, tuning=TUNING + NONLINEAR)
+    npz.save(solve_case(configuration.load(path), "nonlinear"), Path("map.npz"))
+    for changed in ("20 instead of 1", "20"):  # the second time it stays
+        answer = run("tune", "--map", "map.npz", "-o", "map.npz")
+        assert answer.code == 0, answer
+        assert f"controller.tracking.trim_max_percent: {changed}, the largest, and not enough: " in answer.out
+        assert "a finer [grid]" in answer.out.splitlines()[-1]
+    assert stored(Path("map.npz")).controller.tracking.trim_max_percent == 20.0
+    told = run("build", "--map", "map.npz", "-o", "x").err
+    assert "no trim takes back so much, and a finer [grid]" in told and "keeps them" not in told
 
 
 @pytest.fixture
