@@ -98,13 +98,13 @@ def test_a_missed_requirement_is_told_in_the_table() -> None:
 
 def test_instructions_of_a_step_are_told_and_judged() -> None:
     short, long = (LongestStep(worst, 142, 995.7, 31_920, "") for worst in (STEP_MAX, STEP_MAX + 1))
-    report = CountReport(
-        (("Title", ("build", "worst", "limiter", "mean", "required"), (step_row("a", short), step_row("b", long))),), ()
-    )
-    assert [row.met for row in report.comparisons] == [True, False]
+    rows = (step_row("a", short, STEP_MAX), step_row("b", long, STEP_MAX), step_row("c", long, None))
+    report = CountReport((("Title", ("build", "worst", "limiter", "mean", "required"), rows),), ())
+    assert [row.met for row in report.comparisons] == [True, False, True]
     lines = [line.split() for line in str(report).splitlines()]
     assert ["a", "1,500", "142", "996", "<=", "1,500:", "met"] in lines
     assert ["b", "1,501", "142", "996", "<=", "1,500:", "MISSED"] in lines
+    assert ["c", "1,501", "142", "996", "-"] in lines
 
 
 def test_a_section_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
