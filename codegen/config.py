@@ -308,10 +308,21 @@ def _first_fault(error: ValidationError, where: object) -> ConfigError:
         message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
     elif fault["type"] == "missing":
         message = "this key is missing; add it"
+    elif fault["type"] in ("too_short", "too_long"):
+        message = length_fault(fault)
     else:
         message = f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return ConfigError(what, where=f"{where}: {key}", remedy=remedy or "mend the value")
+
+
+def length_fault(fault: Mapping[str, Any]) -> str:
+    """What pydantic's too_short and too_long say, and the remedy."""
+    found, short = fault["ctx"]["actual_length"], fault["type"] == "too_short"
+    bound = fault["ctx"]["min_length" if short else "max_length"]
+    entries = "entry" if bound == 1 else "entries"
+    wanted = f"at least {bound} {entries} needed" if short else f"at most {bound} {entries} possible"
+    return f"{wanted}, not {found}; {'add what is missing' if short else 'take some out'}"
 
 
 def _is_union_label(part: int | str) -> bool:

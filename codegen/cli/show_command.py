@@ -82,7 +82,7 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
     """What changes from one map to another."""
     from codegen.refmap import map as npz
     from codegen.refmap.slip_use import slip_use
-    from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, map_difference, same_car
+    from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
     from codegen.report.summary import table
 
     if against.exists() and against.samefile(map_path):
@@ -106,6 +106,8 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
         return
     if same_car(first, second) is False:
         console.note("the maps are of different cars or roads")
+    for text in caveats(first, second):
+        console.note(text)
     console.say(f"first:  {map_path}\nsecond: {against}\n")
     console.say(table(CAR_HEADER, found.rows))
     console.say("")

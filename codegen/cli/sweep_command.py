@@ -154,7 +154,8 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
     if plot is not None:
         plots.save(_figure(plan, found, run), plot)
     if as_json:
-        console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **found.row})
+        row = {name: _as_stored(name, value) for name, value in found.row.items() if name != "run"}
+        console.print_json({"run": run, "scenario": found.profile.name, "controller": found.controller, **row})
         return
     from codegen.report.summary import table
     from codegen.sweep.store import YES_NO
@@ -169,6 +170,13 @@ def _replay(plan: Plan, run: int, plot: Path | None, run_path: Path | None, spec
     for name, path in (("plot", plot), ("recording", run_path)):
         if path is not None:
             console.say(f"{name}: {path}")
+
+
+def _as_stored(name: str, value: float) -> float | int | bool:
+    """A figure of a run, of the type that its column has in the file."""
+    from codegen.sweep.store import WHOLE, YES_NO
+
+    return bool(value) if name in YES_NO else int(value) if name in WHOLE else value
 
 
 def _figure(plan: Plan, found: Replayed, run: int) -> Any:

@@ -18,6 +18,9 @@ from codegen.refmap.model_excess import COARSE, Excess, asks_for_more, model_exc
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
 
+MUCH = 2.0
+"""Times the trim that is needed: what is beyond is told, for it costs overshoot."""
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -133,16 +136,32 @@ def margin_note(manifest: Mapping[str, Any]) -> str:
 
 
 def excess_note(manifest: Mapping[str, Any]) -> str:
-    """What to warn of; "" where the trim takes back what the reference model turns too much, or nothing is asked."""
+    """What to warn of; "" where the trim takes back what the reference model turns too much and not much more, or nothing is
+    asked."""
     found = manifest.get("reference_model_excess")
-    if found is None or found["enough"]:
+    if found is None:
         return ""
+    trim, needed = found["trim_max_percent"], max(math.ceil(found["percent"]), 1)
+    if found["enough"]:
+        if trim <= MUCH * needed:
+            return ""
+        return (
+            f"the trim may take {trim:g} % of the yaw rate back, and {needed} % are enough on these breakpoints: "
+            f"controller.tracking.trim_max_percent = {needed} has less overshoot"
+        )
     place = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
-    trim = math.ceil(found["percent"])
-    enough = f"controller.tracking.trim_max_percent = {trim} keeps them, with more overshoot"
-    remedy = enough if trim <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {COARSE}"
+    enough = f"controller.tracking.trim_max_percent = {needed} keeps them, with more overshoot"
+    remedy = enough if needed <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {_closer(manifest['options'])}"
     return (
         f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
         f"({place}), and its trim takes "
-        f"{found['trim_max_percent']:g} % back: there the slip bounds of the map are exceeded; {remedy}"
+        f"{trim:g} % back: there the slip bounds of the map are exceeded; {remedy}"
     )
+
+
+def _closer(options: Mapping[str, Any]) -> str:
+    """What brings a build's tables closer to the optimum."""
+    for key, how in (("max_error_rad_s", "a smaller --max-error"), ("max_flash_bytes", "a larger --max-flash")):
+        if options.get(key) is not None:
+            return f"{how} brings what is interpolated closer to the optimum"
+    return COARSE

@@ -227,11 +227,12 @@ class Lookup:
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Yaw rate in rad/s and the rear angle in rad that goes with it; arguments as of a call."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
-            v, angle = np.broadcast_arrays(np.asarray(speed, dtype=self.real), np.asarray(front_angle, dtype=self.real))
+            v: npt.NDArray[Any] = np.asarray(speed, dtype=self.real)
+            angle: npt.NDArray[Any] = np.asarray(front_angle, dtype=self.real)
             zero = self.real(0.0)
             clamped = np.where(v > self.speed_axis.top, self.speed_axis.top, v)
             row = self.speed_axis.locate(v)
-            magnitude = np.where(angle < zero, -angle, angle)
+            magnitude = np.where(angle < zero, np.negative(angle), angle)
             column = self.front_axis.locate(magnitude)
             layer, cap = self._road(self.real(friction))
             yaw_rate, rear_angle = (self._over_friction(table, layer, row, column) for table in (self.tables, self.rear_tables))

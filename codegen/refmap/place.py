@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -39,8 +40,13 @@ SPARE = 0.995
 LEVEL = 0.85
 """Step of the search for the lowest level above which a table need not go."""
 
-EASY = 1e-3
+EASY = 2e-4
 """Of the largest yaw rate: an error that is mostly reached."""
+FAR = 4.0
+"""Times what the fine grid is off: likewise."""
+
+ONWARDS = 1.6
+"""From an error that was not reached: step to the next one that is tried."""
 
 SMALLEST, HALVES = 1e-4, 9
 """Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
@@ -136,20 +142,25 @@ def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
         cause = f"takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored"
         if max_error <= maker.gap:
             cause = f"is less than the {_degrees(maker.gap, up=True)} that the fine grid of the optimum is off by itself"
+        if request.max_flash is not None:
+            raise BuildError(f"{_degrees(max_error)} {cause}", where="--max-error", remedy=_in_flash(maker, request.max_flash))
         raise BuildError(
             f"{_degrees(max_error)} {cause}",
             where="--max-error",
             remedy=f"give more; {_reachable(maker, max_error)} can be reached for certain, and what lies between was not tried",
         )
     if request.max_flash is not None and placed.flash_bytes > request.max_flash:
-        best = maker.for_flash(request.max_flash)
-        reached = "nothing" if best is None else _degrees(best.bounded_error, up=True)
         raise BuildError(
             f"{_degrees(max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
             where="--max-error, --max-flash",
-            remedy=f"in {request.max_flash} bytes {reached} can be reached",
+            remedy=_in_flash(maker, request.max_flash),
         )
     return placed
+
+
+def _in_flash(maker: Maker, max_flash: int) -> str:
+    best = maker.for_flash(max_flash)
+    return f"in {max_flash} bytes {'nothing' if best is None else _degrees(best.bounded_error, up=True)} can be reached"
 
 
 def _within_flash(maker: Maker, request: Request) -> Placed:
@@ -165,9 +176,9 @@ def _within_flash(maker: Maker, request: Request) -> Placed:
 
 
 def _reachable(maker: Maker, target: float) -> str:
-    tried = max(2.0 * target, EASY * maker.largest)
+    tried = max(2.0 * target, FAR * maker.gap, EASY * maker.largest)
     while (found := maker.for_error(tried, ("uneven",))) is None:
-        tried *= 4.0
+        tried *= ONWARDS
         if tried > maker.largest:
             return "more than the map holds"
     return _degrees(found.bounded_error, up=True)
@@ -191,9 +202,18 @@ class _Frame:
         bytes_of: of all of them, from how many breakpoints the tables have.
     """
 
+    ground: Ground
     grips: tuple[GripTable | None, ...]
     sheets: tuple[Sheet, ...]
     bytes_of: Cost
+    _searches: dict[tuple[Spacing, float], Search] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def search(self, spacing: Spacing, bytes_max: float) -> Search:
+        """For axes of a spacing at no more than so many bytes: one search, whatever the bound."""
+        key = (spacing, bytes_max)
+        if key not in self._searches:
+            self._searches[key] = Search(self.ground, self.sheets, spacing, self.bytes_of, bytes_max)
+        return self._searches[key]
 
 
 @dataclass(frozen=True)
@@ -239,7 +259,7 @@ class Maker:
         """For a bound in rad/s; None where no table of the cap's share holds it."""
         layers = self.ground.layers
         if not self._follows_grip:
-            return _Frame((None,) * len(layers), tuple(self._sheet(layer, None) for layer in layers), self._bytes_of)
+            return self._bare_frame
         search = Search(self.ground, [grip_sheet(layer) for layer in layers], "uneven", self._grip_bytes)
         axes = search.place(GRIP_SHARE * bound)
         if axes is None:
@@ -247,10 +267,18 @@ class Maker:
         grips = tuple(self._grip(axes, layer.share(*axes)) for layer in layers if layer.share is not None)
         beside = self._grip_bytes(axes[0].size, axes[1].size)
         return _Frame(
+            self.ground,
             grips,
             tuple(self._sheet(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
             lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
         )
+
+    @cached_property
+    def _bare_frame(self) -> _Frame:
+        """Where the cap is the same everywhere: for any bound."""
+        layers = self.ground.layers
+        sheets = tuple(self._sheet(layer, None) for layer in layers)
+        return _Frame(self.ground, (None,) * len(layers), sheets, self._bytes_of)
 
     def _sheet(self, layer: GroundLayer, grip: GripTable | None) -> Sheet:
         return yaw_rate_sheet(layer, grip) if self.target.tables == 1 else reference_sheet(layer, grip)
@@ -287,7 +315,7 @@ class Maker:
         return best
 
     def _for_error(self, spacing: Spacing, max_error: float, frame: _Frame, bytes_max: float) -> Placed | None:
-        search = Search(self.ground, frame.sheets, spacing, frame.bytes_of, bytes_max)
+        search = frame.search(spacing, bytes_max)
         bound = max_error - self.gap
         axes = search.place(bound)
         for _ in range(TRIES):
@@ -346,7 +374,7 @@ class Maker:
         frame = self._frame(bound)
         if frame is None:
             return None
-        axes = Search(self.ground, frame.sheets, spacing, frame.bytes_of, bytes_max).place(bound)
+        axes = frame.search(spacing, bytes_max).place(bound)
         return None if axes is None else self._on(axes, spacing, frame)
 
     def _smallest(self, spacing: Spacing) -> Placed:

@@ -12,7 +12,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
@@ -250,23 +251,44 @@ AXIS_OF = {"even": even_axis, "uneven": uneven_axis}
 
 @dataclass(frozen=True)
 class Search:
-    """A search for axes of one spacing, for the sheets of all frictions. `cost` is to be small, and at most `cost_max`."""
+    """A search for axes of one spacing, for the sheets of all frictions. `cost` is to be small, and at most `cost_max`.
+
+    A second search comes by the same coarse bounds: what was found for those is kept.
+    """
 
     ground: Ground
     sheets: Sequence[Sheet]
     spacing: Spacing
     cost: Cost
     cost_max: float = math.inf
+    _coarse: dict[tuple[int, float], Axes | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def place(self, bound: float) -> Axes | None:
         """Breakpoints of both axes that keep the bound, rad/s, at few bytes; None where they cost too much."""
-        lattice = Lattice.over(self.ground, self.sheets)
-        coarse = max(bound, COARSE * max(float(layer.truth.max()) for layer in lattice.layers))
-        best = self._from_starts(lattice, coarse)
-        while best is not None and coarse > bound:
+        coarse = max(bound, COARSE * self._largest)
+        best = self._at_level(0, coarse, None)
+        for level in itertools.count(1):
+            if best is None or coarse <= bound:
+                break
             coarse = max(bound, 0.5 * coarse)
-            best = self._from_starts(Lattice.over(self.ground, self.sheets, best), coarse)
+            best = self._at_level(level, coarse, best)
         return None if best is None else self.again(best, bound)
+
+    @cached_property
+    def _first(self) -> Lattice:
+        return Lattice.over(self.ground, self.sheets)
+
+    @property
+    def _largest(self) -> float:
+        """Yaw rate of all sheets, rad/s."""
+        return max(float(layer.truth.max()) for layer in self._first.layers)
+
+    def _at_level(self, level: int, bound: float, before: Axes | None) -> Axes | None:
+        """What is found for a bound that was come to by halves, on a lattice for the axes of the level before."""
+        if (level, bound) not in self._coarse:
+            lattice = self._first if before is None else Lattice.over(self.ground, self.sheets, before)
+            self._coarse[level, bound] = self._from_starts(lattice, bound)
+        return self._coarse[level, bound]
 
     def again(self, axes: Axes, bound: float) -> Axes | None:
         """Another search for about the same bound, on a lattice fine enough for the cells of these axes."""

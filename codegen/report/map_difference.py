@@ -144,8 +144,11 @@ class MapDifference:
             if any(slips):
                 told = ["-" if slip is None else f"{slip.largest_percent:.1f}" for slip in slips]
                 yield f"{axle} slip on the plant [% of bound]", *told
-                yield "  largest at", *("-" if slip is None else str(slip.at) for slip in slips)
-                yield "  above the bound [cells]", *("-" if slip is None else str(slip.cells_above) for slip in slips)
+                yield f"{axle} slip largest at", *("-" if slip is None else str(slip.at) for slip in slips)
+                yield (
+                    f"{axle} slip above the bound [cells]",
+                    *("-" if slip is None else str(slip.cells_above) for slip in slips),
+                )
         if any(side.unreached_cells for side in sides):
             told = ["-" if side.unreached_cells is None else str(side.unreached_cells) for side in sides]
             yield "no such turn on the plant [cells]", *told
@@ -160,7 +163,7 @@ def _point_row(point: Point) -> tuple[str, ...]:
     one, two = point.first_yaw_rate_deg_s, point.second_yaw_rate_deg_s
     difference = None if one is None or two is None else one - two
     told = (one, two, difference, point.first_rear_angle_deg, point.second_rear_angle_deg)
-    return str(point.at), *("-" if value is None else f"{value + 0.0:.3f}" for value in told)
+    return str(point.at), *("-" if value is None else f"{round(value, 3) + 0.0:.3f}" for value in told)
 
 
 def map_difference(one: ReferenceMap, other: ReferenceMap, used: Sequence[SlipUse | None] | None = None) -> MapDifference:
@@ -206,6 +209,16 @@ def same_car(one: ReferenceMap, other: ReferenceMap) -> bool | None:
         return None
     mine, theirs = ((config.vehicle, config.tyre, config.road) for config in (one.config, other.config))
     return mine == theirs
+
+
+def caveats(one: ReferenceMap, other: ReferenceMap) -> list[str]:
+    """What is to be known of a comparison besides its figures."""
+    told = []
+    if one.layers or other.layers:
+        told.append("of a stack, the map for its highest friction is compared")
+    if not (np.array_equal(one.speed, other.speed) and np.array_equal(one.front_angle, other.front_angle)):
+        told.append("the maps have different breakpoints: compared on those of the first")
+    return told
 
 
 def _span(one: ReferenceMap) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.emit.folder import read_files, read_manifest, verify_hashes
-from codegen.errors import CodegenError, ConfigError, within
+from codegen.errors import CodegenError, ConfigError, suggestion, within
 from codegen.sil.batch import Isa, best_isa
 from codegen.sweep import spec as specification
 from codegen.sweep.lanes import cars
@@ -190,8 +190,11 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     try:
         scenario = find(str(path.parent / name) if is_file else name, config)
     except CodegenError as error:
-        found_in = place if error.where == "--scenario" else f"{place}: {error.where}"
-        raise ConfigError(error.what, where=found_in, remedy=error.remedy) from None
+        if error.where != "--scenario":
+            raise ConfigError(error.what, where=f"{place}: {error.where}", remedy=error.remedy) from None
+        here = [each.name for each in SCENARIOS.values() if each.kind in MEASURES and not each.faults]
+        remedy = f"known here: {', '.join(here)}, or a .csv or .toml file{suggestion(name, here)}"
+        raise ConfigError(error.what, where=place, remedy=remedy) from None
     if scenario.kind not in MEASURES:
         known = " and ".join(MEASURES)
         raise ConfigError(

@@ -29,7 +29,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
-from codegen.config import parse_toml, shown
+from codegen.config import length_fault, parse_toml, shown
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.sections import Range, Section, check_name, check_number
 
@@ -160,9 +160,8 @@ def _checked_factors(factors: dict[str, Values]) -> dict[str, Values]:
             raise ValueError(f"there is no factor {key!r}; {suggestion(key, FACTORS)[2:] or 'known: ' + ', '.join(FACTORS)}")
         factor, (low, high) = FACTORS[key], values.extremes
         if not (factor.low <= low and high <= factor.high):
-            raise ValueError(
-                f"{key} reaches from {low:g} to {high:g}, outside {factor.low:g} to {factor.high:g}; check the unit"
-            )
+            what = f"reaches from {low:g} to {high:g}" if low < high else f"is {low:g}"
+            raise ValueError(f"{key} {what}, outside {factor.low:g} to {factor.high:g}; check the unit")
         if factor.whole and (values.values is None or any(value != round(value) for value in values.values)):
             raise ValueError(f"{key} takes whole numbers; list them as values")
     if "steering_wheel_angle_deg" in factors and "steering_percent" in factors:
@@ -269,6 +268,11 @@ def _first_fault(error: ValidationError, where: object) -> CodegenError:
         low, high = WHOLE[parts[-1]]
         told = f"{shown(fault['input'])} is no whole number from {low} to {high}"
         return ConfigError(told, where=place, remedy="give one, without a point or an exponent")
-    message = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else f"{fault['msg']} (not {shown(fault['input'])})"
+    if fault["type"] == "value_error":
+        message = str(fault["ctx"]["error"])
+    elif fault["type"] in ("too_short", "too_long"):
+        message = length_fault(fault)
+    else:
+        message = f"{fault['msg']} (not {shown(fault['input'])})"
     what, _, remedy = message.partition("; ")
     return ConfigError(what, where=place, remedy=remedy or "mend the value")

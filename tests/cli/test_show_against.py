@@ -39,7 +39,7 @@ def test_figures_of_both_in_the_width_of_a_terminal(run: Run, maps: tuple[Path, 
     assert max(len(line) for line in lines) <= 80
     rows = {line[:34].strip(): line[34:].split() for line in lines}
     assert rows["tyre of the optimisation"] == ["linear", "magic-formula"]
-    assert rows["above the bound [cells]"][1] == "0"
+    assert rows["front slip above the bound [cells]"][1] == "0"
     assert any(line.startswith("yaw rate, first less second  ") for line in lines)
     assert any(line.startswith("60 km/h, 2.00 deg  ") for line in lines)
 

@@ -141,6 +141,7 @@ def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tm
     told = json.loads(answer.out)
     assert (told["scenario"], told["controller"]) == ("step-steer", "pi")
     assert told["overshoot_percent"] == worst["value"]
+    assert type(told["run"]) is type(told["sample"]) is int and type(told["settled"]) is bool
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert record.read_text().startswith("time_s,")
     words = run("sweep", "--spec", spec, "--replay", worst["run"]).out.split()

@@ -177,6 +177,27 @@ def test_kind_tracking_keeps_them_with_the_trim_that_the_build_asks_for() -> Non
     assert (slips <= bounds * (1.0 + SLIP_SHARE)).all(), slips / bounds
 
 
+@pytest.mark.parametrize(
+    ("percent", "trim", "options", "told"),
+    [
+        (4.6, 5.0, {}, ""),
+        (4.6, 10.0, {}, ""),
+        (4.6, 20.0, {}, "5 % are enough on these breakpoints: controller.tracking.trim_max_percent = 5 has less overshoot"),
+        (-2.0, 2.0, {}, ""),
+        (-2.0, 3.0, {}, "controller.tracking.trim_max_percent = 1 has less overshoot"),
+        (4.6, 1.0, {"max_error_rad_s": 0.01}, "controller.tracking.trim_max_percent = 5 keeps them, with more overshoot"),
+        (20.5, 20.0, {"max_error_rad_s": None}, "no trim takes back so much, and a finer [grid], or codegen build --max-error"),
+        (20.5, 20.0, {"max_error_rad_s": 0.01, "max_flash_bytes": 900}, "and a smaller --max-error brings"),
+        (20.5, 20.0, {"max_error_rad_s": None, "max_flash_bytes": 900}, "and a larger --max-flash brings"),
+    ],
+)
+def test_what_is_told_of_a_trim(percent: float, trim: float, options: dict[str, object], told: str) -> None:
+    place = {"at_km_h": 120.0, "at_front_angle_deg": 4.3, "at_friction": 0.9}
+    excess = {"percent": percent, **place, "trim_max_percent": trim, "enough": percent <= trim}
+    note = excess_note({"reference_model_excess": excess, "options": options})
+    assert told in note and bool(told) == bool(note)
+
+
 def test_kind_tracking_keeps_them_on_chosen_breakpoints() -> None:
     """Beside the edge of the map, where the rear angle that the reference model takes from its table turns fastest."""
     config = tracking(5.0)

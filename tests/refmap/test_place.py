@@ -410,6 +410,17 @@ def test_the_same_request_gives_the_same_numbers(paper: Config, maps: dict[str, 
         np.testing.assert_array_equal(getattr(one.total, name), getattr(other.total, name))
 
 
+def test_what_a_maker_found_before_does_not_change_what_it_finds(paper: Config, maps: dict[str, ReferenceMap]) -> None:
+    """Searches for other bounds come by the same coarse ones, which are searched for once."""
+    ground, target = ground_of(maps["4ws-2"], paper), Target(1, np.float32, "float")
+    used = Maker(ground, target)
+    assert used.for_error(2.0 * COARSE) is not None
+    again, fresh = (maker.for_error(COARSE) for maker in (used, Maker(ground, target)))
+    assert again is not None and fresh is not None
+    for name in ("speed", "front_angle", "yaw_rate", "rear_angle", "rule"):
+        np.testing.assert_array_equal(getattr(again.total, name), getattr(fresh.total, name))
+
+
 def test_letters_tell_where_the_cells_come_from(paper: Config, maps: dict[str, ReferenceMap]) -> None:
     total = placed(maps["4ws-2"], paper, COARSE).total
     problem = SteadyTurnProblem.from_config(paper, paper.case("4ws-2"))
@@ -428,6 +439,7 @@ def test_letters_tell_where_the_cells_come_from(paper: Config, maps: dict[str, R
         (Request(1e-5, None, "int16", ""), "--max-error", "can be reached"),
         (Request(None, 12, "float", ""), "--max-flash", "the smallest one takes 32 bytes"),
         (Request(COARSE, 100, "float", ""), "--max-error, --max-flash", "in 100 bytes"),
+        (Request(1e-12, 100, "float", ""), "--max-error", "in 100 bytes"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_met_is_told_with_what_can(

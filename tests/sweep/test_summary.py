@@ -270,8 +270,9 @@ def test_a_few_runs_far_out_do_not_set_the_axis() -> None:
 
 def test_the_factors_of_a_run_in_words() -> None:
     row = dict.fromkeys(FACTORS, 12.3456) | {"delay_samples": 2.0, "mass_percent": -0.0, "overshoot_percent": 7.0}
-    assert factors_of(row) == (
+    assert factors_of(row).replace("\N{NO-BREAK SPACE}", " ") == (
         "mass +0 %, yaw inertia +12.3 %, cg shift +12.3 m, front stiffness +12.3 %, rear stiffness +12.3 %, tyre peak +12.3 %, "
         "rear lag 12.3 s, delay 2 samples, speed noise 12.3 m/s, front angle noise 12.3 deg, yaw rate noise 12.3 deg/s"
     )
+    assert "+12.3\N{NO-BREAK SPACE}m," in factors_of(row)  # no line of a title ends between a number and its unit
     assert factors_of({"friction": 0.5}) == ""

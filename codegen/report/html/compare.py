@@ -11,7 +11,7 @@ from codegen.errors import MapError
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import numbers, scale_of
 from codegen.report.html.maps import YAW_RATE, NamedMap, colour_bar, map_layout, surfaces
-from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, map_difference, on_axes_of
+from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, on_axes_of
 
 LEAST = 0.01
 """deg/s that the scale of a difference spans to both sides at least."""
@@ -62,6 +62,7 @@ def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:
         return
     yield Text(
         f"First: {one.name}, second: {other.name}. Slip is that of the plant in the steady turn with the map's yaw rate."
+        + "".join(f" {text[0].upper()}{text[1:]}." for text in caveats(one.map, other.map))
     )
     yield Table("Both maps in figures", CAR_HEADER, found.rows)
     yield Table("Where both are feasible", DIFFERENCE_HEADER, [found.difference_row])
