@@ -20,11 +20,11 @@ from codegen.sweep import store
 ROOT = Path(__file__).resolve().parents[1]
 REQUIRED_TWO = 1.9
 CORES = 2
-RUNS, QUICK_RUNS = 20_480, 4_096
-"""Of the comparison of engines: so many that starting and compiling, which are left out, would not count anyway, and whole
-chunks (of 512), as many for each core: a last chunk that one core drives alone says nothing of the engine."""
+RUNS, QUICK_RUNS = 61_440, 4_096
+"""Of the comparison of engines: so many that the last chunk, when one core has nothing left to do, is a hundredth or so, and
+whole chunks (of 512), as many for each core."""
 GROWTH, QUICK_GROWTH = (1_000, 10_000, 100_000, 1_000_000), (1_000, 10_000)
-REPEATS, QUICK_REPEATS = 9, 3
+REPEATS, QUICK_REPEATS = 7, 3
 
 SPEC = """
 samples = {samples}
