@@ -65,6 +65,11 @@ def values(page: Any, chart: str) -> Any:
     return page.evaluate(script, chart)
 
 
+def next_frame(page: Any) -> None:
+    """Wait until what was asked so far is shown: the page draws once for each frame, however many keys came before it."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 def test_every_chart_is_drawn(page: Any, report: tuple[Path, list[str]]) -> None:
     """Something of it is seen: pixels of another colour than its ground, well inside its frame."""
     assert len(report[1]) > 20
@@ -111,6 +116,7 @@ def test_a_slider_moves_the_cut_by_keyboard(page: Any, slider: str) -> None:
     page.focus(f"#{slider}")
     for _ in range(5):
         page.keyboard.press("ArrowRight")
+    next_frame(page)
     changed = "([id, text]) => document.getElementById(id).textContent !== text"
     page.wait_for_function(changed, arg=["cut-values", table])
     page.wait_for_function(changed, arg=[f"{slider}-value", told])
