@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.config import KM_H
+from codegen.report.legend import legend_below
 from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_spans, spin_handles, until_spin
 from codegen.report.style import (
     BLACK,
@@ -148,7 +149,7 @@ def run_figure(
         panels[-1].set(xlabel="Time (s)", xlim=window)
         figure.align_ylabels(panels[: len(signals)])
         figure.suptitle(heading(title))
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+        legend_below(figure, handles)
     return figure
 
 

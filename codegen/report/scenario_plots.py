@@ -11,6 +11,7 @@ import numpy as np
 
 from codegen.config import Config
 from codegen.errors import one_line
+from codegen.report.legend import legend_below
 from codegen.report.run_marks import Mark, Span, until_spin
 from codegen.report.run_plots import heading, looks_of, run_figure
 from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, FloatArray, new_figure, plain, style
@@ -185,4 +186,4 @@ def _finish(figure: Figure, panels: Any, named: Axes, title: str, more: list[Any
         axes.margins(x=0.0)
     figure.align_ylabels()
     figure.suptitle(heading(title))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    legend_below(figure, handles)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from codegen.report.legend import fitted, height
 from codegen.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, plain, style
 from codegen.sweep.summary import Figure, Outcome, Summary
 
@@ -24,6 +26,15 @@ FAR_FROM = 4.0
 TICKS_MAX = 4
 """On each side of the linear part of such an axis."""
 
+WIDTH, HEIGHT = 4.6, 4.4
+"""in of a panel."""
+BESIDE = 0.2
+"""in that a panel's legend leaves to the next one's."""
+TITLE_LENGTH = 44
+"""Letters that fit above a panel."""
+LEGEND_HEIGHT = 0.9
+"""in that a panel has for its legend without growing."""
+
 PANELS = (
     ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
     ("sideslip", "sideslip_abs_max_deg", r"Largest $|\beta|$ (deg)"),
@@ -39,9 +50,17 @@ OUT_FROM = 3.0
 
 
 def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
-    """Name and picture of each distribution that the campaign has: a panel for each scenario."""
+    """Name and picture of each distribution that the campaign has: a panel for each scenario.
+
+    Sideslip, which every run has that does not spin, has one for scenarios too in which all spin.
+    """
     for name, figure, label in PANELS:
-        scenarios = list(dict.fromkeys(key[0] for key, outcome in summary.outcomes.items() if figure in outcome.figures))
+        having = (
+            scenario
+            for (scenario, _), outcome in summary.outcomes.items()
+            if figure in outcome.figures or (name == "sideslip" and 0 < outcome.spun == outcome.runs)
+        )
+        scenarios = list(dict.fromkeys(having))
         if scenarios:
             yield name, _picture(summary, scenarios, figure, label)
 
@@ -49,21 +68,28 @@ def pictures(summary: Summary) -> Iterator[tuple[str, Picture]]:
 def _picture(summary: Summary, scenarios: list[str], figure: str, label: str) -> Picture:
     controllers = list(dict.fromkeys(controller for _, controller in summary.outcomes))
     with style():
-        picture = new_figure(0.6 + 4.6 * len(scenarios), 4.4)
+        picture = new_figure(0.6 + WIDTH * len(scenarios), HEIGHT)
+        below = 0.0
         for axes, scenario in zip(picture.subplots(1, len(scenarios), squeeze=False)[0], scenarios, strict=True):
             outcomes = {name: summary.outcomes[scenario, name] for name in controllers}
             shown = [found.figures[figure] for found in outcomes.values() if figure in found.figures]
             for place, (name, outcome) in enumerate(outcomes.items()):
-                if figure in outcome.figures:
-                    _draw(axes, outcome.figures[figure], outcome, plain(name), place)
-            _scale(axes, shown, LIMITS.get(figure, (0.0, ""))[0])
-            axes.set_title(plain(scenario))
+                _draw(axes, outcome.figures.get(figure), outcome, plain(name), place)
+            if shown:
+                _scale(axes, shown, LIMITS.get(figure, (0.0, ""))[0])
+            else:
+                axes.text(0.5, 0.5, "all runs spin", transform=axes.transAxes, ha="center")
+                axes.set_xticks([])
+            axes.set_title("\n".join(textwrap.wrap(plain(scenario), TITLE_LENGTH)))
             axes.set_xlabel(label)
             axes.set_ylim(0.0, 100.0)
             axes.grid(visible=True)
             if figure in LIMITS:
                 _draw_limit(axes, shown, *LIMITS[figure])
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+            legend = fitted(axes.get_legend_handles_labels()[0], WIDTH - BESIDE, 2)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), **legend)
+            below = max(below, height(legend))
+        picture.set_figheight(HEIGHT + max(0.0, below - LEGEND_HEIGHT))
         picture.axes[0].set_ylabel("Runs with at most that (%)")
         return picture
 
@@ -117,10 +143,16 @@ def _scale(axes: Axes, shown: list[Figure], limit: float) -> None:
     axes.minorticks_off()
 
 
-def _draw(axes: Axes, figure: Figure, outcome: Outcome, name: str, place: int) -> None:
-    """Cumulative, over all runs: a curve that ends below 100 % shows how many spun, or never came to the figure."""
-    share = np.concatenate([[0.0], 100.0 * np.cumsum(figure.histogram) / outcome.runs])
-    spun = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun" if outcome.spun else ""
+def _draw(axes: Axes, figure: Figure | None, outcome: Outcome, name: str, place: int) -> None:
+    """Cumulative, over all runs: a curve that ends below 100 % shows how many spun, or never came to the figure.
+
+    Where none came to it, the legend alone has the controller: it is not to look as if it had not been driven.
+    """
+    edges, share, end = np.empty(0), np.empty(0), ": none"
+    if figure is not None:
+        edges, share, end = figure.edges, np.concatenate([[0.0], 100.0 * np.cumsum(figure.histogram) / outcome.runs]), ""
+    if outcome.spun:
+        end = f", {100.0 * outcome.spun / outcome.runs:.3g} % spun"
     colour = GREY if name == "passive" else COLOURS[place % len(COLOURS)]
     line = LINES[(place // len(COLOURS)) % len(LINES)]
-    axes.plot(figure.edges, share, color=colour, linestyle=line, label=f"{name}{spun}")
+    axes.plot(edges, share, color=colour, linestyle=line, label=f"{name}{end}")

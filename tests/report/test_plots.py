@@ -778,3 +778,23 @@ def test_failed_save_leaves_what_stood(bare: ReferenceMap, tmp_path: Path, monke
         plots.save(plots.map_figure(bare, "bare"), path)
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["map.png"]
+
+
+@pytest.mark.parametrize("letter", ["W", "i", "a_b "])
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_long_names_fit_into_the_legend(letter: str, count: int) -> None:
+    """Entries lie within the picture, not on each other, and take nothing from the panels."""
+
+    def figure_of(names: list[str]) -> Figure:
+        figure = plots.run_figure({name: made_run() for name in names}, "made")
+        style.to_png(figure)
+        return figure
+
+    figure = figure_of([(f"{number}" + letter * 63)[:63] for number in range(count)])
+    (legend,) = figure.legends
+    boxes = [text.get_window_extent() for text in legend.get_texts()]
+    assert len(boxes) == count + 1
+    assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and figure.bbox.y0 <= box.y0 for box in boxes)
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    short = figure_of(["a"]).axes[0].get_window_extent().height
+    assert figure.axes[0].get_window_extent().height > 0.9 * short

@@ -5,13 +5,16 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.axes import Axes
 
+from codegen.report.style import to_png
 from codegen.report.sweep_plots import pictures
 from codegen.report.sweep_text import CRITERIA, TITLES, factors_of, markdown, sections, short
 from codegen.sweep import plan as planning
@@ -266,6 +269,64 @@ def test_a_few_runs_far_out_do_not_set_the_axis() -> None:
     left, right = axes.get_xlim()
     assert -20.0 < left < -2.0 and 20.0 < right < 40.0
     assert "1 % of the runs\nlie beyond the axis" in [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def entries(axes: Axes) -> list[str]:
+    legend = axes.get_legend()
+    assert legend is not None
+    return [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+
+
+def renamed(summary: Summary, names: dict[str, str]) -> Summary:
+    """With other names of the controllers."""
+    outcomes = {(scenario, names[controller]): outcome for (scenario, controller), outcome in summary.outcomes.items()}
+    return replace(summary, outcomes=outcomes)
+
+
+def all_spun(outcome: Outcome) -> Outcome:
+    return Outcome(runs=outcome.runs, spun=outcome.runs)
+
+
+@pytest.mark.parametrize("where", ["some", "all"])
+def test_a_controller_of_which_all_runs_spin_is_told(summary: Summary, where: str) -> None:
+    """It has no figures; it is not to be left out for that."""
+    gone = {key: where == "all" or key[1] == "tracking" for key in summary.outcomes if key[0] == "sine-with-dwell"}
+    spun = {key: all_spun(outcome) if gone.get(key) else outcome for key, outcome in summary.outcomes.items()}
+    (panel,) = [
+        axes
+        for name, picture in pictures(replace(summary, outcomes=spun))
+        for axes in picture.axes
+        if name == "sideslip" and axes.get_title(loc="left") == "sine-with-dwell"
+    ]
+    for (_, controller), told in zip(gone, entries(panel), strict=True):
+        assert told.startswith(controller)
+        assert told.endswith(", 100 % spun") == gone["sine-with-dwell", controller]
+    assert ("all runs spin" in [text.get_text() for text in panel.texts]) == (where == "all")
+
+
+def test_every_panel_names_every_controller(summary: Summary) -> None:
+    controllers = {controller for _, controller in summary.outcomes}
+    for name, picture in pictures(summary):
+        for axes in picture.axes:
+            named = {entry.partition(":")[0].partition(",")[0] for entry in entries(axes)}
+            assert controllers <= named, (name, axes.get_title(loc="left"))
+
+
+@pytest.mark.parametrize("letter", ["W", "i", "a_b "])
+def test_names_as_long_as_they_may_be_fit_into_the_pictures(summary: Summary, letter: str) -> None:
+    """No legend or title leaves the picture, or lies on that of the next panel."""
+    controllers = list(dict.fromkeys(controller for _, controller in summary.outcomes))
+    long = {name: (f"{place}" + letter * 63)[:63] for place, name in enumerate(controllers)}
+    for name, picture in pictures(renamed(summary, long)):
+        to_png(picture)
+        whole = picture.bbox.padded(1.0)
+        for axes in picture.axes:
+            boxes = [axes.get_legend().get_window_extent(), axes.get_tightbbox()]
+            assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 for box in boxes), name
+        legends = [axes.get_legend().get_window_extent() for axes in picture.axes]
+        assert all(left.x1 < right.x0 for left, right in pairwise(legends)), name
+        heights = [axes.get_window_extent().height / picture.dpi for axes in picture.axes]
+        assert min(heights) > 2.5, name  # in: what the curves have is not what the legends leave
 
 
 def test_the_factors_of_a_run_in_words() -> None:

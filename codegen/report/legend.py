@@ -1,0 +1,89 @@
+"""Legends that fit: users choose the names of controllers, and a picture has only so much room for them."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+POINTS_PER_INCH = 72.0
+LINE_HEIGHT = 1.7
+"""Of an entry's line with what is between two, over the size of the font."""
+HEIGHT_WITHOUT_GROWING = 0.5
+"""in that a picture has for the legend under its panels."""
+
+
+def fitted(handles: Sequence[Artist], room: float, most: int) -> dict[str, Any]:
+    """Arguments of `legend`: entries in at most `most` columns, fewer where they would be wider than `room` (in).
+
+    Where one column is too wide, its labels go on in a second line.
+    """
+    labels = [str(handle.get_label()) for handle in handles]
+    for columns in range(min(most, len(labels)), 0, -1):
+        if _width(labels, columns) <= room:
+            break
+    else:
+        columns, labels = 1, [_wrapped(label, room) for label in labels]
+    return {"handles": list(handles), "labels": labels, "ncols": columns}
+
+
+def height(arguments: dict[str, Any]) -> float:
+    """Of a legend with the arguments of `fitted`, in."""
+    lines = max(sum(label.count("\n") + 1 for label in column) for column in _split(arguments["labels"], arguments["ncols"]))
+    return lines * LINE_HEIGHT * _font_size()
+
+
+def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
+    """The legend of all panels, under them; the picture grows with one of many lines."""
+    legend = fitted(handles, figure.get_figwidth(), 4)
+    figure.set_figheight(figure.get_figheight() + max(0.0, height(legend) - HEIGHT_WITHOUT_GROWING))
+    figure.legend(loc="outside lower center", **legend)
+
+
+def _font_size() -> float:
+    """In, of the style that is set."""
+    from matplotlib import rcParams
+
+    return float(rcParams["legend.fontsize"]) / POINTS_PER_INCH
+
+
+def _split(labels: Sequence[str], columns: int) -> list[list[str]]:
+    """As Matplotlib fills them: one column after the other."""
+    return [list(part) for part in np.array_split(np.array(labels, dtype=object), columns)]
+
+
+def _width(labels: Sequence[str], columns: int) -> float:
+    """Of a legend, in."""
+    return _width_of_spaces(columns) + sum(max(map(_text_width, column)) for column in _split(labels, columns))
+
+
+def _width_of_spaces(columns: int) -> float:
+    """Of all of a legend but its text, in."""
+    from matplotlib import rcParams
+
+    handle = rcParams["legend.handlelength"] + rcParams["legend.handletextpad"]
+    between, around = rcParams["legend.columnspacing"], 2.0 * (rcParams["legend.borderpad"] + rcParams["legend.borderaxespad"])
+    return float(columns * handle + (columns - 1) * between + around) * _font_size()
+
+
+def _text_width(text: str) -> float:
+    """Of the longest line, in."""
+    from matplotlib import rcParams
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=rcParams["legend.fontsize"])
+    points = max(text_to_path.get_text_width_height_descent(line, font, ismath=False)[0] for line in text.split("\n"))
+    return float(points) / POINTS_PER_INCH
+
+
+def _wrapped(label: str, room: float) -> str:
+    """A label of lines that fit, broken between words where there are any."""
+    share = (room - _width_of_spaces(1)) / _text_width(label)
+    return label if share >= 1.0 else "\n".join(textwrap.wrap(label, int(len(label) * share), break_on_hyphens=False))
