@@ -9,7 +9,7 @@
     pi = "generated/4ws2"
 
     [factors]
-    mass_percent = { uniform = [-20, 20], points = 5 }
+    mass_percent = { uniform = [-20, 20] }  # of a factorial design: and points = 5
     friction = [0.4, 0.6, 0.9]
     yaw_rate_noise_deg_s = { normal = [0.1, 0.02], within = [0, 0.2] }
     delay_samples = 1
@@ -201,6 +201,9 @@ class Spec(Section):
         if self.design == "monte-carlo":
             if self.samples is None:
                 raise ValueError("samples is missing; a monte-carlo design needs it")
+            for key, values in self.factors.items():
+                if values.points is not None:
+                    raise ValueError(f"factors.{key}.points is for a factorial design; remove it")
         else:
             if self.samples is not None:
                 raise ValueError("samples does not go with a factorial design, whose values make it; remove it")

@@ -57,6 +57,10 @@ def test_a_factorial_design_counts_its_combinations() -> None:
             {"factors": {"friction": {"uniform": [0.4, 0.9], "points": 1}}},
             "factors.friction.points: 1 is no whole number from 2 to 10000",
         ),
+        (
+            {"factors": {"friction": {"uniform": [0.4, 0.9], "points": 3}}},
+            "factors.friction.points is for a factorial design; remove it",
+        ),
         ({"samples": None}, "samples is missing; a monte-carlo design needs it"),
         ({"samples": True}, "samples: "),
         ({"design": "random"}, "design: "),
