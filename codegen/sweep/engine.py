@@ -27,6 +27,8 @@ CONNECT_TIMEOUT = 20.0
 DEATHS_MAX = 10
 """Times that the cluster may give up a chunk because the workers that drove it died, each time after several deaths of its own
 counting: more, and it is the chunk that kills them."""
+CLOSINGS_MAX = 10
+"""Times that a client is told to close, which waits for up to 0.1 s, before it is left as it is."""
 TALKATIVE = ("distributed", "tornado", "asyncio")
 """Loggers, with all below them, that tell a lost connection by tracebacks, beside the one line that says what to do."""
 
@@ -188,7 +190,12 @@ class Dask:
     def close(self) -> None:
         """Leave the cluster, which goes on."""
         with self._silence:
-            self._client.close()
+            for _ in range(CLOSINGS_MAX):
+                # A client whose scheduler is gone closes itself as well. Where both give up one connection, asyncio refuses the
+                # second time ("Cannot change state of expiring Timeout"): so once more.
+                with contextlib.suppress(RuntimeError):
+                    self._client.close()
+                    break
 
 
 @contextlib.contextmanager

@@ -170,6 +170,11 @@ def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+def address_of(scheduler: subprocess.Popen[str]) -> str:
+    assert scheduler.stderr is not None
+    return next(found[0] for line in scheduler.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+
+
 def test_a_scheduler_that_dies_is_told_in_one_line_and_what_was_finished_is_kept(
     plan: Plan, whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,8 +182,7 @@ def test_a_scheduler_that_dies_is_told_in_one_line_and_what_was_finished_is_kept
         monkeypatch.setattr(logging.getLogger(name), "handlers", [caplog.handler])
     folder = tmp_path / "lost"
     with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
-        assert scheduler.stderr is not None
-        address = next(found[0] for line in scheduler.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+        address = address_of(scheduler)
         with dask_process("worker", address, "--nthreads", "1", "--no-nanny", "--death-timeout", "60"):
             engine = Dask(address)
             try:
@@ -202,6 +206,24 @@ def test_a_scheduler_that_dies_is_told_in_one_line_and_what_was_finished_is_kept
 
     assert run_campaign(plan, folder, Counting(1)).read_bytes() == whole.read_bytes()
     assert {part_path(folder, number).name for number in driven}.isdisjoint(kept)
+
+
+def test_a_client_that_closes_itself_at_the_same_time_is_closed_all_the_same() -> None:
+    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        engine = Dask(address_of(scheduler))
+        client = engine._client
+        given_up: list[str] = []
+
+        def already_given_up(reason: str) -> None:
+            """What a connection does that is being given up, until the loop has run once more."""
+            given_up.append(reason)
+            if len(given_up) == 1:
+                raise RuntimeError("Cannot change state of expiring Timeout")
+
+        client.rpc._connecting["tcp://127.0.0.1:9"].add(already_given_up)
+        engine.close()
+    assert len(given_up) == 2
+    assert client.status == "closed"
 
 
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
