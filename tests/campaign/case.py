@@ -16,8 +16,8 @@ from codegen.refmap import map as refmap
 from codegen.refmap.extend import extend
 from codegen.sil.software import Software
 from codegen.verify.check import Subject
+from tests.builds import CONFIGS, Built
 from tests.campaign.library import Compiler, Opened, Tree, library_of
-from tests.sil.builds import CONFIGS, Built
 from tests.sil.units import Units
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import ModuleType
 from typing import Any
 
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.test_task import car_of
 
 Test = Callable[[Built], object]

@@ -37,8 +37,8 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import EcuKind, Setup, ecu_of, run_hil
+from tests import builds
 from tests.can.interfaces import set_interface
-from tests.sil import builds
 
 pytestmark = pytest.mark.vcan
 

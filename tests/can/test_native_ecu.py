@@ -31,8 +31,8 @@ from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMot
 from hil_sim.e2e import next_counter, protect
 from hil_sim.ecu_process import EcuProcess
 from hil_sim.frames import Frame
+from tests import builds
 from tests.can.interfaces import add_vcan, set_interface
-from tests.sil import builds
 
 pytestmark = pytest.mark.vcan
 

@@ -35,7 +35,7 @@ from hil_sim.plant_node import PlantNode
 from hil_sim.runs import run_through_can
 from hil_sim.scenarios import Scenario, find
 from hil_sim.session import Setup, run_plant
-from tests.sil import builds
+from tests import builds
 from tests.xcp.elf import Program
 
 pytestmark = pytest.mark.vcan

@@ -16,7 +16,7 @@ from codegen.emit.limiter_view import limiter_view
 from codegen.emit.parameters import Parameter
 from codegen.errors import BuildError
 from codegen.vehicle.single_track import SingleTrack
-from tests.sil import builds
+from tests import builds
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 

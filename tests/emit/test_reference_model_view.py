@@ -23,7 +23,8 @@ from codegen.emit.reference_model_view import (
 )
 from codegen.errors import BuildError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
-from tests.sil import builds, units
+from tests import builds
+from tests.sil import units
 from tests.sil.exact_dynamics import magic_formula
 
 CONFIG = builds.TRACKING_CONFIG

@@ -8,7 +8,7 @@ import pytest
 
 from codegen.emit.write import write_folder
 from codegen.sil.software import Software, load
-from tests.sil import builds
+from tests import builds
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from codegen.can_sections import RealSignal
 from codegen.config import Config
 from codegen.emit.text import Precision
 from hil_sim.codec import PAYLOADS, Codec, Payload, RearSteerCommand, VehicleConditions, VehicleMotion
-from tests.sil import builds
+from tests import builds
 
 OTHER = {
     # Motorola byte order, odd lengths, offsets of both signs, factors whose inverse is no whole number, other identifiers.

@@ -24,7 +24,7 @@ from hil_sim.metrics import column, evaluate, spin_time
 from hil_sim.second_plant import Cell, MultiBodyPlant, car_of, cells, package, published, run
 from hil_sim.second_plant.plant import LeftModelError
 from hil_sim.second_plant.rear_steer import RearSteeredCar
-from tests.sil import builds
+from tests import builds
 
 STATES = 29
 LATERAL = (1, 2, 4, 5, 6, 7, 10, 13, 14, 15, 18, 19, 20, 27, 28)

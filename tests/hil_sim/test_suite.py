@@ -33,7 +33,7 @@ from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
 from hil_sim.suite.summary import Summary, summarise
 from hil_sim.suite.third_party import third_party_cells
 from hil_sim.suite.tracking import Outside, run_suite
-from tests.sil import builds
+from tests import builds
 
 CONFIG = configuration.preset()
 CASE = CONFIG.case("4ws-2")

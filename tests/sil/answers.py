@@ -19,8 +19,8 @@ from codegen.sil.software import Measurement, Status
 from codegen.verify.law.course import drive
 from codegen.verify.law.limiter import SecondLimiter
 from codegen.verify.law.reference_model import SecondReferenceModel
+from tests.builds import Built
 from tests.sil import checks_limiter
-from tests.sil.builds import Built
 from tests.sil.checks_kinds import config_of, model_of, parameters_of
 from tests.sil.checks_lookup import all_points, bits
 from tests.sil.checks_map_reference import COLUMNS, frictions, road_lateral_acceleration

@@ -15,7 +15,7 @@ import numpy as np
 from codegen.can_sections import E2e, RealSignal
 from hil_sim.codec import PAYLOADS, Codec
 from hil_sim.e2e import E2eStatus, Receiver, crc, next_counter, protect
-from tests.sil.builds import Built
+from tests.builds import Built
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from codegen.sil.software import Command, Controller, Measurement, Status
 from codegen.verify.law.controller import SecondPi
 from codegen.verify.law.course import drive
-from tests.sil.builds import CONFIG, SPEED, Built
+from tests.builds import CONFIG, SPEED, Built
 
 PERIOD = CONFIG.controller.sampling_time_s
 RATE_LIMIT = math.radians(25.0)

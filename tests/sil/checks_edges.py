@@ -14,7 +14,7 @@ import numpy as np
 
 from codegen.emit.laws import law_of
 from codegen.sil.software import Measurement, Status
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.checks_kinds import config_of, parameters_of
 
 LARGEST = 2**16 - 1

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Controller, Measurement, Status
+from tests.builds import Built
 from tests.sil.answers import Drive, answers_of
-from tests.sil.builds import Built
 from tests.sil.checks_kinds import config_of, open_limiter, parameters_of
 
 SPEED = 20.0

@@ -12,7 +12,7 @@ from codegen.sil.software import Status
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.course import drive
 from codegen.verify.law.kinds import second_controller
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.checks_supervision import random_measurements
 
 

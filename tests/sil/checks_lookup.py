@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup, error_bound
-from tests.sil.builds import Built
+from tests.builds import Built
 
 RealArray = npt.NDArray[Any]
 FRICTIONS = (math.nan, -math.inf, -0.5, 0.0, 1e-3, 0.35, 0.8999999, 0.9, 0.9000001, 1.4, math.inf)

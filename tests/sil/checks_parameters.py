@@ -12,7 +12,7 @@ from typing import Any
 from codegen.config import Config
 from codegen.emit.controller_view import controller_view
 from codegen.vehicle.single_track import SingleTrack
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.checks_edges import LARGEST
 from tests.sil.checks_kinds import config_of
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.sil.software import Command, Controller, Measurement
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.checks_tracking import BOTH, FRONT, PERIOD, SPEED, TRACKING, controller_of, feedforward, map_yaw_rate, no_gains
 
 

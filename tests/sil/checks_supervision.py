@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.sil.software import Controller, Measurement, Status
-from tests.sil.builds import CONFIG, FRONT_ANGLE, SPEED, Built
+from tests.builds import CONFIG, FRONT_ANGLE, SPEED, Built
 from tests.sil.checks_control import PERIOD, RUNNING, angles
 
 FAIL_SAFE = CONFIG.controller.fail_safe

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import Controller, Measurement, Status
-from tests.sil.builds import TRACKING_CONFIG, Built
+from tests.builds import TRACKING_CONFIG, Built
 from tests.sil.checks_control import RUNNING, angles
 from tests.sil.checks_kinds import check_kind_same_as_model, open_limiter, parameters_of
 

@@ -7,7 +7,7 @@ import pytest
 CHECKS = ("lookup", "map_reference", "control", "supervision", "kinds", "tracking", "reference", "limiter", "reference_model")
 pytest.register_assert_rewrite(*(f"tests.sil.checks_{name}" for name in CHECKS))
 
-from tests.sil import builds  # noqa: E402 - only now, so that its asserts tell what they compared
+from tests import builds  # noqa: E402 - only now, so that its asserts tell what they compared
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from tests.builds import Built
 from tests.sil import checks_control, checks_lookup, checks_supervision
-from tests.sil.builds import Built
 
 Check = Callable[[Built], object]
 

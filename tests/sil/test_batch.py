@@ -22,7 +22,8 @@ from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, compile_build
 from codegen.sil.vector import ISAS, compiler_offers, machine_runs
 from codegen.vehicle.dynamics import PLANT_PARAMETERS, plant_parameters
-from tests.sil import builds, relinked
+from tests import builds
+from tests.sil import relinked
 
 FloatArray = npt.NDArray[np.float64]
 HERE = [isa for isa in ISAS if machine_runs(isa) and compiler_offers(isa)]

@@ -12,7 +12,8 @@ from codegen.emit.folder import Folder
 from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
-from tests.sil import builds, checks_calibration
+from tests import builds
+from tests.sil import checks_calibration
 from tests.sil.calibrated import Calibrated
 
 MAP_C, CONTROLLER_C = "src/ars_map.c", "src/ars_controller.c"

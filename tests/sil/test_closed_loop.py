@@ -13,8 +13,8 @@ import pytest
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.compile import compile_library
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, bench_sources
-from tests.sil import builds
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
 
 FloatArray = npt.NDArray[np.float64]
 STEPS = 10  # plant steps in a sample

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from codegen.config import Config, Controller
 from codegen.emit.text import literal
 from codegen.sil.software import Measurement, Status
-from tests.sil import builds, checks_control
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import checks_control
 from tests.sil.checks_control import RATE_LIMIT, ideal, run, unmeasured
 
 BOTH_SIGNS = pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from codegen.can_sections import Can, E2e
 from codegen.sil.software import Software
 from hil_sim.e2e import E2eStatus, Receiver, crc, next_counter, protect
-from tests.sil import builds
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
 
 FRAMES = st.binary(min_size=8, max_size=8)
 IDS = st.integers(0, 0xFFFF)

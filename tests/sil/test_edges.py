@@ -8,8 +8,9 @@ import pytest
 
 from codegen.config import Kind
 from codegen.emit.text import Precision
-from tests.sil import answers, answers_frames, builds, checks_edges, checks_parameters, units
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import answers, answers_frames, checks_edges, checks_parameters, units
 
 CHECKS: tuple[Callable[[Built], None], ...] = (
     checks_edges.check_init_sets_everything,

@@ -8,8 +8,9 @@ import pytest
 
 from codegen.config import Kind
 from codegen.emit.text import Precision
-from tests.sil import answers, builds, checks_edges_law
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import answers, checks_edges_law
 from tests.sil.checks_edges_law import OF_TRACKING
 
 CONTROLLER_C = "src/ars_controller.c"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from codegen.sil.compile import compile_library
-from tests.sil import builds
+from tests import builds
 from tests.sil.checks_selftest import CHECKS, PATH, STUBS, Alone
 
 Check = Callable[[Alone], None]

@@ -8,7 +8,7 @@ import pytest
 
 from codegen.sil.software import Status
 from hil_sim.e2e import E2eStatus
-from tests.sil.builds import Built
+from tests.builds import Built
 from tests.sil.test_task import DEGRADED_MAX, Car, car_of, names
 
 

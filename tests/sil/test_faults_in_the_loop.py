@@ -8,7 +8,7 @@ import pytest
 
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import Measurement, Status
-from tests.sil.builds import Built
+from tests.builds import Built
 
 SPEED = 100.0 / 3.6
 WHEEL = INPUT_COLUMNS.index("steering_wheel_command")

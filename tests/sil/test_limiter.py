@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from codegen.config import Config
 from codegen.sil.toolchain import compiler_command
-from tests.sil import builds, checks_limiter, units
+from tests import builds
+from tests.sil import checks_limiter, units
 from tests.sil.checks_limiter import CHANGES
 from tests.sil.units import Units
 

@@ -11,8 +11,9 @@ from codegen.emit.text import literal
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import extend
 from codegen.sil.software import compile_build
-from tests.sil import builds, checks_lookup
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import checks_lookup
 
 MAP_C, CALIBRATION_C = "src/ars_map.c", "src/ars_calibration.c"
 SELFTEST_C, E2E_C = "src/ars_selftest.c", "src/ars_e2e.c"

@@ -26,8 +26,9 @@ from codegen.refmap.stack import solve_stack
 from codegen.refmap.storage import RAW_MAX, Storage, raw_of
 from codegen.refmap.total import GripTable
 from codegen.sil.software import compile_build
-from tests.sil import builds, checks_lookup, checks_map_reference
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import checks_lookup, checks_map_reference
 from tests.sil.relinked import Builds
 from tests.sil.units import Units
 

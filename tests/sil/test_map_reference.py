@@ -11,7 +11,8 @@ import pytest
 from codegen.emit.text import literal
 from codegen.refmap.axis import Axis
 from codegen.sil.software import compile_build
-from tests.sil import builds, checks_map_reference, units
+from tests import builds
+from tests.sil import checks_map_reference, units
 from tests.sil.units import Units
 
 MAP_C, CALIBRATION_C = "src/ars_map.c", "src/ars_calibration.c"

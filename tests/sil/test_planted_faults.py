@@ -11,8 +11,9 @@ from types import ModuleType
 import pytest
 
 from codegen.config import Kind
+from tests import builds
+from tests.builds import Built
 from tests.sil import (
-    builds,
     checks_control,
     checks_kinds,
     checks_limiter,
@@ -27,7 +28,6 @@ from tests.sil import (
     faults_units,
     units,
 )
-from tests.sil.builds import Built
 from tests.sil.units import Units
 
 IN_KINDS: dict[Kind, dict[str, tuple[faults.Fault, ...]]] = {"pi": faults.FAULTS, "tracking": faults_tracking.FAULTS}

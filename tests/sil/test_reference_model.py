@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.config import Config
-from tests.sil import builds, checks_reference_model, units
+from tests import builds
+from tests.sil import checks_reference_model, units
 from tests.sil.units import Units
 
 

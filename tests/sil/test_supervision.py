@@ -11,8 +11,9 @@ from codegen.config import Kind
 from codegen.emit.controller_view import controller_view
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement, Status
-from tests.sil import builds, checks_supervision
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import checks_supervision
 from tests.sil.checks_supervision import FAIL_SAFE, LOST, lost_at
 
 

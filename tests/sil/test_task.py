@@ -17,8 +17,8 @@ from codegen.sil.software import Status
 from codegen.sil.task import Task
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
-from tests.sil import builds
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
 
 BIT = {cause.name: 1 << cause.bit for cause in DIAGNOSTICS}
 DEGRADED_MAX, RECOVERY = 3, 10

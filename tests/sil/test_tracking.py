@@ -11,8 +11,9 @@ from codegen.config import Kind
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement, Status
 from codegen.vehicle.single_track import SingleTrack
-from tests.sil import builds, checks_kinds, checks_reference, checks_tracking, units
-from tests.sil.builds import Built
+from tests import builds
+from tests.builds import Built
+from tests.sil import checks_kinds, checks_reference, checks_tracking, units
 
 KINDS: tuple[Kind, ...] = ("tracking", "feedforward", "proportional")
 LOW_ANGLE = {"rear_angle_max": 0.02, "limiter": {"rear_angle_max": 0.02, "opposite_phase_max": [0.02, 0.01]}}

@@ -14,7 +14,7 @@ from codegen.sil import batch, vector
 from codegen.sil.batch import Isa, Lanes, compile_batch, load_batch
 from codegen.sil.batch_sources import LANES, PLANT_UNIT
 from codegen.vehicle.dynamics import plant_parameters
-from tests.sil import builds
+from tests import builds
 from tests.sil.test_batch import HERE, PROFILES
 
 VECTORS = [isa for isa in vector.ISAS if isa != "none"]

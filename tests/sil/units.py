@@ -23,7 +23,8 @@ from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
 from codegen.sil.compile import Library, compile_library
-from tests.sil import builds, relinked
+from tests import builds
+from tests.sil import relinked
 from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 RealArray = npt.NDArray[Any]

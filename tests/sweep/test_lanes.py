@@ -13,7 +13,7 @@ from codegen.sweep.lanes import cars
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
 from hil_sim.suite import plants
 from hil_sim.suite.plants import changed
-from tests.sil import builds
+from tests import builds
 
 ROUNDING = 1e-13
 """Relative: a few roundings of double precision, in another order."""

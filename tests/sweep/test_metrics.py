@@ -16,7 +16,7 @@ from hil_sim.metrics.step import slip_bounds
 from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS, Scenario
 from hil_sim.suite.plants import changed
-from tests.sil import builds
+from tests import builds
 
 FloatArray = npt.NDArray[np.float64]
 

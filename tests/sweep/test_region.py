@@ -11,7 +11,7 @@ from codegen.config import Config
 from codegen.report.html.blocks import Gallery, Table, Text
 from codegen.report.html.robust import DRIVEN_HEADER, region_blocks
 from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
-from tests.sil import builds
+from tests import builds
 
 SHAPE = (len(MASSES_PERCENT), len(FRICTIONS), len(SPEEDS_KM_H))
 

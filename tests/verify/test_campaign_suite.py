@@ -8,6 +8,7 @@ from types import ModuleType
 import pytest
 
 from codegen.sil.toolchain import compiler_command
+from tests.builds import Built
 from tests.campaign import suite
 from tests.campaign.case import Case, case_of
 from tests.campaign.library import Compiler
@@ -23,7 +24,6 @@ from tests.sil import (
     test_supervision,
     test_task,
 )
-from tests.sil.builds import Built
 
 MODULES = (test_closed_loop, test_controller, test_edges_task, test_faults_in_the_loop, test_supervision, test_task)
 

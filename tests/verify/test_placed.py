@@ -17,7 +17,7 @@ from codegen.refmap.place import Request, choose
 from codegen.verify.analysis.check import check as analyse
 from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.map_reference import lookup_of
-from tests.sil import builds
+from tests import builds
 
 REQUEST = Request(math.radians(0.5), None, "int16", "--max-error 0.5deg/s --storage int16")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sil import builds
+from tests import builds
 from tests.xcp.slave import Objects, Slave
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from codegen.refmap.extend import extend
-from tests.sil import builds
+from tests import builds
 from tests.xcp.slave import CALIBRATION, COMMANDS, MEASUREMENTS, Objects, Slave, dword, packet, word
 
 ECU, MASTER, BOTH = 1, 2, 3

@@ -15,7 +15,7 @@ from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError, ConfigError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
-from tests.sil import builds
+from tests import builds
 from tests.xcp.elf import Program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="SocketCAN is a part of Linux")

@@ -1,8 +1,13 @@
-"""Builds under test: each a map, its rendered folder and the compiled software. Made when first asked for, once a process."""
+"""Builds under test: each a map, its rendered folder and the compiled software.
+
+A build is made on first use. Its compiled library is shared by all workers through the cache of `codegen.sil.compile`; a lock
+keeps two workers from compiling the same one.
+"""
 
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +17,7 @@ import numpy as np
 from codegen import config as configuration
 from codegen.config import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.folder import Folder
+from codegen.emit.folder import Folder, render_manifest
 from codegen.emit.text import Precision
 from codegen.refmap import map as refmap
 from codegen.refmap.extend import TotalMap, extend
@@ -20,6 +25,7 @@ from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
 from codegen.sil.software import Measurement, Software, compile_build
+from tests import shared
 from tests.sil import relinked
 
 CONFIG = configuration.preset()
@@ -108,7 +114,9 @@ def render(reference_map: ReferenceMap, config: Config, precision: Precision = "
 def make(reference_map: ReferenceMap, config: Config = CONFIG, precision: Precision = "single") -> Built:
     """Render and compile."""
     folder = render(reference_map, config, precision)
-    return Built(folder, extend(reference_map, config), compile_build(folder.files, folder.manifest))
+    with shared.alone(f"compile {hashlib.sha256(render_manifest(folder)).hexdigest()}"):
+        software = compile_build(folder.files, folder.manifest)
+    return Built(folder, extend(reference_map, config), software)
 
 
 @functools.cache

@@ -1,0 +1,73 @@
+"""Results that several tests need, made once for a whole run and shared by all its workers.
+
+The store is a temporary folder of the run. An entry is named by the SHA-256 of its key, so two tests that describe the same
+work share it and a different input never meets a stale result.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import fcntl
+import functools
+import hashlib
+import os
+import pickle
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from codegen.emit.text import Precision
+
+VARIABLE = "ARS_TESTS_SHARED"
+"""Environment variable with the folder of the run; workers inherit it from the process that starts them."""
+
+
+def begin() -> None:
+    """Create the folder of the run. Called once, by the process that starts the workers."""
+    os.environ[VARIABLE] = tempfile.mkdtemp(prefix="ars-tests-")
+
+
+def end() -> None:
+    """Remove the folder of the run."""
+    shutil.rmtree(os.environ.pop(VARIABLE), ignore_errors=True)
+
+
+def folder() -> Path:
+    """Return the folder of the run; outside pytest, create it for this process."""
+    if VARIABLE not in os.environ:
+        begin()
+        atexit.register(end)
+    return Path(os.environ[VARIABLE])
+
+
+@contextlib.contextmanager
+def alone(key: str) -> Iterator[Path]:
+    """Hold the lock of a key across all workers, and yield a path for its entry (a file or a folder)."""
+    path = folder() / hashlib.sha256(key.encode()).hexdigest()
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield path
+
+
+def once(key: str, make: Callable[[], Any]) -> Any:
+    """Return what `make` returns, computed by the first worker that needs it. The value must be picklable."""
+    with alone(key) as path:
+        if not path.exists():
+            path.write_bytes(pickle.dumps(make()))
+        return pickle.loads(path.read_bytes())
+
+
+@functools.cache
+def build_folder(kind: str = "pi", precision: Precision = "single") -> Path:
+    """Return a build of `tests.builds.of_kind` on disk, as `codegen build` leaves it. Tests must not write to it."""
+    from codegen.emit.write import write_folder
+    from tests import builds
+
+    with alone(f"build folder {kind} {precision}") as path:
+        place = path / "4ws2"
+        if not place.exists():
+            write_folder(builds.of_kind(kind, precision).folder, place)  # type: ignore[arg-type]
+        return place
