@@ -44,7 +44,7 @@ check: $(READY) ## lint, format and types, nothing changed
 verify: $(READY) ## every check of the committed builds, and coverage, mutation, fuzzing and the like of their C
 	@$(BIN)/codegen verify generated/4ws2 $(if $(QUICK),--quick)
 	@$(BIN)/codegen verify generated/4ws2-tracking $(if $(QUICK),--quick)
-	@$(BIN)/python -m tests.campaign $(if $(QUICK),--quick)
+	@$(BIN)/python -m tests.evidence $(if $(QUICK),--quick)
 
 bench: $(READY) ## the benchmarks that every machine can run, also into benchmarks/results.md; half an hour
 	@$(BIN)/python -m benchmarks --write benchmarks/results.md

@@ -50,7 +50,7 @@ def test_every_target_with_help_is_phony_or_a_file_would_hide_it() -> None:
 def test_quick_reaches_every_part_of_verify(quick: bool) -> None:
     asked = ["QUICK=1"] if quick else []
     told = run("make", "--no-print-directory", "-n", "-o", ".venv/.ready", "verify", *asked, folder=ROOT).splitlines()
-    parts = [line for line in told if "codegen verify" in line or "tests.campaign" in line]
+    parts = [line for line in told if "codegen verify" in line or "tests.evidence" in line]
     assert len(parts) == 3
     assert [line.endswith(" --quick") for line in parts] == [quick] * 3
 

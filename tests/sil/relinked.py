@@ -14,7 +14,7 @@ from codegen.sil.cdef import derive_cdef, parsed_ffi
 from codegen.sil.compile import DEFAULT_FLAGS, Library
 from codegen.sil.software import Software, bench_sources
 from codegen.sil.toolchain import compiler_command
-from tests.campaign.library import Compiler
+from tests.sil.library import Compiler
 
 QUICK_FLAGS = tuple("-O0" if flag == "-O2" else flag for flag in (*DEFAULT_FLAGS, "-w"))
 """Without optimisation, which compiles faster, and without warnings, for what is planted may leave a function unused."""

@@ -1,0 +1,242 @@
+"""The mutants of a unit of C: each one change, of the kinds that a wrong hand makes.
+
+- relational: a boundary that belongs to the other side, a comparison the wrong way round;
+- arithmetic: another operator, a lost sign;
+- constant: one more, one less, half of a large one; a real number by one per cent, zero to one;
+- logical: "and" for "or", one condition left out, a lost "not", a decision that is always taken;
+- deletion: a statement left out.
+
+Tables (arrays of nothing but numbers) and declarations are left as they are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pycparser import c_ast, c_generator
+
+from tests.evidence.mutation.source import Unit, name_of, printed
+
+RELATIONAL = {"<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"), "==": ("!=",), "!=": ("==",)}
+ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "<<": ">>", ">>": "<<", "&": "|", "|": "&", "^": "|"}
+COMPOUND = {"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "|=": "&=", "&=": "|=", "<<=": ">>=", ">>=": "<<=", "^=": "|="}
+STEPS = {"p++": "p--", "p--": "p++", "++": "--", "--": "++"}
+LOGICAL = {"&&": "||", "||": "&&"}
+LARGEST = re.compile(r"U?INT\d+_MAX")
+NUMBER = re.compile(r"(0[xX][0-9a-fA-F]+|\d+)([uUlL]*)")
+HALVED_FROM = 16
+"""A smaller number is told from its half by those of one more and one less."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """What names a mutant, whatever the lines around it do.
+
+    Attributes:
+        path: of the unit. function: that it is in, or the constant that is defined.
+        operator: kind and change, such as "relational: < to <=".
+        text: the expression or statement that is changed, as it is printed.
+        occurrence: from 1, of those that the rest does not tell apart, in the order of the source.
+    """
+
+    path: str
+    function: str
+    operator: str
+    text: str
+    occurrence: int = 1
+
+    @property
+    def kind(self) -> str:
+        """Relational, arithmetic, constant, logical or deletion."""
+        return self.operator.partition(":")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Mutant:
+    """One change of a unit.
+
+    Attributes:
+        key: its name. line: of the original, for messages.
+        index: of the top-level node that it changes. text: that node in C, changed.
+    """
+
+    key: Key
+    line: int
+    index: int
+    text: str
+
+    def source(self, unit: Unit) -> str:
+        """The whole unit, changed."""
+        parts = [self.text if index == self.index else printed(node) for index, node in enumerate(unit.nodes)]
+        return unit.includes + "".join(parts)
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """A place in the tree that holds a node."""
+
+    parent: Any
+    name: str
+
+    def put(self, node: Any) -> None:
+        attribute, _, index = self.name.partition("[")
+        if index:
+            getattr(self.parent, attribute)[int(index.rstrip("]"))] = node
+        else:
+            setattr(self.parent, attribute, node)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """What stands in a slot, what is put there, and how it is told."""
+
+    slot: _Slot
+    old: Any
+    new: Any
+    operator: str
+    told: Any
+
+
+def mutants_of(unit: Unit) -> list[Mutant]:
+    """Every mutant of a unit, in the order of the source."""
+    found: list[Mutant] = []
+    seen: Counter[tuple[str, str, str]] = Counter()
+    for index, node in enumerate(unit.nodes):
+        name = name_of(node)
+        for change in _changes(node):
+            text = " ".join(_text(change.told).split())
+            seen[name, change.operator, text] += 1
+            key = Key(unit.path, name, change.operator, text, seen[name, change.operator, text])
+            change.slot.put(change.new)
+            mutated = printed(node)
+            change.slot.put(change.old)
+            found.append(Mutant(key, change.old.coord.line, index, mutated))
+    return found
+
+
+def definitions(unit: Unit) -> tuple[str, ...]:
+    """All that a unit defines, as it is printed."""
+    return tuple(printed(node) for node in unit.nodes)
+
+
+def _text(node: Any) -> str:
+    text: str = c_generator.CGenerator().visit(node)
+    return text
+
+
+def _changes(top: Any) -> Iterator[_Change]:
+    if isinstance(top, c_ast.FuncDef):
+        yield from _inside(_Slot(top, "body"), top.body, top.body)
+    elif isinstance(top, c_ast.Decl) and top.init is not None and not _is_table(top):
+        yield from _inside(_Slot(top, "init"), top.init, top)
+
+
+def _is_table(declaration: Any) -> bool:
+    return isinstance(declaration.type, c_ast.ArrayDecl) and _is_numbers(declaration.init)
+
+
+def _is_numbers(node: Any) -> bool:
+    if isinstance(node, c_ast.InitList):
+        return all(_is_numbers(item) for item in node.exprs)
+    if isinstance(node, c_ast.UnaryOp):
+        return _is_numbers(node.expr)
+    return isinstance(node, c_ast.Constant)
+
+
+def _inside(slot: _Slot, node: Any, told: Any) -> Iterator[_Change]:
+    """Changes of a node and of all below it; `told` is what names a number: the expression that it stands in."""
+    yield from _at(slot, node, told)
+    if isinstance(node, c_ast.Decl):
+        if node.init is not None and not _is_table(node):
+            yield from _inside(_Slot(node, "init"), node.init, node)
+        return
+    around = told if isinstance(node, c_ast.Constant | c_ast.ID | c_ast.Cast | c_ast.InitList | c_ast.ExprList) else node
+    for name, child in node.children():
+        if isinstance(node, c_ast.StructRef) and name == "field":
+            continue
+        if isinstance(node, c_ast.Cast) and name == "to_type":
+            continue
+        if isinstance(node, c_ast.NamedInitializer) and name != "expr":
+            continue
+        if isinstance(node, c_ast.Case) and name == "expr":
+            continue
+        yield from _inside(_Slot(node, name), child, around)
+
+
+def _at(slot: _Slot, node: Any, told: Any) -> Iterator[_Change]:
+    """Changes of the node itself."""
+
+    def change(new: Any, operator: str, of: Any = node) -> _Change:
+        return _Change(slot, node, new, operator, of)
+
+    if isinstance(node, c_ast.BinaryOp):
+        yield from _of_binary(node, change)
+    elif isinstance(node, c_ast.UnaryOp):
+        if node.op in ("-", "~", "!"):
+            kind = "logical" if node.op == "!" else "arithmetic"
+            yield change(node.expr, f"{kind}: {node.op} lost")
+        elif node.op in STEPS:
+            new = STEPS[node.op]
+            yield change(c_ast.UnaryOp(new, node.expr), f"arithmetic: {node.op.strip('p')} to {new.strip('p')}")
+    elif isinstance(node, c_ast.Assignment) and node.op in COMPOUND:
+        new = COMPOUND[node.op]
+        yield change(c_ast.Assignment(new, node.lvalue, node.rvalue), f"arithmetic: {node.op} to {new}")
+    elif isinstance(node, c_ast.Constant):
+        for value in _other_numbers(node.value):
+            yield change(c_ast.Constant(node.type, value), f"constant: {node.value} to {value}", told)
+    elif isinstance(node, c_ast.ID) and LARGEST.fullmatch(node.name):
+        for value in (f"({node.name} - 1)", f"({node.name} / 2)"):
+            yield change(c_ast.ID(value), f"constant: {node.name} to {value}", told)
+    elif isinstance(node, c_ast.TernaryOp):
+        yield change(node.iftrue, "logical: always taken")
+        yield change(node.iffalse, "logical: never taken")
+    elif isinstance(node, c_ast.If):
+        new = c_ast.If(c_ast.ID("1"), node.iftrue, node.iffalse)
+        yield change(new, "logical: always taken", node.cond)
+    if _is_deletable(slot, node) and not _is_one_statement_more(node):
+        yield change(c_ast.EmptyStatement(), "deletion", node.cond if isinstance(node, c_ast.If | c_ast.For) else node)
+
+
+def _of_binary(node: Any, change: Any) -> Iterator[_Change]:
+    for new in RELATIONAL.get(node.op, ()):
+        yield change(c_ast.BinaryOp(new, node.left, node.right), f"relational: {node.op} to {new}")
+    if node.op in ARITHMETIC:
+        new = ARITHMETIC[node.op]
+        yield change(c_ast.BinaryOp(new, node.left, node.right), f"arithmetic: {node.op} to {new}")
+    if node.op in LOGICAL:
+        new = LOGICAL[node.op]
+        yield change(c_ast.BinaryOp(new, node.left, node.right), f"logical: {node.op} to {new}")
+        yield change(node.right, "logical: left condition lost")
+        yield change(node.left, "logical: right condition lost")
+
+
+def _is_deletable(slot: _Slot, node: Any) -> bool:
+    """A statement of its own: not a declaration, and not a return, without which a value would be undefined."""
+    kinds = c_ast.Assignment | c_ast.FuncCall | c_ast.If | c_ast.For | c_ast.UnaryOp | c_ast.Break | c_ast.Switch
+    return slot.name.startswith(("block_items", "stmts")) and isinstance(node, kinds)
+
+
+def _is_one_statement_more(node: Any) -> bool:
+    """An "if" around one statement, without "else" and without a call: to lose it is to lose the statement."""
+    if not isinstance(node, c_ast.If) or node.iffalse is not None or not isinstance(node.iftrue, c_ast.Compound):
+        return False
+    return len(node.iftrue.block_items or ()) == 1 and not _calls(node.cond)
+
+
+def _calls(node: Any) -> bool:
+    return isinstance(node, c_ast.FuncCall) or any(_calls(child) for _, child in node.children())
+
+
+def _other_numbers(text: str) -> list[str]:
+    whole = NUMBER.fullmatch(text)
+    if whole is None:
+        value = float(text.rstrip("fF"))
+        suffix = text[len(text.rstrip("fF")) :]
+        return [f"{1.01 * value if value else 1.0!r}{suffix}"]
+    number, suffix = int(whole[1], 0), whole[2]
+    others = [number + 1, *([number - 1] if number > 0 else []), *([number // 2] if number >= HALVED_FROM else [])]
+    return [f"{other:#x}{suffix}" if whole[1].lower().startswith("0x") else f"{other}{suffix}" for other in others]

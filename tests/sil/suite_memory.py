@@ -1,0 +1,225 @@
+"""A program around a build that calls all of it with extremes and at random, under AddressSanitizer and UBSan.
+
+An address out of bounds may give the right number, and is a fault all the same: no comparison of results sees it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.sil.case import Case
+
+FLAGS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-DARS_SECTION_CALIBRATION=")
+"""The sanitizer sees beyond the end of an object only where no section is named for it."""
+
+PROGRAM = """
+#include "ars_can.h"
+#include "ars_controller.h"
+#include "ars_dynamics.h"
+#include "ars_e2e.h"
+#include "ars_limiter.h"
+#include "ars_map.h"
+#include "ars_task.h"
+@INCLUDES@
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const REAL speeds[] = { @SPEEDS@ };
+static const REAL angles[] = { @ANGLES@ };
+static const REAL extremes[] = {
+    0, -0.0f, 1, -1, 64, -64, 1000, FLT_MIN, -FLT_MIN, FLT_MAX, -FLT_MAX, 1e-40f, INFINITY, -INFINITY, NAN
+};
+#define COUNT(array) ((uint32_t)(sizeof(array) / sizeof((array)[0])))
+
+static uint32_t state = 1u;
+static volatile REAL sink;
+
+static uint32_t number(uint32_t below)
+{
+    state = (state * 1664525u) + 1013904223u;
+    return (state >> 8) % below;
+}
+
+/* Mostly within what a car does; now and then an extreme, or a limit of the map. */
+static REAL any(REAL most)
+{
+    switch (number(12u)) {
+    case 0u: return extremes[number(COUNT(extremes))];
+    case 1u: return speeds[number(COUNT(speeds))];
+    case 2u: return ((number(2u) == 0u) ? 1 : -1) * angles[number(COUNT(angles))];
+    case 3u: return 0;
+    default: return most * ((REAL)number(20001u) - 10000) / 10000;
+    }
+}
+
+static void maps(void)
+{
+    for (uint32_t i = 0u; i < COUNT(speeds) + COUNT(extremes); i++) {
+        for (uint32_t k = 0u; k < COUNT(angles) + COUNT(extremes); k++) {
+            const REAL speed = (i < COUNT(speeds)) ? speeds[i] : extremes[i - COUNT(speeds)];
+            const REAL angle = (k < COUNT(angles)) ? angles[k] : extremes[k - COUNT(angles)];
+            const REAL friction = extremes[(i + k) % COUNT(extremes)];
+            sink = ars_map_yaw_rate(speed, angle) + ars_map_yaw_rate_on_road(speed, -angle, friction);
+            @MAP_REFERENCE@
+        }
+    }
+    sink = (REAL)ars_map_checksum();
+}
+
+static void controllers(const ars_parameters_t *parameters)
+{
+    ars_controller_t *self = malloc(sizeof(*self));
+    ars_measurement_t *sample = malloc(sizeof(*sample));
+    ars_limiter_t *limiter = malloc(sizeof(*limiter));
+    for (uint32_t run = 0u; run < 40u; run++) {
+        ars_controller_init(self, any(0.08f));
+        ars_limiter_init(limiter, any(0.08f));
+        for (uint32_t k = 0u; k < 200u; k++) {
+            const bool calm = number(10u) != 0u;
+            sample->speed = calm ? (REAL)(5u + number(107u)) : any(120);
+            sample->front_angle = calm ? 0.01f * ((REAL)number(21u) - 10) : any(0.8f);
+            sample->yaw_rate = calm ? 0.02f * ((REAL)number(21u) - 10) : any(2);
+            sample->rear_angle = calm ? NAN : any(0.1f);
+            sample->friction = calm ? NAN : any(1);
+            sample->inhibit = number(8u) == 0u;
+            if (k == 100u) {
+                sample->speed = parameters->speed_max;
+            }
+            sink = ars_controller_step(self, parameters, sample).rear_angle;
+            const ars_limiter_input_t input = { any(120), any(0.8f), any(0.1f) };
+            sink = ars_limiter_step(limiter, &parameters->limiter, &input);
+        }
+    }
+    free(self);
+    free(sample);
+    free(limiter);
+}
+
+static void frames(const ars_parameters_t *parameters)
+{
+    uint8_t *data = malloc(8u);
+    uint8_t counter = 0u;
+    ars_task_t *task = malloc(sizeof(*task));
+    ars_task_init(task, parameters);
+    for (uint32_t k = 0u; k < 4000u; k++) {
+        const ars_vehicle_motion_t motion = { any(60), any(0.5f), any(2) };
+        const ars_vehicle_conditions_t conditions = { any(0.1f), any(1), number(2u) == 0u };
+        const ars_rear_steer_command_t command = { any(0.1f), any(2), (uint8_t)number(16u), (uint16_t)number(65536u) };
+        ars_vehicle_motion_t motion_back;
+        ars_vehicle_conditions_t conditions_back;
+        ars_rear_steer_command_t command_back;
+        ars_can_pack_rear_steer_command(&command, data);
+        ars_can_unpack_rear_steer_command(data, &command_back);
+        ars_can_pack_vehicle_motion(&motion, data);
+        ars_can_unpack_vehicle_motion(data, &motion_back);
+        ars_e2e_protect((uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, &counter, data);
+        ars_task_on_can_frame(task, (uint32_t)ARS_CAN_ID_VEHICLE_MOTION, data, (uint8_t)(8u - (number(50u) == 0u)));
+        counter = (uint8_t)((counter + 14u) % 15u);
+        ars_can_pack_vehicle_conditions(&conditions, data);
+        ars_can_unpack_vehicle_conditions(data, &conditions_back);
+        ars_e2e_protect((uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, &counter, data);
+        data[number(8u)] ^= (uint8_t)(number(30u) == 0u);
+        ars_task_on_can_frame(task, (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS, data, 8u);
+        sink = (REAL)@TASK@(task, data);
+        sink = motion_back.speed + conditions_back.friction + command_back.rear_angle;
+    }
+    free(data);
+    free(task);
+}
+
+static void cars(void)
+{
+    for (uint32_t k = 0u; k < 300u; k++) {
+        const ars_dynamics_state_t x = { any(0.3f), any(1) };
+        const ars_dynamics_input_t u = { any(50), any(0.5f), any(0.06f), any(1) };
+        const ars_dynamics_jacobian_t linear = ars_dynamics_linear_jacobian(&x, &u);
+        const ars_dynamics_jacobian_t curved = ars_dynamics_magic_formula_jacobian(&x, &u);
+        sink = ars_dynamics_linear(&x, &u).yaw_rate + ars_dynamics_magic_formula(&x, &u).yaw_rate;
+        sink = linear.state[1][1] + curved.input[1][3];
+    }
+    @REFERENCE_MODEL@
+}
+
+int main(void)
+{
+    static ars_parameters_t parameters;
+    parameters = ars_parameters_default;
+    maps();
+    controllers(&parameters);
+    frames(&parameters);
+    cars();
+    return ars_selftest() ? 0 : 1;
+}
+"""
+MAP_REFERENCE = "sink = ars_map_reference(speed, angle, friction).rear_angle;"
+REFERENCE_MODEL = """
+    ars_reference_model_t *model = malloc(sizeof(*model));
+    ars_reference_model_start(model, 20, 0, 0);
+    for (uint32_t k = 0u; k < 4000u; k++) {
+        const ars_reference_model_input_t input = { any(120), any(0.8f), any(0.06f), any(1) };
+        ars_reference_model_step(model, &input);
+        if ((k % 100u) == 0u) {
+            ars_reference_model_start(model, any(120), any(2), any(0.06f));
+        }
+        sink = ars_reference_model_front_curve(any(70)) + ars_reference_model_rear_curve(any(70));
+    }
+    free(model);
+"""
+
+
+def check_memory(case: Case) -> None:
+    """The program ends as it should: no address out of bounds, nothing undefined, and the self-test passes."""
+    root = case.tree.root / "memory"
+    if "memory" not in case.kept:
+        case.kept["memory"] = _prepare(case, root)
+    objects = dict(case.kept["memory"])
+    for path, instead in case.instead.items():
+        objects[path] = instead.with_suffix(".memory.o")
+        case.compiler.compile(case.tree.root, str(instead.with_suffix(".c")), objects[path], FLAGS)
+    program = case.instead[next(iter(case.instead))].with_suffix(".program") if case.instead else root / "program"
+    case.compiler.link_program([*objects.values(), root / "main.o"], program, FLAGS)
+    done = subprocess.run([program], capture_output=True, text=True, errors="replace", timeout=600, check=False)
+    first = next((line for line in done.stderr.splitlines() if "ERROR" in line or "runtime error" in line), "")
+    assert done.returncode == 0, first or f"it ended with {done.returncode}"
+
+
+def _prepare(case: Case, root: Path) -> dict[str, Path]:
+    """Compile the unaltered units and the program."""
+    root.mkdir(exist_ok=True)
+    (root / "main.c").write_text(_program(case), encoding="ascii")
+    case.compiler.compile(case.tree.root, "memory/main.c", root / "main.o", ("-std=gnu99", *FLAGS))
+    objects = {path: root / f"{Path(path).name}.o" for path in case.tree.units}
+    for path, target in objects.items():
+        case.compiler.compile(case.tree.root, path, target, FLAGS)
+    return objects
+
+
+def _program(case: Case) -> str:
+    real, total = case.built.real, case.built.total
+    has_model = "include/ars_reference_model.h" in case.built.folder.files
+    words = {
+        "SPEEDS": _listed(total.speed, real),
+        "ANGLES": _listed(total.front_angle, real),
+        "INCLUDES": '#include "ars_reference_model.h"' if has_model else "",
+        "MAP_REFERENCE": MAP_REFERENCE if has_model else "",
+        "REFERENCE_MODEL": REFERENCE_MODEL if has_model else "",
+        "TASK": case.task_function,
+    }
+    text = PROGRAM
+    for word, value in words.items():
+        text = text.replace(f"@{word}@", value)
+    return text.replace("REAL", "float" if real is np.float32 else "double")
+
+
+def _listed(breakpoints: Any, real: Any) -> str:
+    """The ends and some of the rest, each with its neighbours."""
+    some = np.unique(np.concatenate([breakpoints[:3], breakpoints[3:-3:20], breakpoints[-3:]]).astype(real))
+    near = np.concatenate([np.nextafter(some, real(-np.inf)), some, np.nextafter(some, real(np.inf))])
+    return ", ".join(float(value).hex() for value in near)
