@@ -13,7 +13,7 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check install -qq
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help sil docs screenshots test vcan-test check verify bench bench-can lock generated wheel clean venv preflight
+.PHONY: help sil docs screenshots test evidence check bench bench-can lock generated wheel clean venv preflight
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,29 +28,22 @@ docs: $(READY) ## the guide, as pages to open from disk: build/docs/index.html
 screenshots: sil docs ## report, explorer and guide as pictures at three widths, to be looked at; needs Chromium
 	@$(BIN)/python scripts/screenshots.py build/screenshots
 
-test: $(READY) ## all tests
+test: $(READY) ## the tests that every change needs; minutes
 	@$(BIN)/python -m pytest -n auto -q
 
-vcan-test: $(READY) ## the tests on real SocketCAN alone; where the kernel has none, in a guest (tests/can/README.md)
-	@$(BIN)/python -m pytest -m vcan -v tests/can
+evidence: $(READY) ## what a release needs, with records in docs/evidence; PART=name for one part, QUICK=1 for less of it
+	@$(BIN)/python -m tests.evidence $(PART) $(if $(QUICK),--quick)
 
 check: $(READY) ## lint, format and types, nothing changed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
-# With QUICK=1 the checks are without proof, sanitizers and fuzzing, for which the committed record of a whole run stands, and the
-# campaign is shorter: a sample of the mutants and of the inputs.
-verify: $(READY) ## every check of the committed builds, and coverage, mutation, fuzzing and the like of their C
-	@$(BIN)/codegen verify generated/4ws2 $(if $(QUICK),--quick)
-	@$(BIN)/codegen verify generated/4ws2-tracking $(if $(QUICK),--quick)
-	@$(BIN)/python -m tests.evidence $(if $(QUICK),--quick)
-
 bench: $(READY) ## the benchmarks that every machine can run, also into benchmarks/results.md; half an hour
 	@$(BIN)/python -m benchmarks --write benchmarks/results.md
 
 bench-can: $(READY) ## the bench on vcan0: lock-step against real time, punctuality by the clock
-	@$(BIN)/python -m tests.can.vcan_run -- $(BIN)/python -m benchmarks can
+	@$(BIN)/python -m tests.evidence.vcan.vcan_run -- $(BIN)/python -m benchmarks can
 
 lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions); needs uv
 	@command -v $(UV) >/dev/null || { echo "uv is missing: install it, e.g. pipx install uv" >&2; exit 2; }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,9 @@ from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
+from codegen.refmap.stack import solve_stack
 from codegen.sil.software import Measurement, Software, compile_build
 from tests import shared
-from tests.sil import relinked
 
 CONFIG = configuration.preset()
 SCHEDULE = {
@@ -137,32 +137,6 @@ def of_kind(kind: Kind, precision: Precision = "single") -> Built:
     return paper(precision) if kind == "pi" else make(paper_map(), CONFIGS[kind], precision)
 
 
-def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
-    """A folder with one place of its C changed.
-
-    Raises:
-        LookupError: the text to replace does not stand there exactly once, so nothing, or too much, would be planted.
-    """
-    text = folder.files[path].decode("ascii")
-    if text.count(old) != 1:
-        raise LookupError(f"{path} holds {text.count(old)} times, instead of once: {old}")
-    return replace(folder, files={**folder.files, path: text.replace(old, new).encode("ascii")})
-
-
-@functools.cache
-def around(kind: Kind) -> relinked.Builds:
-    """What the builds share of which single files differ from that of a kind."""
-    return relinked.Builds(of_kind(kind).folder)
-
-
-@functools.cache
-def altered(path: str, old: str, new: str, kind: Kind = "pi") -> Built:
-    """The build of a kind with one place of its C changed. Raises LookupError: see `altered_folder`."""
-    original = of_kind(kind)
-    folder = altered_folder(original.folder, path, old, new)
-    return Built(original.folder, original.total, around(kind).software(folder))
-
-
 def _grid(**changes: Any) -> ReferenceMap:
     config = CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
     return solve_case(config, "4ws-2")
@@ -181,6 +155,31 @@ def _rough() -> ReferenceMap:
     return _bare(speed, front_angle, np.random.default_rng(3).uniform(0.02, 1.0, (6, 5)) * ceiling)
 
 
+FRICTIONS = (0.3, 0.5, 0.7, 0.9)
+
+
+def _stack(friction: tuple[float, ...], **changes: Any) -> ReferenceMap:
+    config = CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
+    return solve_stack(config, "4ws-2", friction)
+
+
+def _rough_stack() -> ReferenceMap:
+    """A stack whose layers, cells and tables differ so much that none can stand in for another."""
+    speed, front_angle = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0]), np.array([0.003, 0.01, 0.02, 0.1, 0.11])
+    rng = np.random.default_rng(3)
+    ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g
+    arrays = {
+        "vx": speed,
+        "delta_f": front_angle,
+        "yaw_rate": rng.uniform(0.02, 1.0, (6, 5)) * ceiling,
+        "delta_r": rng.uniform(-0.08, 0.08, (6, 5)),
+        "friction": np.array([0.2, 0.21, 0.6]),
+        "friction_yaw_rate": rng.uniform(0.02, 1.0, (3, 6, 5)) * ceiling,
+        "friction_delta_r": rng.uniform(-0.08, 0.08, (3, 6, 5)),
+    }
+    return refmap.from_arrays(arrays, "sample")
+
+
 UNEVEN_SPEED = [20.0, 23.0, 30.0, 42.5, 60.0, 61.0, 90.0, 120.0]
 UNEVEN_ANGLE = [0.1, 0.5, 1.0, 2.0, 2.5, 4.0, 6.75, 10.0]
 
@@ -196,6 +195,11 @@ MAPS: dict[str, Callable[[], ReferenceMap]] = {
         np.linspace(0.0, 30.0, 7), np.linspace(0.0, 0.7, 8), np.outer(np.linspace(0.0, 0.3, 7), np.linspace(0.0, 1.0, 8))
     ),
     "rough": _rough,
+    "stack": lambda: _stack(FRICTIONS, speed_points=21, front_angle_points=20),
+    "stack of two, uneven": lambda: _stack(
+        (0.4, 0.9), speed_breakpoints_km_h=UNEVEN_SPEED, front_angle_breakpoints_deg=UNEVEN_ANGLE
+    ),
+    "rough stack": _rough_stack,
 }
 
 

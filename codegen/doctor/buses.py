@@ -29,7 +29,7 @@ SERVES = {
 GROUP = "239.74.163.97"
 """Of the range for local use (RFC 2365), and not the one that the examples use."""
 
-OTHERWISE = "take --bus udp_multicast:239.74.163.2, or make vcan-test for a guest with CAN"
+OTHERWISE = "take --bus udp_multicast:239.74.163.2, or make evidence PART=vcan for a guest with CAN"
 
 NETWORK = Path("/sys/class/net")
 MODULES = Path("/lib/modules")

@@ -33,13 +33,13 @@ class Program:
 PROGRAMS = (
     Program(("make",), "make", "generated Makefiles, codegen firmware --run"),
     Program(("cmake",), "cmake", "generated folders as a CMake project"),
-    Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make verify"),
+    Program(("clang",), "clang", "a second compiler; MC/DC and libFuzzer in make evidence"),
     Program(("arm-none-eabi-gcc",), "gcc-arm-none-eabi", "codegen firmware --run with GCC"),
     Program(("qemu-system-arm",), "qemu-system-arm", "codegen firmware --run"),
     Program(("candump",), "can-utils", "to look at a bus by hand", ()),
     Program(("ip",), "iproute2", "to make a vcan0", ("-Version",)),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
-    Program(("frama-c",), "frama-c-base", "a second opinion in make verify", ("-version",)),
+    Program(("frama-c",), "frama-c-base", "a second opinion in make evidence", ("-version",)),
 )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import config_tables
+import evidence_tables
 import interface_tables
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -44,5 +45,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("run-columns", _directive(interface_tables.run_columns))
     app.add_directive("exit-codes", _directive(interface_tables.exit_codes))
     app.add_directive("c-functions", _directive(interface_tables.c_functions, arguments=1))
+    app.add_directive("evidence-summary", _directive(evidence_tables.summary))
+    app.add_directive("evidence-details", _directive(evidence_tables.details))
     app.connect("builder-inited", _draw)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

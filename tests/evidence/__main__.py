@@ -1,16 +1,16 @@
-"""`python -m tests.evidence [PART…] [--quick]`: run the parts, print a table, write build/campaign.json; exit 1 if one fails.
+"""`python -m tests.evidence [PART…] [--quick] [--changed] [--check]`: run parts of the evidence and record what they show.
 
-Without names all parts are run. A part whose tool is missing is not run, and that counts as a failure unless it is allowed, or
-the part is optional.
+Without names all parts run. A part that was killed goes on where it was. Exit code 1: a part fails, a required tool is missing,
+or with --check a record does not match what is there.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import importlib
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich import box
@@ -20,79 +20,98 @@ from rich.table import Table
 from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
-from tests.evidence.part import FOLDERS, MODULES, OPTIONAL, ROOT, Run, part
+from tests.evidence import pytest_part
+from tests.evidence.parts import FOLDERS, PARTS, RECORDS, ROOT, Part, Run
+from tests.evidence.progress import Progress
+from tests.evidence.record import Form, Record
 
-RESULT = ROOT / "build" / "campaign.json"
+SCRATCH = ROOT / "build" / "evidence"
+"""Finished steps of the parts, until their code changes."""
 FINDINGS_SHOWN = 20
-"""Of each part; the file holds all."""
+"""Largest number of findings printed for a part; the record holds all."""
 
 
-def main(arguments: Sequence[str] | None = None, result: Path = RESULT, part_of: Callable[[str], Run] = part) -> int:
-    """Run what is asked for. Returns the exit code: 1 where a part fails or could not be run."""
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.evidence", description="What is shown of the C beyond codegen verify."
-    )
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(MODULES)}; by default all")
-    parser.add_argument("--quick", action="store_true", help="less of it")
-    parser.add_argument("--allow-missing", action="store_true", help="a part whose tool is missing does not count as a failure")
+def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, records: Path = RECORDS) -> int:
+    """Run the command. Returns the exit code."""
+    options = _options(arguments, [part.name for part in parts])
+    chosen = [part for part in parts if not options.parts or part.name in options.parts]
+    if options.check:
+        return _check(chosen, records)
+    if options.changed:
+        changed = [part for part in parts if not Record.read(part, records).is_current("full")]
+        chosen = [part for part in parts if part in changed or part.name in options.parts]
+    rows: list[tuple[Part, Outcome, float]] = []
+    for part in chosen:
+        print(f"... {part.name}", file=sys.stderr, flush=True)
+        begun = time.monotonic()
+        outcome = run_part(part, Effort(options.quick))
+        rows.append((part, outcome, time.monotonic() - begun))
+        form: Form = "quick" if options.quick else "full"
+        if outcome.verdict is not Verdict.NOT_RUN:
+            Record.read(part, records).keep(form, outcome, rows[-1][2], records)
+    Console(width=max(100, min(160, Console().width))).print(_table(rows))
+    for part, outcome, _ in rows:
+        for finding in outcome.findings[:FINDINGS_SHOWN]:
+            print(f"{part.name}: {finding}")
+        if len(outcome.findings) > FINDINGS_SHOWN:
+            print(f"{part.name}: and {len(outcome.findings) - FINDINGS_SHOWN} more, in its record")
+    return 1 if any(_is_bad(part, outcome) for part, outcome, _ in rows) else 0
+
+
+def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.evidence", description="The evidence that a release needs.")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(known)}; all by default")
+    parser.add_argument("--quick", action="store_true", help="the quick form of each part")
+    parser.add_argument("--changed", action="store_true", help="the named parts, and those whose subject or code changed")
+    parser.add_argument("--check", action="store_true", help="run nothing; report which records are out of date")
     options = parser.parse_args(arguments)
-    unknown = [name for name in options.parts if name not in MODULES]
-    if unknown:
-        parser.error(f"there is no part {unknown[0]!r}; known: {', '.join(MODULES)}")
-    outcomes: dict[str, Outcome] = {}
-    for name in options.parts or MODULES:
-        print(f"... {name}", file=sys.stderr, flush=True)
-        outcomes[name] = run_part(part_of(name), Effort(options.quick))
-    write(result, outcomes, options.quick)
-    Console(width=max(100, min(160, Console().width))).print(table(outcomes))
-    for name, outcome in outcomes.items():
-        _tell_findings(name, outcome, result)
-    allowed = outcomes.keys() if options.allow_missing else OPTIONAL
-    return 1 if any(_is_bad(outcome.verdict, name in allowed) for name, outcome in outcomes.items()) else 0
+    for name in options.parts:
+        if name not in known:
+            parser.error(f"there is no part {name!r}; the parts are {', '.join(known)}")
+    return options
 
 
-def _is_bad(verdict: Verdict, may_be_missing: bool) -> bool:
-    return verdict is Verdict.FAILED or (verdict is Verdict.NOT_RUN and not may_be_missing)
+def _check(parts: Sequence[Part], records: Path) -> int:
+    """Report the records that do not speak of what is there: 1 if there is one."""
+    wrong = [part for part in parts if not part.is_optional and not Record.read(part, records).matches]
+    for part in wrong:
+        print(f"{part.name}: its record is not of this subject and code; run: make evidence PART={part.name} QUICK=1")
+    if not wrong:
+        print(f"{len(parts)} records match what is there")
+    return 1 if wrong else 0
 
 
-def run_part(run: Run, effort: Effort, folders: Sequence[Path] = FOLDERS) -> Outcome:
-    """One part; a missing tool and a build that cannot be tested are outcomes too."""
+def _is_bad(part: Part, outcome: Outcome) -> bool:
+    return outcome.verdict is Verdict.FAILED or (outcome.verdict is Verdict.NOT_RUN and not part.is_optional)
+
+
+def run_part(part: Part, effort: Effort) -> Outcome:
+    """Run one part. A missing tool and a build that cannot be tested are outcomes too."""
+    state = "-".join(digest[:16] for digest in part.hashes().values())
+    scratch = SCRATCH / f"{part.name}-{'quick' if effort.quick else 'full'}-{state}"
     try:
-        return run(folders, effort)
+        if not part.module:
+            outcome = pytest_part.run(part, effort, scratch.with_suffix(".passed"))
+        else:
+            run: Run = importlib.import_module(part.module).run
+            outcome = run(FOLDERS, effort, Progress(scratch.with_suffix(".jsonl")))
     except MissingTool as error:
-        return Outcome("", "", Verdict.NOT_RUN, (str(error),))
+        return Outcome(part.shows, "", Verdict.NOT_RUN, (str(error),))
     except CodegenError as error:
-        return Outcome("", "", Verdict.FAILED, (str(error),))
+        return Outcome(part.shows, "", Verdict.FAILED, (str(error),))
+    if outcome.verdict is not Verdict.NOT_RUN:  # finished: the next run begins anew
+        for suffix in (".passed", ".jsonl"):
+            scratch.with_suffix(suffix).unlink(missing_ok=True)
+    return outcome
 
 
-def table(outcomes: Mapping[str, Outcome]) -> Table:
-    """Part, what it shows, figure, verdict."""
+def _table(rows: Sequence[tuple[Part, Outcome, float]]) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    shown.add_column("Part", no_wrap=True)
-    shown.add_column("Shows")
-    shown.add_column("Figure")
-    shown.add_column("Verdict", no_wrap=True)
-    for name, outcome in outcomes.items():
-        shown.add_row(name, outcome.shows, outcome.figure, str(outcome.verdict))
+    for title in ("Part", "Shows", "Figure", "Seconds", "Verdict"):
+        shown.add_column(title, no_wrap=title in ("Part", "Verdict"), justify="right" if title == "Seconds" else "left")
+    for part, outcome, seconds in rows:
+        shown.add_row(part.name, part.shows, outcome.figure, f"{seconds:.0f}", str(outcome.verdict))
     return shown
-
-
-def _tell_findings(name: str, outcome: Outcome, result: Path) -> None:
-    for finding in outcome.findings[:FINDINGS_SHOWN]:
-        print(f"{name}: {finding}")
-    if len(outcome.findings) > FINDINGS_SHOWN:
-        print(f"{name}: and {len(outcome.findings) - FINDINGS_SHOWN} more, in {result}")
-
-
-def write(path: Path, outcomes: Mapping[str, Outcome], quick: bool) -> None:
-    """The outcomes as JSON; those of parts that were not asked for stay as they were."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known: dict[str, object] = {}
-    if path.is_file():
-        known = json.loads(path.read_text(encoding="utf-8")).get("parts", {})
-    known |= {name: {**asdict(outcome), "quick": quick} for name, outcome in outcomes.items()}
-    ordered = {name: known[name] for name in MODULES if name in known}
-    path.write_text(json.dumps({"parts": ordered}, indent=1, default=dict) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

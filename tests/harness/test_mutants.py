@@ -1,7 +1,9 @@
-"""The mutants themselves: made of the C as it stands, each a change, each with a name of its own."""
+"""The mutants: each is one change of the C, with a name of its own."""
 
 from __future__ import annotations
 
+import ctypes
+import shutil
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -12,19 +14,9 @@ from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject
 from tests.evidence.mutation.mutants import definitions, mutants_of
-from tests.evidence.mutation.mutation import all_keys
+from tests.evidence.mutation.one_library import source_with
 from tests.evidence.mutation.source import Unit
-from tests.evidence.part import FOLDERS
-
-SUBJECTS = {folder.name: Subject.read(folder) for folder in FOLDERS}
-OWN = ("calibration", "controller", "map", "reference_model", "selftest")
-"""Units of the second build that are not those of the first."""
-UNITS = [
-    (name, path)
-    for name, subject in SUBJECTS.items()
-    for path in subject.sources("src")
-    if name == FOLDERS[0].name or path[8:-2] in OWN
-]
+from tests.evidence.parts import FOLDERS
 
 SMALL = b"""
 #include <stdint.h>
@@ -65,44 +57,33 @@ def small(text: bytes = SMALL) -> Unit:
     return Unit.read("src/small.c", {"src/small.c": text})
 
 
-def assembly(folder: Path, text: str, include: Path) -> str:
-    """What the compiler makes of a source, optimised, under one name."""
-    (folder / "unit.c").write_text(text, encoding="ascii")
-    command = [*compiler_command(), "-std=c99", "-O2", "-ffp-contract=off", f"-I{include}", "-S", "unit.c", "-o", "-"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+def test_all_mutants_of_a_unit_compile_to_one_library_that_selects_one(tmp_path: Path) -> None:
+    """Constants and functions alike; number 0 is the unaltered unit."""
+    text = b"static const int gain = 2;\nint twice(int x);\nint twice(int x)\n{\n    return gain * x;\n}\n"
+    unit = Unit.read("src/small.c", {"src/small.c": text})
+    mutants = mutants_of(unit)
+    (tmp_path / "small.c").write_text(source_with(unit, mutants), encoding="ascii")
+    command = [*compiler_command(), "-shared", "-fPIC", "-Wall", "-Werror", "small.c", "-o", "small.so"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    found = {}
+    for number in range(len(mutants) + 1):
+        library = ctypes.CDLL(shutil.copy(tmp_path / "small.so", tmp_path / f"{number}.so"))  # a library selects once
+        library.mutant_select(number)
+        found[mutants[number - 1].key.operator if number else "unaltered"] = library.twice(10)
+    wanted = {"constant: 2 to 3": 30, "constant: 2 to 1": 10, "arithmetic: * to /": 0, "unaltered": 20}
+    assert found == wanted
 
 
-@pytest.mark.parametrize(("name", "path"), UNITS)
-def test_what_is_mutated_is_the_c_itself(name: str, path: str, tmp_path: Path) -> None:
-    """Printed again from its tree, a unit has the machine code that it had; making mutants leaves the tree as it was."""
-    subject = SUBJECTS[name]
-    for own, content in subject.sources("include").items():
-        (tmp_path / own).parent.mkdir(exist_ok=True)
-        (tmp_path / own).write_bytes(content)
-    unit = Unit.read(path, subject.files)
+def test_each_mutant_of_a_unit_is_one_change_with_a_name_of_its_own() -> None:
+    files = Subject.read(FOLDERS[1]).files
+    path = "src/ars_limiter.c"
+    unit = Unit.read(path, files)
     before = unit.text()
     mutants = mutants_of(unit)
-    assert unit.text() == before
-    original = assembly(tmp_path, subject.files[path].decode("ascii"), tmp_path / "include")
-    assert assembly(tmp_path, before, tmp_path / "include") == original
-    # Of numbers alone any change is seen; of code one that surely matters.
-    seen = (mutant for mutant in mutants if mutant.key.operator.startswith(("arithmetic: - to", "logical: &&")))
-    wrong = next(seen, mutants[0])
-    assert assembly(tmp_path, wrong.source(unit), tmp_path / "include") != original, "it can differ"
-
-
-@pytest.mark.parametrize(("name", "path"), UNITS)
-def test_each_mutant_is_one_change_with_a_name_of_its_own(name: str, path: str) -> None:
-    unit = Unit.read(path, SUBJECTS[name].files)
-    mutants = mutants_of(unit)
-    keys = Counter(mutant.key for mutant in mutants)
-    assert max(keys.values()) == 1
-    texts = Counter((mutant.index, mutant.text) for mutant in mutants)
-    assert max(texts.values()) == 1, "no two do the same"
-    lines = SUBJECTS[name].files[path].decode("ascii").count("\n")
-    for mutant in mutants:
-        assert 1 <= mutant.line <= lines
-        assert mutant.text not in unit.text()
+    assert unit.text() == before, "making mutants leaves the tree as it was"
+    assert max(Counter(mutant.key for mutant in mutants).values()) == 1
+    assert max(Counter((mutant.index, mutant.text) for mutant in mutants).values()) == 1, "no two are the same C"
+    assert all(mutant.text not in before for mutant in mutants)
 
 
 def test_every_kind_is_made() -> None:
@@ -153,14 +134,7 @@ def test_what_a_unit_defines() -> None:
     assert definitions(small()) != definitions(small(SMALL.replace(b"gain = 0.5f", b"gain = 0.6f")))
 
 
-def test_a_unit_that_stood_in_an_earlier_build_is_mutated_there_only() -> None:
-    mutated = {(build, key.path) for build, key in all_keys(FOLDERS)}
-    _, second = SUBJECTS.values()
-    assert {path for build, path in mutated if build == second.name} == {f"src/{second.prefix}_{unit}.c" for unit in OWN}
-    assert all(mutants_of(Unit.read(path, second.files)) for path in second.sources("src"))
-
-
-def test_c_that_cannot_be_read_is_told() -> None:
+def test_unreadable_c_is_rejected() -> None:
     for text in (b"int f(void) { return 1 }", b'#include "nowhere.h"\n'):
         with pytest.raises(BuildError):
             small(text)

@@ -1,37 +1,63 @@
-"""A committed build with what its tests hold it against, over a library that can be changed for one with a mutant."""
+"""A build with its references, over a library that can be exchanged for one whose units have mutants."""
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from codegen import config as configuration
-from codegen.config import Config
+from codegen.config import Config, Kind
 from codegen.emit.can_view import task_name
 from codegen.emit.folder import Folder, render_manifest
 from codegen.refmap import map as refmap
-from codegen.refmap.extend import extend
+from codegen.refmap.extend import TotalMap, extend
 from codegen.sil.software import Software
+from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject
+from tests import builds, shared
 from tests.builds import CONFIGS, Built
-from tests.sil.library import Compiler, Opened, Tree, library_of
+from tests.sil.library import OPTIMISED, Compiler, Opened, Tree, library_of
 from tests.sil.units import Units
 
+FAST_FRACTION = 0.3
+"""Fraction of the random samples that `make test` uses; the mutation campaign uses all of them."""
+GENERATED = Path(__file__).parents[2] / "generated"
+COMMITTED = {name: GENERATED / name for name in ("4ws2", "4ws2-tracking")}
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
+class Mutated:
+    """A unit in place of the build's own, with one of its mutants selected.
+
+    Attributes:
+        path: source of the unit. object: the unit with all of its mutants. number: the selected one.
+        source: C of the unit with this one change.
+    """
+
+    path: str
+    object: Path
+    number: int
+    source: str
+
+
+@dataclass(eq=False)
 class Case:
     """A build under test.
 
     Attributes:
-        name: of its folder. tree: its sources and objects.
-        built, units: as the tests take them; both call whatever `opened` has open.
-        compiler: for all of it.
-        instead: objects that take the place of the tree's own, by the path of the source.
-        kept: what is made once for the tests of this case, by name.
-        known: what is worked out once for the tests of this build, whoever compiles it, by name.
+        name: name of its folder. tree: its sources and objects.
+        built, units: the build as the checks use it; both call the library that `opened` holds.
+        compiler: compiler of everything.
+        sample_fraction: fraction of the random samples of a whole campaign that the judges use.
+        mutated: the selected mutant, None for the unaltered build.
+        kept: what the judges make once for a case, by name.
+        known: what the judges compute once for a build, whoever compiles it, by name.
     """
 
     name: str
@@ -40,14 +66,16 @@ class Case:
     units: Units
     opened: Opened
     compiler: Compiler
-    instead: dict[str, Path] = field(default_factory=dict)
+    sample_fraction: float = 1.0
+    mutated: Mutated | None = None
     kept: dict[str, Any] = field(default_factory=dict)
     known: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def kind(self) -> str:
-        """Of the controller."""
-        return self.built.software.config.controller.kind
+    def kind(self) -> Kind:
+        """Kind of the controller."""
+        kind: Kind = self.built.software.config.controller.kind
+        return kind
 
     @property
     def task_function(self) -> str:
@@ -55,46 +83,104 @@ class Case:
         software = self.built.software
         return f"{software.prefix}_{task_name(software.config.controller.sampling_time_s)}"
 
-    def object(self, source: str) -> Path:
-        """What a source was compiled to."""
-        return self.instead.get(source) or self.tree.object(source)
+    def samples(self, count: int, least: int = 1) -> int:
+        """Return how many of so many random samples the judges use."""
+        return max(least, round(self.sample_fraction * count))
 
-    def open(self, path: Path) -> None:
-        """Link what is compiled to a library, and let the tests call that."""
-        self.compiler.link([self.object(source) for source in (*self.tree.units, *self.tree.others)], path)
-        self.opened.open(path)
+    def object(self, source: str) -> Path:
+        """Return the object of a source."""
+        if self.mutated is not None and source == self.mutated.path:
+            return self.mutated.object
+        return self.tree.object(source)
+
+    def compile(self) -> None:
+        """Compile every source and open the library."""
+        self.compiler.compile_all(self.tree)
+        self._link(self.tree.root / "unaltered.so", {})
+        self.opened.open(self.tree.root / "unaltered.so")
+
+    def compile_instead(self, path: str, source: str) -> None:
+        """Compile C in place of a unit into a library of its own, for `select`. Raises BuildError."""
+        changed = _instead(self.tree, path)
+        changed.with_suffix(".c").write_text(source, encoding="ascii")
+        self.compiler.compile(self.tree.root, changed.with_suffix(".c").name, changed)
+        self._link(changed.with_suffix(".so"), {path: changed})
+
+    def select(self, path: str, number: int, source: str) -> None:
+        """Open the library of `compile_instead` and select one of its mutants, whose C is `source`."""
+        changed = _instead(self.tree, path)
+        self.opened.open(changed.with_suffix(".so"))
+        self.mutated = Mutated(path, changed, number, source)
+        self.select_in(changed.with_suffix(".so"))
+
+    def select_in(self, library: Path) -> None:
+        """Select the mutant in an open library that holds the mutated unit."""
+        if self.mutated is not None:
+            ctypes.CDLL(str(library)).mutant_select(self.mutated.number)
+
+    def _link(self, library: Path, instead: Mapping[str, Path]) -> None:
+        objects = [instead.get(path) or self.tree.object(path) for path in (*self.tree.units, *self.tree.others)]
+        self.compiler.link(objects, library)
+
+
+def _instead(tree: Tree, path: str) -> Path:
+    """Return the object of a unit with mutants."""
+    return tree.root / f"mutants-{Path(path).stem}.o"
 
 
 _of_builds: dict[str, tuple[Any, dict[str, Any]]] = {}
-"""By the hash of a build and its map: the FFI that knows its types, and what is worked out for it, once a process. The second
-holds structs of the first."""
+"""FFI that knows the types of a build, and what is computed for the build once a process, by the hash of build and map. The
+second holds structs of the first."""
 
 
-def case_of(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
-    """The build in a folder, with the map beside it (FOLDER.npz), written to a scratch folder and not yet compiled.
+def committed(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
+    """Return the case of a build on disk with the map beside it (FOLDER.npz), not yet compiled.
 
     Args:
-        changed: files with another content than the folder's.
+        scratch: folder for sources and objects. changed: files with other content than the folder's.
     """
     subject = Subject.read(folder)
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
-    made = Folder(
-        {**subject.files, **(changed or {})},
-        {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")},
-    )
+    facts = {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")}
+    made = Folder({**subject.files, **(changed or {})}, facts)
+    return made_case(subject.name, made, extend(refmap.load(folder.with_suffix(".npz")), config), config, scratch, compiler)
+
+
+def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch: Path, compiler: Compiler) -> Case:
+    """Return the case of a build in memory, not yet compiled."""
     tree = Tree.write(made, config, scratch)
-    numbers = folder.with_suffix(".npz")
-    build = hashlib.sha256(render_manifest(made) + numbers.read_bytes()).hexdigest()
+    build = hashlib.sha256(render_manifest(made)).hexdigest()
     if build not in _of_builds:
         _of_builds[build] = (tree.ffi(), {})
     ffi, known = _of_builds[build]
     library, opened = library_of(tree, ffi)
-    total = extend(refmap.load(numbers), config)
-    options = subject.manifest["options"]
+    options = made.manifest["options"]
     software = Software(library, options["prefix"], options["precision"], config)
-    units = Units(made, total, limited(config))
-    units.__dict__["library"] = library  # in place of the one that it would compile
-    return Case(subject.name, tree, Built(made, total, software), units, opened, compiler, known=known)
+    units = Units(made, total, limited(config), library)
+    return Case(name, tree, Built(made, total, software), units, opened, compiler, known=known)
+
+
+def named(name: str, scratch: Path, compiler: Compiler) -> Case:
+    """Return the case of a name, not yet compiled: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`."""
+    if name in COMMITTED:
+        return committed(COMMITTED[name], scratch, compiler)
+    kind, _, which = name.partition(" ")
+    config = builds.CONFIGS[kind]  # type: ignore[index]
+    precision: Any = which if which in builds.PRECISIONS else "single"
+    reference_map = builds.paper_map() if which in builds.PRECISIONS else builds.MAPS[which]()
+    total = extend(reference_map, config)
+    return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
+
+
+@functools.cache
+def case(name: str) -> Case:
+    """Return the compiled case of a name, optimised as for use, once a process."""
+    scratch = shared.folder() / f"case {name} {os.getpid()}"
+    scratch.mkdir()
+    found = named(name, scratch, Compiler(compiler_command(), OPTIMISED))
+    found.sample_fraction = FAST_FRACTION
+    found.compile()
+    return found
 
 
 def limited(config: Config) -> Config:

@@ -84,10 +84,10 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
     }
 
 
-def answers_of_rough(built: Built) -> Iterator[Drive]:
+def answers_of_rough(built: Built, count: int = 3000) -> Iterator[Drive]:
     """The independent model's answers to rough drives, each when it is asked for: one takes seconds."""
     for seed, one in enumerate(rough_changes(built).values()):
-        yield answers_of(built, one, rough(built, seed))
+        yield answers_of(built, one, rough(built, seed, count))
 
 
 def _running(built: Built, **changes: Any) -> Controller:

@@ -10,7 +10,6 @@ import numpy as np
 from codegen.config import Config
 from codegen.sil.software import Status
 from codegen.verify.law.controller import SecondController
-from codegen.verify.law.course import drive
 from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
 from tests.sil.checks_supervision import random_measurements
@@ -42,26 +41,6 @@ def open_limiter(built: Built) -> dict[str, Any]:
 def model_of(built: Built, parameters: Any, start: float) -> SecondController:
     """The second implementation of the build's kind."""
     return second_controller(config_of(built), parameters, built.lookup, built.total, start)
-
-
-def check_kind_same_as_model(
-    built: Built, changes: Mapping[str, Any] | None = None, count: int = 2500, seed: int = 1, **course: float
-) -> SecondController:
-    """Sample by sample the numbers and the status of the independent model, bit for bit, through every status."""
-    rng = np.random.default_rng(seed)
-    start = float(rng.uniform(-0.08, 0.08))
-    measurements = drive(rng, count, built.lookup, config_of(built).vehicle.wheelbase, **course)
-    parameters = parameters_of(built, changes)
-    controller = built.software.controller(start, parameters)
-    model = model_of(built, parameters, start)
-    seen = set()
-    for index, (measurement, got) in enumerate(zip(measurements, controller.run(measurements), strict=True)):
-        wanted = model.step(measurement)
-        assert got == wanted, f"sample {index}: {measurement}"
-        seen.add(got.status)
-    every = set(Status) if parameters.degraded_samples_max else set(Status) - {Status.DEGRADED}
-    assert seen == every, "the drive reaches every status"
-    return model
 
 
 EXTREMES: dict[str, Mapping[str, Any]] = {

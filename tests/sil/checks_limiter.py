@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from codegen.verify.law.limiter import SecondLimiter
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
 from tests.sil.units import Units
 
@@ -70,18 +69,6 @@ def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray
         inputs[:, column] = np.where(strange[:, column], any_numbers(rng, real, count, special), inputs[:, column])
     inputs[:20, 0] = np.nan  # no speed yet
     return inputs
-
-
-def check_limiter_same_as_model(units: Units, changes: Mapping[str, Any] | None = None) -> None:
-    """Step by step the number of the independent model, to the last bit (zero has no sign)."""
-    parameters = parameters_of(units, changes or {})
-    for seed, start in enumerate((0.0, -0.05, 0.9, 1.5, math.nan)):
-        inputs = drive(units, parameters, 4000, seed)
-        got = units.limiter(parameters, inputs, start)
-        model = SecondLimiter(parameters, period(units), units.real, start)
-        wanted = np.array([model.step(*row) for row in inputs], dtype=units.real)
-        differ = np.flatnonzero(got != wanted)
-        assert differ.size == 0, f"step {differ[0]}: {inputs[differ[0]]}: {got[differ[0]]} instead of {wanted[differ[0]]}"
 
 
 def check_limiter_always_bounded(units: Units, count: int = 50_000) -> None:

@@ -101,21 +101,6 @@ def all_points(built: Mapped) -> tuple[RealArray, RealArray]:
     return np.concatenate([finite[0], raw[0]]), np.concatenate([finite[1], raw[1]])
 
 
-def check_same_bits(built: Built) -> None:
-    """The C gives the bits of the NumPy reference, on any road."""
-    speed, angle = all_points(built)
-    for friction in FRICTIONS:
-        points = slice(None) if math.isnan(friction) else slice(None, None, 17)
-        got = built.software.map_yaw_rate(speed[points], angle[points], friction)
-        wanted = built.lookup(speed[points], angle[points], friction)
-        differ = np.flatnonzero(bits(got) != bits(wanted))
-        first = differ[:1]
-        assert differ.size == 0, (
-            f"{differ.size} of {got.size} differ at friction {friction}, first at speed {speed[points][first]}, "
-            f"front angle {angle[points][first]}: {got[first]} instead of {wanted[first]}"
-        )
-
-
 def check_finite(built: Built) -> None:
     """Every pair of bit patterns has a finite answer, on every road."""
     speed, angle = all_points(built)

@@ -48,24 +48,6 @@ def road_lateral_acceleration(total: TotalMap, real: Any, friction: Any) -> Any:
     return caps[layer] + share * (caps[layer + 1] - caps[layer])
 
 
-def check_same_bits_as_reference(units: Units) -> None:
-    """Yaw rate and rear angle have the bits of the NumPy reference, on any road, from any two bit patterns; the road's lateral
-    acceleration is that of the layers; and the function that gives the yaw rate alone gives the same."""
-    (speed, angle), real = all_points(units), units.real
-    for index, friction in enumerate(frictions(units)):
-        points = slice(index, None, 1 if index == 0 else 13)
-        got = units.map_reference(speed[points], angle[points], friction)
-        yaw_rate, rear_angle = units.lookup.reference(speed[points], angle[points], friction)
-        road = np.full(yaw_rate.shape, road_lateral_acceleration(units.total, real, friction))
-        for name, have, want in zip(COLUMNS, got, (yaw_rate, rear_angle, road, yaw_rate), strict=True):
-            differ = np.flatnonzero(bits(have) != bits(want))
-            first = differ[:1]
-            assert differ.size == 0, (
-                f"{differ.size} of {have.size} {name} differ at friction {friction}, first at speed {speed[points][first]}, "
-                f"front angle {angle[points][first]}: {have[first]} instead of {want[first]}"
-            )
-
-
 def check_reference_finite(units: Units) -> None:
     """Every set of bit patterns has a finite answer; the rear angle is within its bound, the yaw rate below the road's."""
     speed, angle = all_points(units)

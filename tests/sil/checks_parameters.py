@@ -137,6 +137,9 @@ def check_ranges(built: Built) -> None:
     software, real = built.software, built.real
     view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
     assert is_valid(built)
+    fields = dict(software.ffi.typeof(f"{software.prefix}_parameters_t").fields)
+    numbers = {name for name, field in fields.items() if field.type.cname.startswith(("float", "double"))}
+    assert numbers == {parameter.name for parameter in (*view.ranged, *view.ranged_arrays)}, "every number has a range"
     for parameter in (*view.ranged, *view.ranged_arrays):
         low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
         defaults = software.parameters()  # owns its arrays

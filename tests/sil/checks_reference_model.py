@@ -60,48 +60,6 @@ def wild_inputs(units: Units, count: int, seed: int) -> RealArray:
     return np.stack([any_numbers(rng, units.real, count, special) for _ in range(4)], axis=1)
 
 
-def check_model_same_bits(units: Units, count: int = 100_000) -> None:
-    """One step from any state with any inputs, and the start, have the bits of the independent model (zero has no sign)."""
-    model = SecondReferenceModel(units.config, units.real)
-    states = random_states(units, count, 1)
-    for inputs in (random_inputs(units, count, 2), wild_inputs(units, count, 3)):
-        got = units.model_from(states, inputs)
-        with np.errstate(all="ignore"):
-            wanted = np.stack(model.step(states.T, inputs.T), axis=1)
-        differ = np.flatnonzero((got != wanted).any(axis=1))
-        assert differ.size == 0, (
-            f"{differ.size} of {count} differ, first from {states[differ[0]]} with {inputs[differ[0]]}: "
-            f"{got[differ[0]]} instead of {wanted[differ[0]]}"
-        )
-        start = inputs[:, :3].copy()
-        with np.errstate(all="ignore"):
-            start[:, 1] *= units.real(4.0)  # the yaw rate reaches farther than the front angle
-            wanted = np.stack(model.start(*start.T), axis=1)
-        assert np.array_equal(units.model_start(start), wanted)
-
-
-def check_model_same_bits_over_time(units: Units, count: int = 4000) -> None:
-    """The same over a long drive, from step to step."""
-    model = SecondReferenceModel(units.config, units.real)
-    t = np.arange(count)
-    inputs = np.stack(
-        [
-            20.0 + 18.0 * np.sin(t / 300.0),
-            0.15 * np.sin(t / 47.0),
-            0.06 * np.sign(np.sin(t / 31.0)),
-            np.where((t // 700) % 2 == 0, 0.9, 0.35),
-        ],
-        axis=1,
-    ).astype(units.real)
-    inputs[1000:1400] = wild_inputs(units, 400, 5)
-    state = np.array([0.01, -0.1, 0.02], dtype=units.real)
-    got = units.model(state, inputs)
-    for k, row in enumerate(inputs):
-        with np.errstate(all="ignore"):
-            state = np.array(model.step(state, row), dtype=units.real)
-        assert np.array_equal(got[k], state), k
-
-
 def check_model_finite(units: Units) -> None:
     """Whatever drives it, from whatever state: finite and within its stated bounds, the start too."""
     most, _ = limits(units)

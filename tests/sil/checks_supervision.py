@@ -1,7 +1,4 @@
-"""What must hold of inputs, standby and fail-safe. Each check takes a build and raises AssertionError where it does not.
-
-Apart from the tests, so that the planted faults are judged by the very same checks.
-"""
+"""Checks of inputs, standby and fail-safe. Each takes a build and raises AssertionError if the build fails it."""
 
 from __future__ import annotations
 
@@ -136,6 +133,37 @@ def check_gap(built: Built, speed: float = SPEED) -> None:
             # One step of the integral, 0.001 rad; without a gap the change of the proportional part, 0.0005 rad, comes on top.
             assert abs(back.rear_angle - (last.rear_angle - 0.001)) < (built.eps if gap else 0.0005 + built.eps)
             assert controller.step(lost).status is Status.FAIL_SAFE
+
+
+def check_signalling_nan(built: Built) -> None:
+    """A signalling NaN is rejected like any other; a Python float cannot carry one."""
+    software, bits = built.software, {4: 0x7F800001, 8: (0x7FF0 << 48) + 1}
+    for field in NEEDED:
+        controller, sample = software.controller(), software.new("measurement")
+        sample[0] = (15.0, 0.0, 0.0, math.nan, math.nan, False)
+        offset, size = software.ffi.offsetof(software.ffi.typeof(sample).item, field), np.dtype(software.real).itemsize
+        software.ffi.memmove(software.ffi.cast("char *", sample) + offset, bits[size].to_bytes(size, "little"), size)
+        command = software.function("controller_step")(controller.state, controller.parameters, sample)
+        assert command.status == Status.DEGRADED, field
+
+
+def check_gap_from_the_first_sample(built: Built) -> None:
+    """With no speed ever seen the car may be fast, as after a reset in a corner: the fail-safe holds the angle."""
+    commands = built.software.controller(0.05).run([LOST] * 20)
+    gap = built.software.parameters().degraded_samples_max
+    assert [command.status for command in commands] == [Status.DEGRADED] * gap + [Status.FAIL_SAFE] * (20 - gap)
+    assert {command.rear_angle for command in commands} == {float(built.software.real(0.05))}
+
+
+def check_gap_in_standby(built: Built) -> None:
+    """A gap in standby holds the angle too, and standby goes on."""
+    controller, standing = built.software.controller(0.05), Measurement(0.0, 0.0, 0.0)
+    before = controller.run([standing] * 3)[-1]
+    held = controller.run([lost_at(0.0)] * 2)
+    after = controller.step(standing)
+    assert [command.rear_angle for command in held] == [before.rear_angle] * 2
+    assert after.status is Status.STANDBY
+    assert 0.0 < after.rear_angle < before.rear_angle
 
 
 def check_fail_safe_hold(built: Built) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from codegen.sil.software import Controller, Measurement, Status
 from tests.builds import TRACKING_CONFIG, Built
 from tests.sil.checks_control import RUNNING, angles
-from tests.sil.checks_kinds import check_kind_same_as_model, open_limiter, parameters_of
+from tests.sil.checks_kinds import open_limiter, parameters_of
 
 PERIOD = TRACKING_CONFIG.controller.sampling_time_s
 TRACKING = TRACKING_CONFIG.controller.tracking
@@ -69,16 +69,6 @@ def gains_at(speed: float) -> tuple[float, float]:
     at = speed * 3.6
     kp, ki = (np.interp(at, schedule.speed_km_h, values) for values in (schedule.proportional_gain_s, schedule.integral_gain))
     return float(kp), float(ki)
-
-
-def check_tracking_same_as_model(built: Built) -> None:
-    """Through every regime, with parameters that bring out each limit, the bits of the independent model."""
-    happened: set[str] = set()
-    for seed, changes in enumerate(MODEL_CHANGES.values()):
-        course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if seed % 2 else {}
-        model = check_kind_same_as_model(built, changes, 1500, seed, **course)
-        happened |= model.happened  # type: ignore[attr-defined]
-    assert happened >= HAPPENS, HAPPENS - happened
 
 
 def check_feedforward(built: Built) -> None:

@@ -1,4 +1,4 @@
-"""A build as one plain shared library, with the plant and the loops of the tests: compiled file by file, opened with cffi."""
+"""A build as one shared library with the plant and the loops of the tests: compiled file by file, opened with cffi."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern", WRITABLE)
 """What is not set has no number that could be taken for a right one; the calibration may be written."""
+OPTIMISED = tuple("-O2" if flag == "-O0" else flag for flag in FLAGS)
+"""As the build is compiled for use."""
 SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
 
 

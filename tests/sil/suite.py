@@ -1,16 +1,18 @@
-"""Which of the project's tests judge which unit of a build, in what order: first those that tell most in least time.
+"""Which checks judge which unit of a build, by kind of controller, those that find most in least time first.
 
-A judge is a test or a check as it stands in tests/, asked of a case. It raises where the C is wrong. Each unit's judges are
-those that are about it, which is less than all: what they see, all of the tests see.
+`make test` runs each judge on the build as it is; the mutation campaign runs them on mutants. So the tests of the C and their
+power to fail are one list.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
+from codegen.config import Kind
+from tests.builds import Built
 from tests.sil import (
     answers,
     answers_frames,
@@ -27,205 +29,182 @@ from tests.sil import (
     checks_reference,
     checks_reference_model,
     checks_supervision,
+    checks_task,
     checks_tracking,
-    test_closed_loop,
-    test_controller,
-    test_edges_task,
-    test_faults_in_the_loop,
-    test_supervision,
-    test_task,
 )
 from tests.sil.calibrated import Calibrated
 from tests.sil.case import Case
 from tests.sil.suite_dynamics import check_dynamics
 from tests.sil.suite_memory import check_memory
 from tests.sil.suite_selftest import check_selftest
-from tests.sil.test_controller import CHANGES
-from tests.sil.tests_of import each_test
 
 
 @dataclass(frozen=True)
 class Judge:
-    """A test or check with its name."""
+    """A check of a unit, called with a case; it raises an exception if the case fails it.
+
+    Attributes:
+        of_single: whether it writes or compares numbers of single precision, so that it cannot judge a build in double.
+        of_one_layer: whether it knows the cap of a map for one friction only.
+    """
 
     name: str
     run: Callable[[Case], object]
+    of_single: bool = False
+    of_one_layer: bool = False
 
 
-def worked_out(case: Case, name: str, make: Callable[[], Any]) -> Any:
-    """What is worked out once for a build."""
-    if name not in case.known:
-        case.known[name] = make()
-    return case.known[name]
+def _of_built(*checks: Callable[[Built], object]) -> list[Judge]:
+    return [Judge(check.__name__, lambda case, check=check: check(case.built)) for check in checks]  # type: ignore[misc]
 
 
-def checks_in(module: ModuleType, but: tuple[str, ...] = ()) -> Iterable[tuple[str, Callable[..., object]]]:
-    """Name and function of the checks that a module itself holds."""
-    for name, value in vars(module).items():
-        if name.startswith("check_") and value.__module__ == module.__name__ and name not in but:
-            yield name, value
+def _of_units(*checks: Callable[[Any], object]) -> list[Judge]:
+    return [Judge(check.__name__, lambda case, check=check: check(case.units)) for check in checks]  # type: ignore[misc]
 
 
-def _of_build(check: Callable[..., object]) -> Callable[[Case], object]:
-    return lambda case: check(case.built)
+def _of_calibration(*checks: Callable[[Calibrated], None]) -> list[Judge]:
+    """Judges that write into the calibration and leave it as it was."""
 
-
-def _of_units(check: Callable[..., object]) -> Callable[[Case], object]:
-    return lambda case: check(case.units)
-
-
-def _drives(case: Case) -> list[Judge]:
-    """The independent model, with parameters that bring out each limit."""
-    points = _points(case)
-    changes: dict[str, dict[str, Any]] = {"as built": {}}
-    if case.kind == "pi":
-        plain: Any = CHANGES
-        changes |= plain
-        acts = {"rear_rate_max": 0.2, "opposite_phase_max": [0.03] * (points[1] // 2) + [0.01] * (points[1] - points[1] // 2)}
-        changes["a limiter that acts"] = {"limiter": acts}
-    if case.kind == "tracking":
-        changes |= {name: _resized(one, points) for name, one in checks_tracking.MODEL_CHANGES.items()}
-        changes["strict supervision"] = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples_max": 0}
-    drives = [Judge(f"model: {name}", _drive(name, one, index)) for index, (name, one) in enumerate(changes.items())]
-    return [*drives, Judge("model: rough drives", _rough)]
-
-
-def _rough(case: Case) -> None:
-    for known in worked_out(case, "rough", lambda: list(checks_edges_law.answers_of_rough(case.built))):
-        answers.check_drive(case.built, known)
-
-
-def _drive(name: str, changes: dict[str, Any], index: int) -> Callable[[Case], object]:
-    course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if index % 2 else {}
-
-    def judge(case: Case) -> None:
-        def make() -> answers.Drive:
-            return answers.answers_of_drive(case.built, changes, 2500, index + 1, **course)
-
-        answers.check_drive(case.built, worked_out(case, f"drive {name}", make))
-
-    return judge
-
-
-def _points(case: Case) -> tuple[int, int]:
-    """Of the schedule of the gains, 0 for none, and of the limiter."""
-    parameters = case.built.software.parameters()
-    schedule = len(parameters.schedule_speed) if hasattr(parameters, "schedule_speed") else 0
-    return schedule, len(parameters.limiter.opposite_phase_speed)
-
-
-def _resized(changes: dict[str, Any], points: tuple[int, int]) -> dict[str, Any]:
-    """Lists of as many elements as the build has: the last one is repeated."""
-
-    def fit(values: Any, count: int) -> Any:
-        return [*values, *([values[-1]] * count)][:count] if isinstance(values, list) else values
-
-    plain = {name: fit(value, points[0]) for name, value in changes.items() if name != "limiter"}
-    limiter = {name: fit(value, points[1]) for name, value in changes.get("limiter", {}).items()}
-    return plain | ({"limiter": limiter} if limiter else {})
-
-
-def _controller(case: Case) -> list[Judge]:
-    judges = _drives(case)
-    modules = (checks_edges, checks_parameters)
-    edges = [Judge(name, _of_build(check)) for module in modules for name, check in checks_in(module)]
-    guard = checks_calibration.check_parameters_judge_the_map_too
-    edges.append(Judge(guard.__name__, _calibrated(guard)))
-    if case.kind == "pi":
-        own = [checks_supervision, checks_control]
-        named = [Judge(name, _of_build(check)) for module in own for name, check in checks_in(module)]
-        rest = each_test(test_supervision, test_controller, but=(*NOT_OF_ONE_BUILD, "test_every_sample_is_that"))
-        return [*judges, *edges, *named, *(Judge(name, _of_build(test)) for name, test in rest)]
-    named = [Judge(name, _of_build(check)) for name, check in checks_in(checks_kinds, ("check_kind_same_as_model",))]
-    for module in (checks_tracking, checks_reference):
-        named += [Judge(name, _of_build(check)) for name, check in checks_in(module, OF_THE_TESTS_OWN_SCHEDULE)]
-    named += [Judge(check.__name__, _of_build(check)) for check in checks_edges_law.OF_TRACKING]
-    named += [Judge(name, _of_build(check)) for name, check in checks_in(checks_supervision, OF_THE_PAPER_S_COMMANDS)]
-    return [*judges, *edges, *named]
-
-
-NOT_OF_ONE_BUILD = (
-    "another_period",
-    "bumpless",
-    "each_is_taken_to_the_ends",
-    "every_element_of_an_array",
-    "every_number_has_a_range",
-    "of_every_kind",
-    "plain_shared_library",
-    "planted",
-    "single_and_double",
-    "the_default_rate_limit",
-    "the_name_follows",
-    "the_schedule_rises",
-)
-"""Tests that build others, or compare builds; what they ask of one build is asked by a check beside them."""
-
-OF_THE_TESTS_OWN_SCHEDULE = (
-    "check_gain_schedule",
-    "check_tracking_anti_windup",
-    "check_tracking_bumpless",
-    "check_tracking_inhibit",
-    "check_tracking_same_as_model",
-)
-"""Checks that know the gains that the tests build with: here the models' answers stand for them."""
-
-
-OF_THE_PAPER_S_COMMANDS = ("check_always_bounded", "check_fail_safe_hold", "check_gap", "check_last_speed", "check_recovery")
-"""Checks of what every kind has in common that know how the paper's law goes on."""
-
-
-OF_THE_PAPER_S_LAW = ("the_inhibit_bit_holds", "friction_of_a_frame", "measured_angle_of_a_frame")
-"""Tests of the task that know how far the paper's gains move the command in a sample."""
-
-
-def _limiter(case: Case) -> list[Judge]:
-    def known(case: Case) -> None:
-        answers.check_limiter(case.units, worked_out(case, "limiter", lambda: answers.answers_of_limiter(case.units)))
-
-    checks = checks_in(checks_limiter, ("check_limiter_same_as_model",))
-    named = [
-        Judge(name, _of_units(check)) for name, check in (*((one.__name__, one) for one in checks_edges_units.CHECKS), *checks)
-    ]
-    return [Judge("model of the limiter", known), *_inits(), *named]
-
-
-def _map(case: Case) -> list[Judge]:
-    def known(case: Case) -> None:
-        answers.check_map(
-            case.built, case.units, worked_out(case, "map", lambda: answers.answers_of_map(case.built, case.units))
-        )
-
-    judges = [Judge("reference of the map", known)]
-    but = ("check_same_bits", "check_checksum") if case.kind == "tracking" else ("check_same_bits",)
-    judges += [Judge(name, _of_build(check)) for name, check in checks_in(checks_lookup, but)]
-    judges += [Judge(name, _of_build(check)) for name, check in (("map_functions", check_map_functions),)]
-    judges += [Judge(check.__name__, _calibrated(check)) for check in checks_calibration.CHECKS]
-    if case.kind == "tracking":
-        checks = checks_in(checks_map_reference, ("check_same_bits_as_reference",))
-        judges += [Judge(name, _of_units(check)) for name, check in checks]
-    return judges
-
-
-def _calibration(case: Case) -> list[Judge]:
-    """The numbers themselves: parameters as configured, and the map as it was solved."""
-    checks = [("check_defaults", checks_parameters.check_defaults), ("map_functions", check_map_functions)]
-    return [Judge(name, _of_build(check)) for name, check in checks]
-
-
-def _calibrated(check: Callable[[Calibrated], None]) -> Callable[[Case], object]:
-    """A check that writes into the calibration, and leaves it as it was."""
-
-    def judge(case: Case) -> None:
+    def run(case: Case, check: Callable[[Calibrated], None]) -> None:
         calibrated = Calibrated.over(case.built.software.compiled, case.built.total)
         try:
             check(calibrated.restored())
         finally:
             calibrated.restored()
 
-    return judge
+    return [Judge(check.__name__, lambda case, check=check: run(case, check), of_single=True) for check in checks]  # type: ignore[misc]
 
 
-def check_map_functions(built: Any) -> None:
+def _in(module: ModuleType, *but: Callable[..., object]) -> Iterable[Callable[..., Any]]:
+    """Return the checks that a module itself defines, in the order of the source."""
+    for name, value in vars(module).items():
+        if name.startswith("check_") and value.__module__ == module.__name__ and value not in but:
+            yield value
+
+
+def _known(case: Case, name: str, make: Callable[[], Any]) -> Any:
+    """Return what is computed once for a build."""
+    if name not in case.known:
+        case.known[name] = make()
+    return case.known[name]
+
+
+STRICT = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples_max": 0}
+DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
+    "pi": {
+        "as built": {},
+        "rate limit": {"rear_rate_max": checks_control.RATE_LIMIT},
+        "slow actuator": {"rear_rate_max": 0.07, "rear_angle_error_max": 0.005},
+        "strict supervision": STRICT,
+        "high gains": {"proportional_gain": 0.2, "integral_gain": 8.0},
+        "a limiter that acts": {"limiter": {"rear_rate_max": 0.2, "opposite_phase_max": [0.03, 0.01]}},
+    },
+    "tracking": {**checks_tracking.MODEL_CHANGES, "strict supervision": STRICT},
+    "feedforward": {"as built": {}, "slow": {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}}},
+    "proportional": {"as built": {}, "slow": {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}}},
+}
+"""Parameters that bring out each limit of a law."""
+
+
+def _drives(kind: Kind) -> list[Judge]:
+    """Judges against the independent model of the law, bit for bit."""
+
+    def drive(case: Case, name: str, changes: dict[str, Any], index: int) -> None:
+        course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if index % 2 else {}
+
+        def make() -> answers.Drive:
+            count = case.samples(2500, least=1000)
+            return answers.answers_of_drive(case.built, _resized(case, changes), count, index + 1, **course)
+
+        answers.check_drive(case.built, _known(case, f"drive {name}", make))
+
+    def rough(case: Case) -> None:
+        for one in _known(case, "rough", lambda: list(checks_edges_law.answers_of_rough(case.built, case.samples(3000)))):
+            answers.check_drive(case.built, one)
+
+    judges = []
+    for index, (name, changes) in enumerate(DRIVES[kind].items()):
+        judges.append(Judge(f"model: {name}", lambda case, a=name, b=changes, c=index: drive(case, a, b, c)))  # type: ignore[misc]
+    return [*judges, Judge("model: rough drives", rough)] if kind in ("pi", "tracking") else judges
+
+
+def _resized(case: Case, changes: dict[str, Any]) -> dict[str, Any]:
+    """Return the changes with arrays of as many elements as the build has: the last one is repeated."""
+    parameters = case.built.software.parameters()
+
+    def fit(name: str, value: Any, of: Any) -> Any:
+        if isinstance(value, dict):
+            return {inner: fit(inner, values, getattr(of, name)) for inner, values in value.items()}
+        count = len(getattr(of, name)) if isinstance(value, list) else 0
+        return [*value, *([value[-1]] * count)][:count] if isinstance(value, list) else value
+
+    return {name: fit(name, value, parameters) for name, value in changes.items()}
+
+
+OF_EVERY_KIND = (
+    checks_supervision.check_inputs,
+    checks_supervision.check_signalling_nan,
+    checks_supervision.check_plausibility_limit,
+    checks_supervision.check_plausibility_time,
+    checks_supervision.check_limiter_in_a_gap,
+    checks_supervision.check_start_at_no_angle,
+    checks_supervision.check_fail_safe_ramp,
+    checks_supervision.check_gap_from_the_first_sample,
+    checks_supervision.check_gap_in_standby,
+    checks_supervision.check_standby,
+)
+"""Checks of the supervision that do not depend on the law."""
+
+OF_THE_TESTS_OWN_SCHEDULE = (
+    checks_tracking.check_gain_schedule,
+    checks_tracking.check_tracking_anti_windup,
+    checks_tracking.check_tracking_bumpless,
+    checks_tracking.check_tracking_inhibit,
+)
+"""Checks that know the gains of `tests.builds`; a designed schedule is compared with the model only."""
+
+
+def _controller(kind: Kind) -> list[Judge]:
+    judges = [
+        *_drives(kind),
+        *_of_built(*_in(checks_edges), *_in(checks_parameters)),
+        *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
+    ]
+    if kind == "pi":
+        return [*judges, *_of_built(*_in(checks_supervision), *_in(checks_control))]
+    judges += _of_built(*OF_EVERY_KIND, checks_kinds.check_kind_always_bounded)
+    if kind == "tracking":
+        judges += _of_built(checks_supervision.check_fail_safe_at_the_hold_speed)
+        checks = (*_in(checks_tracking), *_in(checks_reference), *checks_edges_law.OF_TRACKING)
+        judges += _of_built(*(check for check in checks if check not in OF_THE_TESTS_OWN_SCHEDULE))
+    return judges
+
+
+def _limiter(kind: Kind) -> list[Judge]:
+    def model(case: Case) -> None:
+        answers.check_limiter(
+            case.units, _known(case, "limiter", lambda: answers.answers_of_limiter(case.units, case.samples(4000)))
+        )
+
+    checks = _of_units(*checks_edges_units.CHECKS, *_in(checks_limiter))
+    return [Judge("model of the limiter", model), *_inits(kind), *checks]
+
+
+def _map(kind: Kind) -> list[Judge]:
+    def reference(case: Case) -> None:
+        known = _known(case, "map", lambda: answers.answers_of_map(case.built, case.units, 30_000 // case.samples(30_000)))
+        answers.check_map(case.built, case.units, known)
+
+    has_rear_angle = kind in ("tracking", "feedforward")
+    but = (checks_lookup.check_checksum,) if has_rear_angle else ()
+    capped = (checks_lookup.check_cap, checks_lookup.check_cap_is_reached, checks_lookup.check_error_bound)
+    judges = [Judge("reference of the map", reference), *_of_built(*_in(checks_lookup, *but, *capped), check_map_functions)]
+    judges += [replace(judge, of_one_layer=True) for judge in _of_built(*capped)]
+    judges += _of_calibration(*checks_calibration.CHECKS)
+    return [*judges, *_of_units(*_in(checks_map_reference))] if has_rear_angle else judges
+
+
+def check_map_functions(built: Built) -> None:
     """The function without friction, and the checksum that the self-test compares."""
     for speed, angle in ((12.0, 0.03), (33.0, -0.3), (90.0, 0.6), (0.0, 0.1), (20.0, 0.0)):
         wanted = built.lookup(speed, angle)
@@ -234,46 +213,40 @@ def check_map_functions(built: Any) -> None:
     assert built.software.selftest()
 
 
-def _reference_model(case: Case) -> list[Judge]:
-    def known(case: Case) -> None:
-        answers.check_model(case.units, worked_out(case, "model", lambda: answers.answers_of_model(case.units)))
+def _reference_model(_: Kind) -> list[Judge]:
+    def model(case: Case) -> None:
+        answers.check_model(
+            case.units, _known(case, "model", lambda: answers.answers_of_model(case.units, case.samples(30_000)))
+        )
 
-    checks = checks_in(checks_reference_model, ("check_model_same_bits", "check_model_same_bits_over_time"))
-    ends = [Judge(check.__name__, _of_units(check)) for check in checks_edges_units.OF_THE_MODEL]
-    return [Judge("model of the car", known), *ends, *(Judge(name, _of_units(check)) for name, check in checks)]
-
-
-def _can(case: Case) -> list[Judge]:
-    def known(case: Case) -> None:
-        answers_frames.check_can(case.built, worked_out(case, "can", lambda: answers_frames.answers_of_can(case.built)))
-
-    return [Judge("Python's frames", known)]
+    return [Judge("model of the car", model), *_of_units(*checks_edges_units.OF_THE_MODEL, *_in(checks_reference_model))]
 
 
-def _e2e(case: Case) -> list[Judge]:
-    def known(case: Case) -> None:
-        answers_frames.check_e2e(case.built, worked_out(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
+def _can(_: Kind) -> list[Judge]:
+    def frames(case: Case) -> None:
+        answers_frames.check_can(case.built, _known(case, "can", lambda: answers_frames.answers_of_can(case.built)))
 
-    return [Judge("Python's receiver", known), *_inits()]
-
-
-def _inits() -> list[Judge]:
-    return [Judge(name, _of_build(check)) for name, check in checks_in(checks_edges) if "init" in name]
+    return [Judge("Python's frames", frames)]
 
 
-def _task(case: Case) -> list[Judge]:
-    but = (*NOT_OF_ONE_BUILD, *(OF_THE_PAPER_S_LAW if case.kind == "tracking" else ()))
-    tests = [Judge(name, _of_build(test)) for name, test in each_test(test_task, test_edges_task, but=but)]
-    return [*tests, *_inits()]
+def _e2e(kind: Kind) -> list[Judge]:
+    def receiver(case: Case) -> None:
+        answers_frames.check_e2e(case.built, _known(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
+
+    return [Judge("Python's receiver", receiver), *_inits(kind)]
 
 
-def _loops(case: Case) -> list[Judge]:
-    tests = each_test(test_closed_loop, test_faults_in_the_loop, but=NOT_OF_ONE_BUILD)
-    return [Judge(name, _of_build(test)) for name, test in tests]
+def _inits(_: Kind) -> list[Judge]:
+    return _of_built(checks_edges.check_init_sets_everything, checks_edges.check_state_after_init)
 
 
-UNITS: dict[str, Callable[[Case], list[Judge]]] = {
-    "calibration": _calibration,
+def _task(kind: Kind) -> list[Judge]:
+    but = () if kind == "pi" else checks_task.OF_THE_PAPER_S_LAW
+    return [*_of_built(*_in(checks_task, *but)), *_inits(kind)]
+
+
+UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
+    "calibration": lambda _: _of_built(checks_parameters.check_defaults, check_map_functions),
     "controller": _controller,
     "limiter": _limiter,
     "map": _map,
@@ -281,23 +254,21 @@ UNITS: dict[str, Callable[[Case], list[Judge]]] = {
     "can": _can,
     "e2e": _e2e,
     "task": _task,
-    "selftest": lambda _: [Judge("stand-ins", check_selftest)],
+    "selftest": lambda _: [Judge("stand-ins", check_selftest, of_single=True)],
     "dynamics": lambda _: [Judge("machine", check_dynamics)],
 }
-"""By the name of the unit."""
+"""Judges of a kind, by the name of the unit."""
 
 
-MEMORY = "sanitized program"
+SANITIZED = Judge("sanitized program", check_memory)
 
 
-def judges_of(case: Case, path: str) -> list[Judge]:
-    """The judges of a unit, given by the path of its source."""
-    unit = path.removeprefix(f"src/{case.built.software.prefix}_").removesuffix(".c")
-    return [*UNITS[unit](case), Judge(MEMORY, check_memory)]
+def judges_of(kind: Kind, path: str) -> list[Judge]:
+    """Return the judges of a unit, given by the path of its source; the sanitized program comes last."""
+    return [*UNITS[path.removeprefix("src/ars_").removesuffix(".c")](kind), SANITIZED]
 
 
-def whole(case: Case) -> list[Judge]:
-    """Every judge of every unit of a case, and the closed loop and its faults around them."""
-    found = {judge.name: judge for path in case.tree.units for judge in judges_of(case, path)}
-    del found[MEMORY]  # a program of its own, which counts nothing here
-    return [*found.values(), *_loops(case)]
+def whole(kind: Kind, units: Iterable[str] = UNITS) -> list[Judge]:
+    """Return every judge of units of a kind, each once, without the sanitized program."""
+    own = [name for name in units if name != "reference_model" or kind == "tracking"]
+    return list({judge.name: judge for name in own for judge in UNITS[name](kind)}.values())

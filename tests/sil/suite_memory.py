@@ -5,6 +5,7 @@ An address out of bounds may give the right number, and is a fault all the same:
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -179,11 +180,12 @@ def check_memory(case: Case) -> None:
     root = case.tree.root / "memory"
     if "memory" not in case.kept:
         case.kept["memory"] = _prepare(case, root)
-    objects = dict(case.kept["memory"])
-    for path, instead in case.instead.items():
-        objects[path] = instead.with_suffix(".memory.o")
-        case.compiler.compile(case.tree.root, str(instead.with_suffix(".c")), objects[path], FLAGS)
-    program = case.instead[next(iter(case.instead))].with_suffix(".program") if case.instead else root / "program"
+    objects, program = dict(case.kept["memory"]), root / f"program-{os.getpid()}"
+    if case.mutated is not None:
+        changed = root / f"mutant-{os.getpid()}.c"
+        changed.write_text(case.mutated.source, encoding="ascii")
+        objects[case.mutated.path] = changed.with_suffix(".o")
+        case.compiler.compile(case.tree.root, str(changed), changed.with_suffix(".o"), FLAGS)
     case.compiler.link_program([*objects.values(), root / "main.o"], program, FLAGS)
     done = subprocess.run([program], capture_output=True, text=True, errors="replace", timeout=600, check=False)
     first = next((line for line in done.stderr.splitlines() if "ERROR" in line or "runtime error" in line), "")

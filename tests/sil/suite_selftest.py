@@ -23,6 +23,8 @@ def check_selftest(case: Case) -> None:
         compiler.link([case.object("src/ars_selftest.c"), root / "stub/stub.o", root / "stub/expected.o"], path)
         ffi = case.kept["stand-ins"]
         library = Library(ffi, ffi.dlopen(str(path)), path, "abi")
+        if case.mutated is not None and case.mutated.path == "src/ars_selftest.c":
+            case.select_in(path)
         try:
             for check in CHECKS:
                 check(Alone.of(library, case.built.folder))

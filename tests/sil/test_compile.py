@@ -23,8 +23,7 @@ from codegen.sil.compile import DEFAULT_FLAGS, Library, cache_folder, compile_li
 
 ROOT = Path(__file__).resolve().parents[2]
 HAS_PYTHON_H = any(Path(sysconfig.get_path(name), "Python.h").is_file() for name in ("include", "platinclude"))
-needs_python_h = pytest.mark.skipif(not HAS_PYTHON_H, reason="Python.h is not installed")
-MODES = [pytest.param("api", marks=needs_python_h), "abi"]
+MODES = ["api", "abi"] if HAS_PYTHON_H else ["abi"]
 
 TYPES_H = """
 #ifndef TYPES_H
@@ -191,45 +190,23 @@ def sample(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 class TestBothModes:
-    def test_struct_with_enum_bool_and_arrays(self, sample: Library) -> None:
-        given = sample.ffi.new("sample_t *", {"counter": 255, "speed": 3.0, "inhibit": True, "history": [1, 2, 3]})
-        result = sample.lib.sample_step(given, 5.0)
-        assert (result.counter, result.speed, result.inhibit) == (0, 7.5, False)
-        assert result.gear == sample.lib.GEAR_REVERSE == -1
-        assert list(result.history) == [1.0, 2.0, 3.0]
-
-    def test_constants(self, sample: Library) -> None:
-        lib = sample.lib
-        assert (lib.GEAR_NEUTRAL, lib.GEAR_FORWARD, lib.GEAR_COUNT, lib.TABLE_POINTS) == (0, 3, 4, 3)
-        assert lib.SAMPLE_VERSION == 7
-
-    def test_const_objects(self, sample: Library) -> None:
-        lib = sample.lib
+    def test_structs_constants_tables_and_arrays(self, sample: Library) -> None:
+        lib, ffi = sample.lib, sample.ffi
+        given = ffi.new("sample_t *", {"counter": 255, "speed": 3.0, "inhibit": True, "history": [1, 2, 3]})
+        result = lib.sample_step(given, 5.0)
+        assert (result.counter, result.speed, result.inhibit, list(result.history)) == (0, 7.5, False, [1.0, 2.0, 3.0])
+        assert result.gear == lib.GEAR_REVERSE == -1
+        assert (lib.GEAR_NEUTRAL, lib.GEAR_FORWARD, lib.GEAR_COUNT, lib.TABLE_POINTS, lib.SAMPLE_VERSION) == (0, 3, 4, 3, 7)
         assert [list(row) for row in lib.sample_table] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
-        assert lib.sample_gain == 2.5
         default = lib.sample_default
         assert (default.counter, default.speed, default.inhibit, default.gear) == (1, 10.0, True, lib.GEAR_FORWARD)
-        assert list(default.history) == [0.1, 0.2, 0.3]
-        assert list(default.limits) == [5, 6]
-        assert lib.sample_step(sample.ffi.addressof(default), 1.0).speed == 5.0
-
-    def test_static_table_inside_a_source(self, sample: Library) -> None:
-        assert sample.lib.sample_lookup(1, 2) == 6.5
-
-    def test_array_argument(self, sample: Library) -> None:
-        data = sample.ffi.new("uint8_t[8]")
-        assert sample.lib.sample_pack(sample.ffi.new("sample_t *", {"counter": 9, "inhibit": True}), data) == 0x101
+        assert (list(default.history), list(default.limits)) == ([0.1, 0.2, 0.3], [5, 6])
+        assert lib.sample_step(ffi.addressof(default), 1.0).speed == 5.0
+        assert lib.sample_lookup(1, 2) == 6.5
+        data = ffi.new("uint8_t[8]")
+        assert lib.sample_pack(ffi.new("sample_t *", {"counter": 9, "inhibit": True}), data) == 0x101
         assert list(data) == [9, 0, 0, 0, 0, 0, 0, 255]
-
-    def test_inline_function_of_a_header(self, sample: Library) -> None:
-        if sample.mode == "api":
-            assert sample.lib.sample_half(3.0) == 1.5
-        else:
-            assert not hasattr(sample.lib, "sample_half")
-
-    def test_names(self, sample: Library) -> None:
-        assert sample.path.name.startswith("_4ws_2_sample_")
-        assert sample.mode in {"api", "abi"}
+        assert hasattr(lib, "sample_half") == (sample.mode == "api"), "an inline function of a header"
 
 
 class TestCdef:
@@ -253,13 +230,6 @@ class TestCdef:
         assert "float real_t" in derive_cdef([header], [])
         assert "double real_t" in derive_cdef([header], [], flags=["-std=c99", "-DWIDE"])
 
-    def test_include_order_and_include_folder(self, tmp_path: Path) -> None:
-        first = self.folder(tmp_path, "typedef int first_t;\n")
-        second = tmp_path / "second.h"
-        second.write_text('#include "types.h"\nfirst_t f(gear_t gear);\n', encoding="utf-8")
-        cdef = derive_cdef([first, second], [tmp_path])
-        assert cdef.index("first_t") < cdef.index("gear_t") < cdef.index("f(")
-
     @pytest.mark.parametrize(
         "header",
         [
@@ -274,14 +244,6 @@ class TestCdef:
 
     def test_members_may_be_called_packed(self, tmp_path: Path) -> None:
         assert "aligned" in derive_cdef([self.folder(tmp_path, "typedef struct { int packed; int aligned; } p_t;\n")], [])
-
-    def test_only_the_freestanding_headers_are_known(self, tmp_path: Path) -> None:
-        with pytest.raises(BuildError, match=r"header\.h:1: .*math\.h"):
-            derive_cdef([self.folder(tmp_path, "#include <math.h>\n")], [])
-
-    def test_missing_include_names_the_header(self, tmp_path: Path) -> None:
-        with pytest.raises(BuildError, match=r"header\.h:1: .*absent\.h"):
-            derive_cdef([self.folder(tmp_path, '#include "absent.h"\n')], [])
 
     def test_a_header_that_is_not_c_names_the_line(self, tmp_path: Path) -> None:
         with pytest.raises(BuildError, match=r"header\.h:2"):
@@ -308,12 +270,6 @@ class TestCompiler:
         assert find_compiler() == "gcc"
         script(tmp_path / "cc", "exit 1")
         assert find_compiler() == "cc"
-
-    def test_relative_cc(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: dict[str, str]) -> None:
-        script(tmp_path / "my-cc", f'exec {find_compiler()} "$@"')
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("CC", "./my-cc")
-        assert compile_library("tiny", unique, ["include/tiny.h"], mode="abi").lib.tiny() == 1
 
     def test_none(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_cache: Path, unique: dict[str, str]) -> None:
         monkeypatch.setenv("PATH", str(tmp_path))
@@ -349,11 +305,6 @@ class TestCompiler:
         assert "\n" not in str(caught.value)
         assert list(own_cache.iterdir()) == []
 
-    def test_no_compiler_at_all(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: dict[str, str]) -> None:
-        monkeypatch.setenv("CC", script(tmp_path / "odd", "exit 1"))
-        with pytest.raises(BuildError, match="does not answer --version"):
-            compile_library("tiny", unique, ["include/tiny.h"])
-
 
 class TestBadC:
     @pytest.mark.parametrize(
@@ -371,12 +322,6 @@ class TestBadC:
         assert caught.value.where == where
         assert "\n" not in str(caught.value)
         assert list(own_cache.iterdir()) == []
-
-    def test_error_in_a_header_names_the_header(self, unique: dict[str, str]) -> None:
-        unique["include/tiny.h"] = "int tiny(void);\nunknown_t x;\n"
-        with pytest.raises(BuildError) as caught:
-            compile_library("tiny", unique, ["include/tiny.h"])
-        assert caught.value.where == "include/tiny.h:2"
 
     def test_defined_twice(self, unique: dict[str, str]) -> None:
         unique["src/again.c"] = unique["src/tiny.c"]
@@ -396,10 +341,6 @@ class TestBadC:
             compile_library("tiny", {path: "int a;\n"}, [])
         assert list(tmp_path.iterdir()) == []
 
-    def test_header_that_is_not_there(self) -> None:
-        with pytest.raises(BuildError, match=r"^include/other\.h: the public header is not among the sources"):
-            compile_library("tiny", tiny(1), ["include/other.h"])
-
 
 class TestUnitFlags:
     SOURCES: ClassVar[dict[str, str]] = {
@@ -415,10 +356,6 @@ class TestUnitFlags:
             library = compile_library("two", self.SOURCES, ["include/two.h"], unit_flags=own)
             assert (library.lib.one(), library.lib.two()) == (number, 2)
 
-    def test_for_a_file_that_is_not_there(self) -> None:
-        with pytest.raises(BuildError, match=r"^three\.c: flags for a file that is not among the sources"):
-            compile_library("two", self.SOURCES, ["include/two.h"], unit_flags={"three.c": ["-O1"]})
-
 
 class TestModes:
     @pytest.fixture
@@ -431,22 +368,15 @@ class TestModes:
         assert library.mode == "abi"
         assert library.lib.tiny() == 1
 
-    @pytest.mark.usefixtures("no_python_h")
-    def test_api_mode_without_python_h(self, unique: dict[str, str]) -> None:
-        with pytest.raises(BuildError, match=r"Python\.h is not installed; apt install python3-dev"):
-            compile_library("tiny", unique, ["include/tiny.h"], mode="api")
-
     @pytest.mark.parametrize("mode", MODES)
     def test_nothing_is_printed(self, unique: dict[str, str], capfd: pytest.CaptureFixture[str], mode: Any) -> None:
         compile_library("tiny", unique, ["include/tiny.h"], mode=mode)
         assert capfd.readouterr() == ("", "")
 
-    @needs_python_h
     def test_auto_takes_the_checked_mode(self, unique: dict[str, str]) -> None:
         library = compile_library("tiny", unique, ["include/tiny.h"])
-        assert library.mode == "api"
-        assert library is compile_library("tiny", unique, ["include/tiny.h"], mode="api")
-        assert library is not compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
+        assert library.mode == MODES[0]
+        assert library is compile_library("tiny", unique, ["include/tiny.h"], mode=MODES[0])  # type: ignore[arg-type]
 
 
 class TestCache:
@@ -481,15 +411,6 @@ class TestCache:
         paths.append(path(unique))
         assert len(set(paths)) == len(paths)
 
-    def test_native_flags_depend_on_the_machine(self, logged: Path, unique: dict[str, str]) -> None:
-        flags = (*DEFAULT_FLAGS, "-mtune=native")
-        assert compile_library("tiny", unique, ["include/tiny.h"], mode="abi", flags=flags).lib.tiny() == 1
-        assert "-mtune=native -dM -E" in logged.read_text(encoding="utf-8")
-
-    def test_changed_source_in_one_process(self, unique: dict[str, str]) -> None:
-        results = [compile_library("tiny", {**unique, **tiny(value)}, ["include/tiny.h"]).lib.tiny() for value in (1, 2, 1)]
-        assert results == [1, 2, 1]
-
     @pytest.mark.parametrize("mode", MODES)
     def test_two_processes_at_once(self, unique: dict[str, str], own_cache: Path, mode: Any) -> None:
         processes = [start_process(unique, mode) for _ in range(2)]
@@ -509,27 +430,19 @@ class TestCache:
         assert len({id(library) for library in libraries}) == 1
         assert compilations(logged) == 1
 
-    @pytest.mark.parametrize(
-        "damage", ["truncated", "empty", "changed", "no library", "no index", "half an index", "odd index", "foreign"]
-    )
+    @pytest.mark.parametrize("damage", ["truncated", "changed", "no library", "half an index", "foreign"])
     def test_a_damaged_entry_is_built_again(self, logged: Path, unique: dict[str, str], damage: str) -> None:
         _, path = finish(start_process(unique, "abi"))
         (index,) = path.parent.glob("*.json")
         content = path.read_bytes()
         if damage == "truncated":
             path.write_bytes(content[: len(content) // 3])
-        elif damage == "empty":
-            path.write_bytes(b"")
         elif damage == "changed":
             path.write_bytes(content[:5000] + bytes([content[5000] ^ 1]) + content[5001:])
         elif damage == "no library":
             path.unlink()
-        elif damage == "no index":
-            index.unlink()
         elif damage == "half an index":
             index.write_bytes(index.read_bytes()[:40])
-        elif damage == "odd index":
-            index.write_text('{"sha256": 3}', encoding="utf-8")
         else:  # whole, but not for this machine
             digest = hashlib.sha256(b"foreign").hexdigest()
             index.write_text(json.dumps({**json.loads(index.read_text(encoding="utf-8")), "sha256": digest}), encoding="utf-8")
@@ -549,10 +462,6 @@ class TestCache:
 
 
 class TestCacheFolder:
-    def test_environment_first(self, own_cache: Path) -> None:
-        assert cache_folder() == own_cache
-        assert own_cache.is_dir()
-
     def test_xdg_then_home(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("ARS_CACHE", "")
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))

@@ -1,4 +1,4 @@
-"""The units of a build that stand alone - map, limiter, reference model - compiled without the rest, with calls over arrays.
+"""The units of a build that stand alone - map, limiter, reference model - with calls over arrays.
 
 Arrays go in and out as they are in memory, so that any bit pattern arrives: a signalling NaN that passes through a Python float
 does not.
@@ -7,8 +7,7 @@ does not.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,33 +16,26 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, c_type, numpy_type
-from codegen.refmap import map as refmap
-from codegen.refmap.extend import TotalMap, extend
+from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.stack import solve_stack
-from codegen.sil.compile import Library, compile_library
-from tests import builds
-from tests.sil import relinked
-from tests.sil.probe import DECLARATIONS, DEFINITIONS
+from codegen.sil.compile import Library
 
 RealArray = npt.NDArray[Any]
-UNITS = ("map", "limiter", "reference_model")
 
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """The units of a build in memory, compiled when first called.
+    """The units of a compiled build.
 
     Attributes:
-        folder: the generated files. total: the map that they hold. config: what they were made for.
-        only: the units to compile.
+        folder: the generated files. total: the map that they hold. config: configuration of the build; its limiter's figures
+            are the default of `limiter_parameters`. library: the compiled build with the loops of `probe`.
     """
 
     folder: Folder
     total: TotalMap
     config: Config
-    only: tuple[str, ...] = UNITS
+    library: Library
 
     @property
     def precision(self) -> Precision:
@@ -64,27 +56,6 @@ class Units:
     def lookup(self) -> Lookup:
         """The NumPy reference of the map."""
         return Lookup.from_map(self.total, self.real)
-
-    @property
-    def sources(self) -> tuple[dict[str, bytes], list[str]]:
-        """The files of the units with the loops of this module; and the headers that Python calls."""
-        public = [f"include/ars_{unit}.h" for unit in self.only]
-        numbers = ("calibration",) if "map" in self.only else ()  # those of the map; they stand with the parameters'
-        headers = [path for path in self.folder.files if path.startswith("include/")]
-        names = [*headers, *(f"src/ars_{unit}.c" for unit in (*self.only, *numbers))]
-        sources = {name: self.folder.files[name] for name in names}
-        includes = "".join(f'#include "ars_{unit}.h"\n' for unit in self.only)
-        real = c_type(self.precision)
-        header = "#include <stdint.h>\n" + includes + "".join(DECLARATIONS[unit] for unit in self.only)
-        source = '#include "probe.h"\n#include <string.h>\n' + "".join(DEFINITIONS[unit] for unit in self.only)
-        probe = {"probe/probe.h": header.replace("REAL", real), "probe/probe.c": source.replace("REAL", real)}
-        return sources | {path: text.encode("ascii") for path, text in probe.items()}, [*public, "probe/probe.h"]
-
-    @functools.cached_property
-    def library(self) -> Library:
-        """The sources, compiled."""
-        sources, headers = self.sources
-        return compile_library("ars_units", sources, headers, include_folders=("include", "probe"))
 
     def _in(self, array: Any) -> Any:
         contiguous = np.ascontiguousarray(array, dtype=self.real)
@@ -162,75 +133,3 @@ class Units:
         rear, rear_pointer = self._out(len(x))
         self.library.lib.probe_curves(self._in(x), front_pointer, rear_pointer, len(x))
         return front, rear
-
-
-def make(reference_map: ReferenceMap, config: Config, precision: Precision = "single", only: tuple[str, ...] = UNITS) -> Units:
-    """Render; compile when first called."""
-    return Units(builds.render(reference_map, config, precision), extend(reference_map, config), config, only)
-
-
-@functools.cache
-def tracking(precision: Precision = "single") -> Units:
-    """The units of `builds.tracking`."""
-    return make(builds.paper_map(), builds.TRACKING_CONFIG, precision)
-
-
-FRICTIONS = (0.3, 0.5, 0.7, 0.9)
-
-
-def _stack(friction: tuple[float, ...], **changes: Any) -> ReferenceMap:
-    config = builds.CONFIG.model_copy(update={"grid": builds.CONFIG.grid.model_copy(update=changes)})
-    return solve_stack(config, "4ws-2", friction)
-
-
-def _rough_stack() -> ReferenceMap:
-    """No layer, cell or table can stand in for another."""
-    speed, front_angle = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0]), np.array([0.003, 0.01, 0.02, 0.1, 0.11])
-    rng = np.random.default_rng(3)
-    ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g
-    arrays = {
-        "vx": speed,
-        "delta_f": front_angle,
-        "yaw_rate": rng.uniform(0.02, 1.0, (6, 5)) * ceiling,
-        "delta_r": rng.uniform(-0.08, 0.08, (6, 5)),
-        "friction": np.array([0.2, 0.21, 0.6]),
-        "friction_yaw_rate": rng.uniform(0.02, 1.0, (3, 6, 5)) * ceiling,
-        "friction_delta_r": rng.uniform(-0.08, 0.08, (3, 6, 5)),
-    }
-    return refmap.from_arrays(arrays, "sample")
-
-
-SMALL = {"speed_points": 21, "front_angle_points": 20}
-MAPS: dict[str, Callable[[], ReferenceMap]] = {
-    **{name: builds.MAPS[name] for name in ("paper", "uneven", "two points each", "one cell", "rough")},
-    "stack": lambda: _stack(FRICTIONS, **SMALL),
-    "stack of two, uneven": lambda: _stack(
-        (0.4, 0.9), speed_breakpoints_km_h=builds.UNEVEN_SPEED, front_angle_breakpoints_deg=builds.UNEVEN_ANGLE
-    ),
-    "rough stack": _rough_stack,
-}
-
-
-@functools.cache
-def of_map(name: str, precision: Precision) -> Units:
-    """The map unit of one of MAPS, with the tables of the optimum's rear angle."""
-    return make(MAPS[name](), builds.FEEDFORWARD_CONFIG, precision, ("map",))
-
-
-def named(name: str) -> Units:
-    """Those of `tracking`, or of one of MAPS in single precision."""
-    return tracking() if name == "tracking" else of_map(name, "single")
-
-
-@functools.cache
-def _objects(name: str) -> relinked.Objects:
-    return relinked.Objects(*named(name).sources)
-
-
-@functools.cache
-def altered(name: str, path: str, old: str, new: str) -> Units:
-    """Units (see `named`) with one place of their C changed. Raises LookupError: see `builds.altered_folder`."""
-    original = named(name)
-    changed = replace(original, folder=builds.altered_folder(original.folder, path, old, new))
-    changed.__dict__["library"] = _objects(name).library(changed.sources[0])  # in place of the one that it would compile
-    return changed

@@ -1,8 +1,9 @@
-"""Mutants that are argued to be no faults: the list in equivalent.toml."""
+"""The mutants that are argued to be equivalent: equivalent.toml."""
 
 from __future__ import annotations
 
 import tomllib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ LIST = Path(__file__).with_name("equivalent.toml")
 
 @dataclass(frozen=True)
 class Equivalent:
-    """One mutant of a build, and why no input can tell it from the C."""
+    """A mutant of a build, and why no input tells it from the C."""
 
     build: str
     key: Key
@@ -21,16 +22,17 @@ class Equivalent:
 
 
 def read(path: Path = LIST) -> list[Equivalent]:
-    """The list. Raises ValueError for an entry without a reason, or one that is there twice."""
+    """Read the list. Raises ValueError for an argument without a reason, or a mutant that is listed twice."""
     found = []
-    for entry in tomllib.loads(path.read_text(encoding="utf-8")).get("equivalent", []):
-        key = Key(entry["path"], entry["function"], entry["operator"], entry["text"], entry.get("occurrence", 1))
-        if len(entry["reason"].split()) < 3:
-            raise ValueError(f"{path.name}: no reason is given for {key}")
-        found.append(Equivalent(entry["build"], key, entry["reason"]))
-    twice = {
-        (one.build, one.key) for one in found if sum(one.build == other.build and one.key == other.key for other in found) > 1
-    }
+    for argument in tomllib.loads(path.read_text(encoding="utf-8")).get("argument", []):
+        if len(argument["reason"].split()) < 3:
+            raise ValueError(f"{path.name}: no reason is given for {argument['mutants']}")
+        for text in argument["mutants"]:
+            place, operator, changed, *occurrence = text.split(" | ")
+            build, unit, function = place.split(" ")
+            key = Key(f"src/ars_{unit}.c", function, operator, changed, int(occurrence[0]) if occurrence else 1)
+            found.append(Equivalent(build, key, argument["reason"]))
+    twice = [one for one, count in Counter((one.build, one.key) for one in found).items() if count > 1]
     if twice:
-        raise ValueError(f"{path.name}: listed twice: {sorted(map(str, twice))}")
+        raise ValueError(f"{path.name}: listed twice: {', '.join(map(str, twice))}")
     return found

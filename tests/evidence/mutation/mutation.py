@@ -1,8 +1,8 @@
-"""Mutation of the generated C: is there a fault of one hand's slip that no test sees?
+"""Part "mutation": every small fault in the generated C is seen by a test, or argued to be no fault.
 
-Every mutant (see `mutants`) of every unit is compiled and judged by the project's own tests (see `suite`). A unit that stands
-word for word in a build before is mutated there only; else all of it is mutated again, since what a function does hangs on the
-constants and functions beside it. Those that survive must be argued to be equivalent in equivalent.toml, one by one.
+Each mutant (see `mutants`) of every unit is judged by the checks of the unit (see `tests.sil.suite`), which are those of `make
+test`. A unit that an earlier build holds word for word is mutated there only. Mutants that survive must be argued one by one in
+equivalent.toml. Every judge must kill at least one mutant: a check that cannot fail proves nothing.
 """
 
 from __future__ import annotations
@@ -15,192 +15,244 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from codegen.console import progress
+from codegen.config import Kind
+from codegen.console import progress as show_progress
 from codegen.sil.toolchain import compiler_command
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.mutation.equivalents import Equivalent, read
-from tests.evidence.mutation.fates import Bench, Fate, Judged, fate_of
-from tests.evidence.mutation.mutants import Key, Mutant, definitions, mutants_of
-from tests.evidence.mutation.source import Unit
-from tests.sil.case import Case, case_of
+from tests.evidence.mutation.judging import SURVIVED, Bench, units_of
+from tests.evidence.mutation.mutants import Mutant, definitions, mutants_of
+from tests.evidence.mutation.planted import planted_in
+from tests.evidence.progress import Progress
+from tests.sil.case import COMMITTED, named
 from tests.sil.library import Compiler
 from tests.sil.suite import Judge, judges_of
 
 SHOWS = "the project's own tests see every small fault in the generated C"
-LEAST = 300
-"""Mutants, at least."""
-EQUIVALENT_SHARE_MAX = 0.05
-QUICK = 400
-"""Mutants of a quick run: those whose names have the lowest hashes."""
-PROCESSES = 2
+MUTANTS_MIN = 300
+"""Smallest number of mutants of a campaign."""
+EQUIVALENT_FRACTION_MAX = 0.05
+QUICK_COUNT = 400
+"""Mutants of a quick campaign: those with the lowest hashes of their names, the same ones each time."""
+PROCESS_COUNT = 2
+PLANTED_ONLY = ("tracking rough stack", "tracking stack of two, uneven")
+"""Builds whose look-up has other C than that of the committed ones: stacks, uneven axes."""
 
-JudgesOf = Callable[[Case, str], Sequence[Judge]]
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """What is mutated and how much of it.
-
-    Attributes:
-        folders: builds. paths: of the units, None for all. judges_of: who judges.
-        most: mutants to run, None for all.
-    """
-
-    folders: Sequence[Path]
-    paths: Sequence[str] | None = None
-    judges_of: JudgesOf = judges_of
-    most: int | None = None
+JudgesOf = Callable[[Kind, str], Sequence[Judge]]
+"""Return the judges of a unit (path of its source) of a kind of controller."""
 
 
 @dataclass(frozen=True)
+class Judged:
+    """A mutant of a build and what killed it; `SURVIVED` if nothing did."""
+
+    build: str
+    mutant: Mutant
+    by: str
+
+
+@dataclass
 class Tally:
-    """What came of it.
+    """Result of a campaign.
 
     Attributes:
-        exist: mutants that there are. judged: those that were run.
-        faults: what keeps the judges from judging: the unaltered C does not pass.
+        exist: all mutants with their builds. judged: those that were run.
+        faults: messages of judges that the unaltered C fails; then nothing is judged.
+        powerless: judges that kill no mutant of their unit.
     """
 
-    exist: list[tuple[str, Mutant]]
-    judged: list[Judged]
-    faults: list[str]
-
-    def of(self, fate: Fate) -> list[Judged]:
-        """Those of a fate."""
-        return [one for one in self.judged if one.fate is fate]
+    exist: list[tuple[str, Mutant]] = field(default_factory=list)
+    judged: list[Judged] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    powerless: list[str] = field(default_factory=list)
 
 
-def run(folders: Sequence[Path], effort: Effort) -> Outcome:
-    """The part of the campaign. Raises BuildError where there is no compiler."""
+def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
+    """Run the part. Raises BuildError where there is no compiler."""
     equivalents = read()
-    tally = campaign(Campaign(folders, most=QUICK if effort.quick else None))
-    return outcome_of(tally, equivalents)
+    names = [*(folder.name for folder in folders), *PLANTED_ONLY]
+    return outcome_of(campaign(names, most=QUICK_COUNT if effort.quick else None, progress=progress), equivalents)
 
 
-def campaign(of: Campaign) -> Tally:
-    """Make and judge the mutants."""
+def campaign(
+    names: Sequence[str],
+    paths: Sequence[str] | None = None,
+    judges_of: JudgesOf = judges_of,
+    most: int | None = None,
+    progress: Progress | None = None,
+) -> Tally:
+    """Make and judge the mutants of builds.
+
+    Args:
+        names: of the cases, see `tests.sil.case.named`; those that are not committed get the planted faults alone.
+        paths: sources of the units, None for all. most: mutants to run, None for all, which also tries every judge.
+    """
+    tally, progress = Tally(), progress or Progress()
     with ExitStack() as stack:
-        benches: list[Bench] = []
-        todo: list[tuple[int, Mutant]] = []
-        before: set[tuple[str, ...]] = set()
-        for folder in of.folders:
+        benches = []
+        known: set[tuple[str, ...]] = set()
+        for name in names:
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-mutation-")))
-            case = case_of(folder, scratch, Compiler(compiler_command()))
-            bench = Bench.of(case, of.judges_of, [path for path in case.tree.units if of.paths is None or path in of.paths])
-            own = [path for path in bench.judges if definitions(bench.units[path]) not in before]
-            todo += [(len(benches), one) for path in own for one in mutants_of(bench.units[path])]
-            before |= {definitions(unit) for unit in bench.units.values()}
-            benches.append(bench)
-        names = [bench.case.name for bench in benches]
-        exist = [(names[index], one) for index, one in todo]
-        faults = [
-            f"{bench.case.name}: unaltered, it fails {name}: {said}" for bench in benches for name, said in bench.faults.items()
-        ]
-        judged = [] if faults else _judge(benches, _chosen(todo, of.most))
-    return Tally(exist, judged, faults)
+            case = named(name, scratch, Compiler(compiler_command()))
+            case.compile()
+            units = units_of(case, [path for path in case.tree.units if paths is None or path in paths])
+            own = {path: [*(mutants_of(unit) if name in COMMITTED and definitions(unit) not in known else ()),
+                          *planted_in(case, unit)] for path, unit in units.items()}  # fmt: skip
+            own = {path: mutants for path, mutants in own.items() if mutants}
+            known |= {definitions(unit) for unit in units.values()}
+            benches.append(Bench(case, own, units, {path: list(judges_of(case.kind, path)) for path in own}))
+            benches[-1].prepare()
+            tally.faults += [f"{case.name}: unaltered, it fails {name}: {text}" for name, text in benches[-1].faults.items()]
+        todo = [(index, path, number) for index, bench in enumerate(benches) for path, mutants in bench.mutants.items()
+                for number in range(1, len(mutants) + 1)]  # fmt: skip
+        tally.exist = [(benches[index].case.name, benches[index].mutants[path][number - 1]) for index, path, number in todo]
+        if not tally.faults:
+            with _Judges(benches, progress) as judges:
+                unaltered: list[Question] = [
+                    (index, path, 0, None) for index, bench in enumerate(benches) for path in bench.mutants
+                ]
+                for (index, path, _, _), answer in zip(unaltered, judges.answers(unaltered, "libraries"), strict=True):
+                    if answer != SURVIVED:
+                        tally.faults.append(f"{benches[index].case.name}/{path}: with no mutant selected, it fails {answer}")
+                chosen = _chosen(benches, todo, most)
+                answers = judges.answers([(*one, None) for one in chosen], "mutants")
+                tally.judged = [Judged(benches[index].case.name, benches[index].mutants[path][number - 1], answer)
+                                for (index, path, number), answer in zip(chosen, answers, strict=True)]  # fmt: skip
+                if most is None:
+                    tally.powerless = _powerless(benches, judges, tally)
+    return tally
 
 
-def all_keys(folders: Sequence[Path]) -> set[tuple[str, Key]]:
-    """Build and name of every mutant that there is, nothing compiled."""
-    keys: set[tuple[str, Key]] = set()
-    before: set[tuple[str, ...]] = set()
-    for folder in folders:
-        subject = Subject.read(folder)
-        units = [Unit.read(path, subject.files) for path in sorted(subject.sources("src"))]
-        own = [unit for unit in units if definitions(unit) not in before]
-        keys |= {(subject.name, mutant.key) for unit in own for mutant in mutants_of(unit)}
-        before |= set(map(definitions, units))
-    return keys
-
-
-def _chosen(todo: list[tuple[int, Mutant]], most: int | None) -> list[tuple[int, Mutant]]:
-    """As many as are to be run, the same ones each time."""
+def _chosen(benches: Sequence[Bench], todo: list[tuple[int, str, int]], most: int | None) -> list[tuple[int, str, int]]:
     if most is None or most >= len(todo):
         return todo
 
-    def rank(one: tuple[int, Mutant]) -> str:
-        return hashlib.sha256(f"{one[0]} {one[1].key}".encode()).hexdigest()
+    def rank(one: tuple[int, str, int]) -> str:
+        index, path, number = one
+        return hashlib.sha256(f"{index} {benches[index].mutants[path][number - 1].key}".encode()).hexdigest()
 
-    kept = sorted(map(rank, todo))[most - 1]
-    return [one for one in todo if rank(one) <= kept]
-
-
-_at_work: tuple[Any, ...] = ()
-"""Benches and mutants, for processes that are copies of this one."""
+    limit = sorted(map(rank, todo))[most - 1]
+    return [one for one in todo if rank(one) <= limit]
 
 
-def _judge(benches: list[Bench], todo: list[tuple[int, Mutant]]) -> list[Judged]:
-    global _at_work
-    _at_work = (benches, todo)
-    gc.collect()
-    gc.freeze()  # a collection would copy all that the processes share
-    fates: list[tuple[Fate, str]] = []
-    # A copy of a process that catches SIGTERM would not be ended by it, and the pool would wait for it for ever.
-    ending = (signal.SIGTERM, signal.SIG_DFL)
-    with multiprocessing.get_context("fork").Pool(PROCESSES, signal.signal, ending) as pool, progress("mutants") as tell:
-        for fate in pool.imap(_judge_one, range(len(todo)), chunksize=8):
-            fates.append(fate)
-            tell(len(fates), len(todo))
-    gc.unfreeze()
-    _at_work = ()
-    return [Judged(benches[index].case.name, mutant, *fate) for (index, mutant), fate in zip(todo, fates, strict=True)]
+Question = tuple[int, str, int, str | None]
+"""Bench, path of the unit, number of the mutant, and the only judge, None for all of them in their order."""
+
+_benches: Sequence[Bench] = ()
+"""The benches, for processes that are copies of this one."""
 
 
-def _judge_one(number: int) -> tuple[Fate, str]:
-    benches, todo = _at_work
-    index, mutant = todo[number]
-    judged = fate_of(benches[index], mutant)
-    return judged.fate, judged.by
+class _Judges:
+    """Processes that judge, with the answers that an earlier run has stored."""
+
+    def __init__(self, benches: Sequence[Bench], progress: Progress) -> None:
+        global _benches
+        _benches = benches
+        self._progress = progress
+
+    def __enter__(self) -> _Judges:
+        gc.collect()
+        gc.freeze()  # a collection would copy all that the processes share
+        # A copy of a process that catches SIGTERM would survive it, and the pool would wait for it.
+        ending = (signal.SIGTERM, signal.SIG_DFL)
+        self._pool = multiprocessing.get_context("fork").Pool(PROCESS_COUNT, signal.signal, ending)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.terminate()
+        gc.unfreeze()
+
+    def answers(self, questions: Sequence[Question], what: str) -> list[str]:
+        """Return what kills each mutant, in order."""
+        new = [one for one in questions if self._progress.get(_named(one)) is None]
+        with show_progress(what) as show:
+            for done, (question, answer) in enumerate(zip(new, self._pool.imap(_answer, new, chunksize=4), strict=True), 1):
+                self._progress.keep(_named(question), answer)
+                show(done, len(new))
+        return [self._progress.get(_named(one)) for one in questions]
 
 
-def outcome_of(tally: Tally, equivalents: Sequence[Equivalent], least: int = LEAST) -> Outcome:
-    """Passed where all were killed but equivalents, these are few, and the list holds nothing else."""
+def _named(question: Question) -> str:
+    index, path, number, judge = question
+    bench = _benches[index]
+    what = bench.mutants[path][number - 1].key if number else f"{path} unaltered"
+    return f"{bench.case.name}: {what}{'' if judge is None else f' alone {judge}'}"
+
+
+def _answer(question: Question) -> str:
+    index, path, number, name = question
+    only = next(judge for judge in _benches[index].judges[path] if judge.name == name) if name else None
+    return _benches[index].first_to_kill(path, number, only)
+
+
+def _powerless(benches: Sequence[Bench], judges: _Judges, tally: Tally) -> list[str]:
+    """Return the judges that kill no mutant, even when they judge alone: first those of mutants that something killed."""
+    killers = {(one.build, one.mutant.key.path, one.by) for one in tally.judged}
+    killed = {(one.build, one.mutant.key) for one in tally.judged if one.by != SURVIVED}
+    idle: list[Question] = []
+    tries: dict[Question, list[Question]] = {}
+    for index, bench in enumerate(benches):
+        for path, mutants in bench.mutants.items() if bench.case.name in COMMITTED else ():
+            numbers = [k for k, mutant in enumerate(mutants, 1) if (bench.case.name, mutant.key) in killed]
+            for judge in bench.judges[path]:
+                if (bench.case.name, path, judge.name) not in killers:
+                    idle.append((index, path, 0, judge.name))
+                    tries[idle[-1]] = [(index, path, number, judge.name) for number in numbers]
+    step = 0
+    while waiting := [one for one in idle if step < len(tries[one])]:
+        batch = [question for one in waiting for question in tries[one][step : step + 20]]
+        for question, answer in zip(batch, judges.answers(batch, "judges"), strict=True):
+            if answer != SURVIVED:
+                idle = [one for one in idle if (one[0], one[1], one[3]) != (question[0], question[1], question[3])]
+        step += 20
+    return [f"{benches[index].case.name}/{path}: {name}" for index, path, _, name in idle]
+
+
+def outcome_of(tally: Tally, equivalents: Sequence[Equivalent], least: int = MUTANTS_MIN) -> Outcome:
+    """Return the verdict: passed if only argued equivalents survive, they are few, and the list holds nothing else."""
     argued = {(one.build, one.key) for one in equivalents}
-    survived = tally.of(Fate.SURVIVED)
+    survived = [one for one in tally.judged if one.by == SURVIVED]
     known = [one for one in survived if (one.build, one.mutant.key) in argued]
     findings = [*tally.faults]
-    findings += [_told(one, "no test sees it") for one in survived if (one.build, one.mutant.key) not in argued]
-    findings += [_told(one, f"does not compile: {one.by}") for one in tally.of(Fate.STILLBORN)]
-    for one in tally.of(Fate.KILLED):
-        if (one.build, one.mutant.key) in argued:
-            findings.append(_told(one, f"is no equivalent, as equivalent.toml has it: {one.by} sees it"))
+    findings += [_described(one, "no test sees it") for one in survived if (one.build, one.mutant.key) not in argued]
+    findings += [_described(one, f"equivalent.toml argues that it is equivalent; {one.by} sees it") for one in tally.judged
+                 if one.by != SURVIVED and (one.build, one.mutant.key) in argued]  # fmt: skip
     exist = {(build, mutant.key) for build, mutant in tally.exist}
     findings += [f"equivalent.toml: there is no such mutant: {one.build}: {one.key}" for one in equivalents
                  if (one.build, one.key) not in exist]  # fmt: skip
-    count = len(tally.judged)
-    if len(known) > EQUIVALENT_SHARE_MAX * count:
-        findings.append(f"{len(known)} of {count} are argued to be equivalent: more than {EQUIVALENT_SHARE_MAX:.0%}")
+    findings += [f"{judge}: this judge kills no mutant" for judge in tally.powerless]
+    count, killed = len(tally.judged), len(tally.judged) - len(survived)
+    if len(known) > EQUIVALENT_FRACTION_MAX * count:
+        findings.append(f"{len(known)} of {count} are argued to be equivalent: more than {EQUIVALENT_FRACTION_MAX:.0%}")
     if not tally.faults and count < least:
-        findings.append(f"{count} mutants; at least {least} are asked for")
-    killed = len(tally.of(Fate.KILLED))
+        findings.append(f"{count} mutants; at least {least} are required")
     figure = f"{killed:,} of {count:,} mutants killed, {len(known)} equivalent"
-    if count < len(tally.exist):
-        figure += f" (of {len(tally.exist):,} that there are)"
-    return Outcome(
-        SHOWS, figure, Verdict.FAILED if findings else Verdict.PASSED, tuple(findings), figures_of(tally, len(known))
-    )
+    figure += f" (a sample of {len(tally.exist):,})" if count < len(tally.exist) else ""
+    verdict = Verdict.FAILED if findings else Verdict.PASSED
+    return Outcome(SHOWS, figure, verdict, tuple(findings), figures_of(tally, len(known)))
 
 
 def figures_of(tally: Tally, equivalent: int) -> dict[str, Any]:
-    """Counts, in all and by unit and kind of mutant."""
-    by_unit = Counter(f"{one.build}: {one.mutant.key.path}" for one in tally.judged)
-    by_kind = Counter(one.mutant.key.kind for one in tally.judged)
+    """Return the counts, in total and by unit and kind of mutant."""
+    units = sorted({f"{one.build}: {one.mutant.key.path}" for one in tally.judged})
+    killed = Counter(f"{one.build}: {one.mutant.key.path}" for one in tally.judged if one.by != SURVIVED)
+    count = Counter(f"{one.build}: {one.mutant.key.path}" for one in tally.judged)
     return {
         "exist": len(tally.exist),
         "run": len(tally.judged),
-        "killed": len(tally.of(Fate.KILLED)),
+        "killed": sum(killed.values()),
         "equivalent": equivalent,
-        "equivalent_percent": round(100.0 * equivalent / max(len(tally.judged), 1), 2),
-        "by_unit": dict(sorted(by_unit.items())),
-        "by_kind": dict(sorted(by_kind.items())),
+        "killed_by_unit": {unit: f"{killed[unit]} of {count[unit]}" for unit in units},
+        "by_kind": dict(sorted(Counter(one.mutant.key.kind for one in tally.judged).items())),
+        "planted": {one.mutant.key.text: one.by for one in tally.judged if one.mutant.key.kind == "planted"},
     }
 
 
-def _told(one: Judged, what: str) -> str:
+def _described(one: Judged, what: str) -> str:
     key = one.mutant.key
     nth = f" ({key.occurrence})" if key.occurrence > 1 else ""
     return f"{one.build}/{key.path}:{one.mutant.line}: {key.function}: {key.operator}: `{key.text}`{nth}: {what}"

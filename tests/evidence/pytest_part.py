@@ -1,0 +1,54 @@
+"""A part that is a folder of pytest files: run by pytest in a process of its own, resumed where it was killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from codegen.verify.check import Effort, Outcome, Verdict
+from tests.evidence.parts import ROOT, Part
+
+PROGRESS_VARIABLE = "ARS_EVIDENCE_PASSED"
+"""Environment variable with the file of the tests that have passed; `tests/evidence/conftest.py` reads and extends it."""
+
+
+def run(part: Part, effort: Effort, passed: Path) -> Outcome:
+    """Run the tests of a part.
+
+    Args:
+        passed: file with the ids of tests that passed in an earlier run of the same code; they are not run again.
+    """
+    passed.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name:
+        result = Path(name) / "result.xml"
+        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={result}", *(["-m", "not long"] if effort.quick else [])]
+        # The tests on vcan run in one guest, by its clock.
+        command += ["-n", "0" if part.name == "vcan" else "2", str(part.folder)]
+        done = subprocess.run(command, cwd=ROOT, env=os.environ | {PROGRESS_VARIABLE: str(passed)}, check=False)
+        if not result.is_file():
+            return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))
+        failed, missing = _read(result)
+    count = len(set(passed.read_text(encoding="utf-8").splitlines())) if passed.is_file() else 0
+    figures = {"passed": count, "failed": len(failed), "skipped": len(missing)}
+    figure = f"{count} tests passed" + (f", {len(failed)} failed" if failed else "")
+    if failed or done.returncode not in (0, 5):
+        return Outcome(part.shows, figure, Verdict.FAILED, tuple(failed) or ("pytest failed",), figures)
+    if missing or not count:
+        reasons = tuple(sorted(set(missing))) or ("no test was run",)
+        return Outcome(part.shows, figure, Verdict.NOT_RUN, reasons, figures)
+    return Outcome(part.shows, figure, Verdict.PASSED, (), figures)
+
+
+def _read(result: Path) -> tuple[list[str], list[str]]:
+    """Return the failed tests, each with the first line of its message, and the reasons of skipped ones."""
+    failed, skipped = [], []
+    for case in ElementTree.parse(result).iter("testcase"):
+        name = f"{case.get('classname')}.{case.get('name')}"
+        for problem in (*case.findall("failure"), *case.findall("error")):
+            failed.append(f"{name}: {(problem.get('message') or '').partition(chr(10))[0]}")
+        skipped += [(one.get("message") or "").partition("\n")[0] for one in case.findall("skipped")]
+    return failed, skipped

@@ -1,0 +1,48 @@
+"""Every check of the generated C: once for each kind of controller in single precision, and in double precision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from codegen.config import Kind
+from tests.sil.case import case
+from tests.sil.suite import SANITIZED, UNITS, Judge, whole
+
+KINDS: dict[str, Kind] = {
+    "4ws2": "pi",
+    "4ws2-tracking": "tracking",
+    "feedforward single": "feedforward",
+    "proportional single": "proportional",
+    "pi double": "pi",
+    "tracking double": "tracking",
+}
+"""Kind of the controller by the name of the case; the first two are the committed builds."""
+
+OF_THE_KIND = ("calibration", "controller", "task")
+"""Units that depend on the law. The others are the same C in every kind of one precision, so two kinds are enough for them."""
+
+MAPS: dict[str, Kind] = {
+    "pi uneven": "pi",
+    "pi rough": "pi",
+    "tracking rough stack": "tracking",
+    "feedforward stack": "feedforward",
+}
+"""Maps with other axes, and stacks of them: the look-up has other C for each."""
+
+
+def _judged() -> list[Any]:
+    found: list[tuple[str, Judge]] = []
+    for name, kind in KINDS.items():
+        judges = whole(kind, OF_THE_KIND if kind in ("feedforward", "proportional") else UNITS)
+        found += [(name, judge) for judge in (*judges, SANITIZED) if not (judge.of_single and "double" in name)]
+    for name, kind in MAPS.items():
+        judges = whole(kind, ("map",))
+        found += [(name, judge) for judge in (*judges, SANITIZED) if not (judge.of_one_layer and "stack" in name)]
+    return [pytest.param(name, judge, id=f"{name}: {judge.name}") for name, judge in found]
+
+
+@pytest.mark.parametrize(("name", "judge"), _judged())
+def test_unit(name: str, judge: Judge) -> None:
+    judge.run(case(name))
