@@ -1,4 +1,4 @@
-"""A build on disk that the bench's tests share."""
+"""The paper's build, on disk and compiled."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from codegen.emit.write import write_folder
-from codegen.sil.software import Software, load
-from tests import builds
+from codegen.sil.software import Software
+from tests import builds, shared
 
 
 @pytest.fixture(scope="session")
-def build_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's build, as `codegen build` leaves it."""
-    folder = tmp_path_factory.mktemp("builds") / "4ws2"
-    write_folder(builds.paper().folder, folder)
-    return folder
+def build_folder() -> Path:
+    """The folder, as `codegen build` leaves it."""
+    return shared.build_folder()
 
 
 @pytest.fixture(scope="session")
-def software(build_folder: Path) -> Software:
+def software() -> Software:
     """That build, compiled."""
-    return load(build_folder)
+    return builds.paper().software
