@@ -305,13 +305,6 @@ def no_space(*_: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def test_a_disk_that_is_full_at_the_very_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "fsync", no_space)
-    with pytest.raises(CodegenError, match="No space left"):
-        write(tmp_path / "run.blf", some_frames(3))
-    assert list(tmp_path.iterdir()) == []
-
-
 class _Full:
     """A format whose disk is full from the start."""
 

@@ -1,4 +1,4 @@
-"""The CasADi models: Jacobians, the single-track model against an independent car, limits for small angles."""
+"""The CasADi models: Jacobians, and the single-track model against an independent car."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from codegen.vehicle.dynamics import (
     WHEEL_SPEED_MIN,
     Model,
     TyreModel,
-    load_transfer_per_lateral_acceleration,
     single_track,
     single_track_from_shapes,
     two_track,
@@ -27,7 +26,6 @@ from tests.vehicle.reference_plant import Car, TyreData
 
 FloatArray = npt.NDArray[np.float64]
 
-SPEED = 42.5 / 3.6
 LOADED_TYRES = {
     axle: {
         "cornering_stiffness_n_per_rad": stiffness,
@@ -190,40 +188,6 @@ def test_single_track_in_two_parts_is_the_whole() -> None:
         arguments = evaluate(parts.arguments, x, u)
         shapes = [float(curve(value)) for curve, value in zip(curves, arguments, strict=True)]
         assert np.array_equal(evaluate(parts.derivative, x, u, shapes), evaluate(whole.derivative, x, u))
-
-
-def test_magic_formula_tends_to_linear_tyres(paper: Config) -> None:
-    linear, curved = single_track(paper, "linear"), single_track(paper, "magic-formula")
-    u = np.array([SPEED, 0.0, 0.0, 0.9])
-    for exact, bent in zip(linear.jacobian(np.zeros(2), u), curved.jacobian(np.zeros(2), u), strict=True):
-        # Equal derivatives at zero but for roundings.
-        np.testing.assert_allclose(np.array(bent), np.array(exact), rtol=1e-13, atol=1e-13)
-    differences = []
-    for angle in (2e-3, 1e-3):
-        u[1] = angle
-        differences.append(evaluate(linear.derivative, np.zeros(2), u) - evaluate(curved.derivative, np.zeros(2), u))
-    # The next term of the odd formula is cubic: a factor of eight (the fifth-order term changes it by (B alpha)^2 = 1e-3).
-    assert differences[0] / differences[1] == pytest.approx([8.0, 8.0], rel=5e-3)
-
-
-def test_straight_ahead_the_plant_is_the_single_track_car(paper: Config) -> None:
-    a, b = (np.array(m) for m in single_track(paper, "linear").jacobian(np.zeros(2), [SPEED, 0.0, 0.0, 0.9]))
-    dfdx = np.array(two_track(paper).jacobian(np.zeros(len(PLANT_STATES)), [SPEED, 0.0, 0.0, 0.9, 0.0])[0])
-    ratio = 90.0 / 6.75
-    # beta = vy/vx, front angle = wheel angle/ratio, the rear angle is a state of the plant.
-    expected = np.array(
-        [
-            [a[0, 0], SPEED * a[0, 1], SPEED * b[0, 1] / ratio, SPEED * b[0, 2]],
-            [a[1, 0] / SPEED, a[1, 1], b[1, 1] / ratio, b[1, 2]],
-        ]
-    )
-    np.testing.assert_allclose(dfdx[:2, :4], expected, rtol=1e-12)  # a few dozen roundings
-
-
-def test_load_transfer_of_the_paper(paper: Config) -> None:
-    """At the paper's slip bound (5.61 m/s^2) the front axle moves 2029 N."""
-    front, _ = load_transfer_per_lateral_acceleration(paper)
-    assert front * 5.61 == pytest.approx(2029.0, abs=1.0)
 
 
 def test_models_are_pure_sx_and_dense(paper: Config) -> None:

@@ -1,16 +1,15 @@
-"""The plant in C against the CasADi virtual machine, an independent car and linear theory."""
+"""The plant in C against the CasADi virtual machine and an independent car."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.linalg import expm
 
 from codegen.config import Config, parse
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
@@ -23,8 +22,6 @@ FloatArray = npt.NDArray[np.float64]
 
 SPEED = 42.5 / 3.6
 MILLISECOND = 1e-3
-RELAXATION_LENGTH = 0.4
-"""m."""
 
 OTHER_TABLES = {
     "vehicle": {
@@ -107,9 +104,9 @@ class CPlant:
     def output(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
         return self._rows(self._lib.plant_output, "plant_output_t", PLANT_OUTPUTS, states, inputs)
 
-    def run(self, inputs: Iterable[FloatArray], step: float, state: FloatArray | None = None) -> FloatArray:
-        """States before the first and after each step, from rest unless given."""
-        start = np.zeros(len(self.states)) if state is None else state
+    def run(self, inputs: Iterable[FloatArray], step: float) -> FloatArray:
+        """States before the first and after each step, from rest."""
+        start = np.zeros(len(self.states))
         x, u = self._ffi.new("plant_state_t *", tuple(start)), self._ffi.new("plant_input_t *")
         rows = [tuple(start)]
         for row in inputs:
@@ -119,22 +116,17 @@ class CPlant:
         return np.array(rows)
 
 
-def relaxed(length: float) -> Callable[[], CPlant]:
-    return lambda: CPlant(parse({"plant": {"relaxation_length_m": length}}, "test"), Car(relaxation_length=length))
-
-
-MADE: dict[str, Callable[[], CPlant]] = {
-    "paper": lambda: CPlant(parse({}, "test"), Car()),
-    "other": lambda: CPlant(parse(OTHER_TABLES, "test"), OTHER_CAR),
-    "relaxed": relaxed(RELAXATION_LENGTH),
-    "short": relaxed(0.05),  # m: the least that the configuration accepts
+CARS: dict[str, tuple[dict[str, Any], Car]] = {
+    "paper": ({}, Car()),
+    "other": (OTHER_TABLES, OTHER_CAR),
+    "relaxed": ({"plant": {"relaxation_length_m": 0.4}}, Car(relaxation_length=0.4)),
 }
-cars = pytest.mark.parametrize("name", ["paper", "other", "relaxed"])
 
 
 @functools.cache
 def plant(name: str) -> CPlant:
-    return MADE[name]()
+    tables, car = CARS[name]
+    return CPlant(parse(tables, "test"), car)
 
 
 def random_points(states: int, count: int) -> tuple[FloatArray, FloatArray]:
@@ -149,7 +141,7 @@ def random_points(states: int, count: int) -> tuple[FloatArray, FloatArray]:
     return x[:, :states], u
 
 
-@cars
+@pytest.mark.parametrize("name", CARS)
 def test_c_has_the_bits_of_the_casadi_machine(name: str) -> None:
     """The same double arithmetic, operation by operation, and the same mathematical library: no tolerance."""
     c = plant(name)
@@ -160,7 +152,7 @@ def test_c_has_the_bits_of_the_casadi_machine(name: str) -> None:
         assert np.array_equal(found.view(np.int64), np.ascontiguousarray(expected).view(np.int64))
 
 
-@cars
+@pytest.mark.parametrize("name", CARS)
 def test_derivative_and_output_are_those_of_the_independent_car(name: str) -> None:
     c = plant(name)
     x, u = random_points(len(c.states), 600)
@@ -168,22 +160,6 @@ def test_derivative_and_output_are_those_of_the_independent_car(name: str) -> No
     for found, function in ((c.derivative(x, u), c.car.derivative), (c.output(x, u), c.car.outputs)):
         expected = np.array([function(*point) for point in zip(x, u, strict=True)])
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
-
-
-def test_one_step_is_the_classical_runge_kutta_method() -> None:
-    c, h = plant("paper"), MILLISECOND
-    for x, u in zip(*random_points(7, 50), strict=True):
-
-        def rate(at: FloatArray, u: FloatArray = u) -> FloatArray:
-            return c.derivative(at[None], u[None])[0]
-
-        k1 = rate(x)
-        k2 = rate(x + 0.5 * h * k1)
-        k3 = rate(x + 0.5 * h * k2)
-        k4 = rate(x + h * k3)
-        expected = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        # The same sum, the roundings of h/6 and of the products in another order.
-        np.testing.assert_allclose(c.run([u], h, x)[-1], expected, rtol=1e-15, atol=1e-15)
 
 
 # --- motion --------------------------------------------------------------------------------------------------------
@@ -255,76 +231,3 @@ def test_the_step_steer_of_a_run_in_c(software: Software) -> None:
     assert columns["lateral_acceleration_m_s2"] == pytest.approx(outputs[:, 1], abs=2e-6)
     assert columns["front_angle_rad"] == pytest.approx(outputs[:, 2], abs=2e-8)
     assert not columns["rear_angle_rad"].any()
-
-
-# --- linear theory -------------------------------------------------------------------------------------------------
-
-
-def linear_yaw_rate(speed: float, front_deg: float, seconds: float) -> FloatArray:
-    """Yaw rate each ms of the linear single-track car behind the steering's lag; the exact solution.
-
-    From rest, with a step of the steering wheel small enough for its rate limit to stay out of play.
-    """
-    car = Car()
-    front, rear = 2.0 * car.front.slope, 2.0 * car.rear.slope
-    a, b, m, inertia = car.to_front, car.to_rear, car.mass, car.inertia
-    lag, command = car.steering.time_constant, math.radians(front_deg)
-    moment, damping = a * front - b * rear, a * a * front + b * b * rear
-    motion = np.array(
-        [
-            [-(front + rear) / (m * speed), -moment / (m * speed) - speed, front / m, 0.0],
-            [-moment / (inertia * speed), -damping / (inertia * speed), a * front / inertia, 0.0],
-            [0.0, 0.0, -1.0 / lag, command / lag],
-            [0.0, 0.0, 0.0, 0.0],
-        ]
-    )
-    advance = expm(motion * MILLISECOND)
-    rows = [np.array([0.0, 0.0, 0.0, 1.0])]
-    for _ in range(round(seconds / MILLISECOND)):
-        rows.append(advance @ rows[-1])
-    return np.array(rows)[:, 1]
-
-
-def against_linear_theory(speed_km_h: float, front_deg: float) -> tuple[float, float]:
-    """Relative deviations of the yaw rate: of its steady value, and the largest on the way there."""
-    speed, seconds = speed_km_h / 3.6, 4.0
-    _, u = hold(seconds, front_deg * 90.0 / 6.75, speed=speed)
-    # Four steps each ms: the error of the method, 1e-7 of the yaw rate at 1 ms, is then below what is compared here.
-    yaw_rate = plant("paper").run([u] * round(4.0 * seconds / MILLISECOND), 0.25 * MILLISECOND)[::4, 1]
-    linear = linear_yaw_rate(speed, front_deg, seconds)
-    gain = speed / (3.14 + 2335.07 / 3.14 * (1.566 / 239_080.0 - 1.574 / 239_660.0) * speed**2)
-    assert linear[-1] == pytest.approx(gain * math.radians(front_deg), rel=1e-9)  # settled: more than 20 time constants
-    return yaw_rate[-1] / linear[-1] - 1.0, float(np.abs(yaw_rate - linear).max() / linear[-1])
-
-
-def test_small_steer_follows_linear_theory() -> None:
-    """At 120 km/h the slips, growing with speed squared, are as large in the steady turn as in the transient.
-
-    The Magic Formula falls short of its tangent by 0.448 (B alpha)^2: at 0.1 deg of steer the slip is 0.1 deg at most,
-    (B alpha)^2 = 1e-3, and 4e-4 of the force is missing. Measured: -4.6e-5 and 2.1e-4.
-    """
-    end, way = against_linear_theory(120.0, 0.1)
-    assert abs(end) < 7e-5
-    assert way < 3e-4
-    # What deviates is the neglected nonlinearity: quadratic, so a quarter of it is left at half the angle. The next term
-    # adds (B alpha)^2 of it, 1e-3, and rounding of the yaw rate itself stays below 1e-9.
-    half_end, half_way = against_linear_theory(120.0, 0.05)
-    assert way / half_way == pytest.approx(4.0, rel=5e-3)
-    assert end / half_end == pytest.approx(4.0, rel=1e-2)
-
-
-def test_shortest_relaxation_is_stable_and_tends_to_none() -> None:
-    """At 120 km/h the step times v/sigma is 0.7, where the method is stable up to 2.8."""
-    speed = 120.0 / 3.6
-    holds = hold(1.0, 20.0, speed=speed)[1], hold(1.0, 20.0, -1.0, speed=speed)[1]
-    rigid, coarse, fine = (
-        plant(name).run([u for u in holds for _ in range(round(1.0 / step))], step)[:: round(MILLISECOND / step), 1]
-        for name, step in (("paper", MILLISECOND), ("short", MILLISECOND), ("short", 0.1 * MILLISECOND))
-    )
-    # Against a tenth of the step: measured 6e-8 rad/s (the end of a rate limit falls amid a step).
-    assert np.abs(coarse - fine).max() < 1e-7
-    # The lag sigma/v of 1.5 ms delays the yaw rate and leaves its end as it is.
-    largest_slope = np.abs(np.diff(rigid)).max() / MILLISECOND
-    assert 1e-3 < np.abs(coarse - rigid).max() < largest_slope * 0.05 / speed
-    # The car has not quite settled after a second (measured: 2.7e-5).
-    assert coarse[-1] == pytest.approx(rigid[-1], abs=5e-5)
