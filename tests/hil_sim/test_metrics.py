@@ -32,9 +32,6 @@ def run_of(name: str, made: np.ndarray, config: Config = CONFIG, **changes: floa
     return Run(made, replace(find(name), **changes), config)
 
 
-# --- spins -------------------------------------------------------------------------------------------------------------
-
-
 def spinning(sign: float = 1.0, degrees: float = 12.0, rear: float = -8.0) -> np.ndarray:
     """Sideslip that rises evenly from 3 s on to `degrees` at 4 s, as does the slip of the rear axle."""
     made = record(6.0, status=0.0, yaw_rate_rad_s=0.3, front_angle_rad=0.05)
@@ -77,9 +74,6 @@ def test_figures_from_before_the_spin_stay() -> None:
     assert found["yaw_rate_ratio_1_00_s_percent"] is not None
     assert found["yaw_rate_ratio_1_75_s_percent"] is None
     assert found["meets_fmvss_126"] is False
-
-
-# --- step --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -152,8 +146,6 @@ def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
     assert unbounded["slip_rear_steady_of_bound_percent"] is None
 
 
-# --- ramp --------------------------------------------------------------------------------------------------------------
-
 GRADIENT = 0.002
 """rad s^2/m of the car made by hand."""
 
@@ -181,8 +173,6 @@ def test_ramp(sign: float) -> None:
     assert rows["steering_wheel_at_0_3_g_deg"] == pytest.approx(sign * math.degrees(expected), rel=1e-9)
     assert ramp.understeer_gradient(ramp_run(sign, 0.2)) is None  # the ramp never reaches the range of the fit
 
-
-# --- sine with dwell ---------------------------------------------------------------------------------------------------
 
 LATERAL = 4.0
 
@@ -256,9 +246,6 @@ def test_displacement_of_an_acceleration_that_rises_evenly() -> None:
     assert sine_with_dwell.lateral_displacement(run_of("sine-with-dwell", made), 0.0, 1.0733) == pytest.approx(1.0733**3 / 3.0)
 
 
-# --- frequency response ------------------------------------------------------------------------------------------------
-
-
 def test_frequency_response_of_a_known_filter() -> None:
     """A first-order lag with a dead time of five rows, as the sampled recurrence has it."""
     wheel = find("sine-sweep").inputs(CONFIG)[::10, 1]
@@ -288,9 +275,6 @@ def test_a_car_that_does_not_fall_off_has_no_bandwidth() -> None:
     assert found.runs["one"]["bandwidth_3_db_hz"] is None
     assert found.runs["one"]["yaw_rate_gain_per_s"] == pytest.approx(0.3)
     assert found.runs["still"]["yaw_rate_gain_per_s"] is None
-
-
-# --- the others --------------------------------------------------------------------------------------------------------
 
 
 def test_corner() -> None:
@@ -351,9 +335,6 @@ def test_nothing_to_measure_is_refused(records: dict[str, np.ndarray]) -> None:
 def test_a_car_at_rest_has_figures_too(name: str) -> None:
     scenario: Scenario = find(name)
     assert evaluate(scenario, CONFIG, {"still": record(scenario.duration, speed_m_s=0.0, status=2.0)}).rows
-
-
-# --- recordings on disk ------------------------------------------------------------------------------------------------
 
 
 def test_csv_reads_back_to_the_same_bits(tmp_path: Path) -> None:

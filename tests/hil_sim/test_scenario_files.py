@@ -37,9 +37,6 @@ def refusal(name: str) -> str:
     return str(caught.value)
 
 
-# --- recordings --------------------------------------------------------------------------------------------------------
-
-
 def test_own_recording_comes_out_as_it_went_in(software: Software, tmp_path: Path) -> None:
     first = run(software, find("step-steer"))
     save_csv(first, tmp_path / "run.csv")
@@ -120,8 +117,6 @@ def test_file_that_is_none(tmp_path: Path) -> None:
         file.truncate(scenario_files.MAX_FILE_BYTES + 1)
     assert "over 64 MiB" in refusal(str(tmp_path / "huge.csv"))
 
-
-# --- scenario files ----------------------------------------------------------------------------------------------------
 
 BASE = 'name = "mine"\nbase = "step-steer"\n'
 

@@ -134,9 +134,6 @@ def test_split_friction_is_the_difference_of_the_front_wheels(software: Software
     assert run(software, find("split-friction"), controlled=False)[300:500, 3].min() > 0.0
 
 
-# --- refusals ----------------------------------------------------------------------------------------------------------
-
-
 def test_faults_need_a_bus_and_the_passive_car_does_not(software: Software) -> None:
     scenario = find("ecu-loss")
     with pytest.raises(CodegenError, match=r"^scenario ecu-loss: .*\(ecu-restart\), and this run has no bus; .*`codegen hil`"):

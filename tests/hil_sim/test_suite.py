@@ -58,9 +58,6 @@ def passive(pi: Subject) -> Subject:
     return passive_of(pi)
 
 
-# --- cells -------------------------------------------------------------------------------------------------------------
-
-
 def test_cells_are_six_speeds_by_four_amplitudes() -> None:
     problem, found = SteadyTurnProblem.from_config(CONFIG, CASE), cells(CONFIG, CASE)
     assert [(cell.speed_km_h, cell.share) for cell in found] == [(speed, share) for speed in SPEEDS_KM_H for share in SHARES]
@@ -92,9 +89,6 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
 
 
-# --- plants ------------------------------------------------------------------------------------------------------------
-
-
 def slopes(config: Config) -> list[float]:
     tyres = AxleTyres.from_config(config)
     return [tyres.front.cornering_stiffness, tyres.rear.cornering_stiffness]
@@ -109,51 +103,40 @@ def peaks(config: Config, share: float = 1.0) -> list[float]:
     ]
 
 
-def others_unchanged(config: Config, base: Config, *tables: str) -> bool:
-    keep = {name: value for name, value in base.model_dump().items() if name not in tables}
-    return keep == {name: value for name, value in config.model_dump().items() if name not in tables}
-
-
 @pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-def test_mass_comes_with_inertia_and_leaves_the_slope(base: Config) -> None:
-    heavy = plants.mass(20.0)(base)
-    assert heavy.vehicle.mass_kg == pytest.approx(1.2 * base.vehicle.mass_kg)
-    assert heavy.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2 * base.vehicle.yaw_inertia_kg_m2)
-    assert slopes(heavy) == pytest.approx(slopes(base), rel=1e-12)
-    assert peaks(heavy) == pytest.approx(peaks(base), rel=1e-12)  # the same tyre at the same load
-    assert others_unchanged(heavy, base, "vehicle", "tyre")
-    # A car whose slopes went with its mass would move as before: this one does not.
-    moves = [np.array(single_track(car, "linear").jacobian([0, 0], [20, 0, 0, 0.9])[0])[0, 0] for car in (base, heavy)]
-    assert moves[1] / moves[0] == pytest.approx(1.0 / 1.2, rel=1e-12)
-
-
-@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-def test_stiffness_and_peak_leave_each_other(base: Config) -> None:
-    soft, slippery = plants.stiffness(-20.0, 15.0)(base), plants.peak(-10.0)(base)
-    assert slopes(soft) == pytest.approx([0.8 * slopes(base)[0], 1.15 * slopes(base)[1]], rel=1e-12)
-    assert peaks(soft) == pytest.approx(peaks(base), rel=1e-12)
-    assert slopes(slippery) == pytest.approx(slopes(base), rel=1e-12)
-    assert peaks(slippery) == pytest.approx([0.9 * value for value in peaks(base)], rel=1e-12)
-    assert others_unchanged(soft, base, "tyre") and others_unchanged(slippery, base, "tyre")
-
-
-def test_load_sensitivity_acts_away_from_the_static_load_only() -> None:
-    changed = plants.load_sensitivity(-0.1)(BY_B)
-    assert slopes(changed) == pytest.approx(slopes(BY_B), rel=1e-12)
-    assert peaks(changed) == pytest.approx(peaks(BY_B), rel=1e-12)
-    assert peaks(changed, 1.5) == pytest.approx([0.95 * value for value in peaks(BY_B, 1.5)], rel=1e-12)
-
-
-def test_combined_is_all_of_it() -> None:
-    """An actuator lag, a relaxation length, mass, stiffness and peak."""
-    worst = known.COMBINED.plant(CONFIG)
-    assert worst.rear_actuator.lag_s == 0.1
-    assert worst.plant.relaxation_length_m == 0.6
-    assert worst.vehicle.mass_kg == pytest.approx(1.2 * CONFIG.vehicle.mass_kg)
-    assert slopes(worst) == pytest.approx([0.8 * value for value in slopes(CONFIG)], rel=1e-12)
-    # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1.
-    wanted = 0.9 - 0.1 * (1.0 / 1.2 - 1.0)
-    assert peaks(worst) == pytest.approx([wanted * value for value in peaks(CONFIG)], rel=1e-12)
+@pytest.mark.parametrize(
+    ("change", "front", "rear", "peak", "loaded", "tables"),
+    [
+        # Mass comes with inertia and leaves the tyres as they are at the same load.
+        (plants.mass(20.0), 1.0, 1.0, 1.0, 1.0, {"vehicle", "tyre"}),
+        (plants.stiffness(-20.0, 15.0), 0.8, 1.15, 1.0, 1.0, {"tyre"}),
+        (plants.peak(-10.0), 1.0, 1.0, 0.9, 0.9, {"tyre"}),
+        # It acts away from the static load only.
+        (plants.load_sensitivity(-0.1), 1.0, 1.0, 1.0, 0.95, {"tyre"}),
+        (plants.actuator_lag(0.1), 1.0, 1.0, 1.0, 1.0, {"rear_actuator"}),
+        (plants.relaxation(0.6), 1.0, 1.0, 1.0, 1.0, {"plant"}),
+        # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1, and 1.5/1.2 - 1.
+        (
+            known.COMBINED.plant,
+            *(0.8, 0.8, 0.9 - 0.1 * (1.0 / 1.2 - 1.0), 0.9 - 0.1 * (1.5 / 1.2 - 1.0)),
+            {"vehicle", "tyre", "rear_actuator", "plant"},
+        ),
+    ],
+)
+def test_a_plant_differs_in_what_is_varied(
+    base: Config, change: plants.Change, front: float, rear: float, peak: float, loaded: float, tables: set[str]
+) -> None:
+    car = change(base)
+    assert slopes(car) == pytest.approx([front * slopes(base)[0], rear * slopes(base)[1]], rel=1e-12)
+    assert peaks(car) == pytest.approx([peak * value for value in peaks(base)], rel=1e-12)
+    assert peaks(car, 1.5) == pytest.approx([loaded * value for value in peaks(base, 1.5)], rel=1e-12)
+    before, after = base.model_dump(), car.model_dump()
+    assert {name for name in before if before[name] != after[name]} == tables
+    if "vehicle" in tables:
+        assert car.vehicle.mass_kg / base.vehicle.mass_kg == pytest.approx(1.2)
+        assert car.vehicle.yaw_inertia_kg_m2 / base.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2)
+    lag_and_way = (car.rear_actuator.lag_s, car.plant.relaxation_length_m)
+    assert lag_and_way == (0.1 if "rear_actuator" in tables else 0.05, 0.6 if "plant" in tables else 0.0)
 
 
 def test_a_plant_that_no_car_can_have_is_refused() -> None:
@@ -169,9 +152,6 @@ def test_conditions_have_names_of_their_own_and_roads_below_the_maps() -> None:
     assert {condition.friction for condition in conditions(wet)} == {None, 0.4}
     estimates = {(condition.friction, condition.estimate) for condition in CONDITIONS if condition.friction is not None}
     assert estimates == {(0.6, None), (0.6, 0.6), (0.6, 0.8), (0.4, None), (0.4, 0.4), (0.4, 0.6)}
-
-
-# --- figures of one run ------------------------------------------------------------------------------------------------
 
 
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
@@ -211,9 +191,6 @@ def test_a_spin_has_its_time_and_nothing_else() -> None:
         name: value for name, value in found.to_dict().items() if name not in ("cell", "condition", "spun_at_s", "settled")
     }
     assert set(figures.values()) == {None}
-
-
-# --- over all cells ----------------------------------------------------------------------------------------------------
 
 
 def result(share: float, **figures: Any) -> CellResult:
@@ -267,9 +244,6 @@ def test_rise_times_leave_spins_out() -> None:
     assert compare_rise([spin], [result(0.75)]) == ()
 
 
-# --- requirements ------------------------------------------------------------------------------------------------------
-
-
 def good() -> Measured:
     """A controller that meets everything."""
     rows = [result(share) for share in SHARES]
@@ -283,7 +257,8 @@ def good() -> Measured:
     )
 
 
-def with_summary(measured: Measured, condition: str, rows: list[CellResult]) -> Measured:
+def with_rows(condition: str, *rows: CellResult) -> Measured:
+    measured = good()
     return replace(measured, summaries={**measured.summaries, condition: summarise("good", condition, rows)})
 
 
@@ -294,54 +269,56 @@ def failing(measured: Measured) -> set[tuple[str, str]]:
 def test_a_good_controller_passes_every_row() -> None:
     rows = requirements(good())
     assert all(row.passed for row in rows)
-    assert all_passed(rows)
     assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
     # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads, 1 count.
     assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 1
+    # A limit itself is met in spite of rounding: 1.6 - 1.0 > 0.6, as a settling time is computed.
+    assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
+
+
+SPIN = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
+SWINGING = result(1.0, settled=False, settling_time_s=None)
+NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no estimate"
 
 
 @pytest.mark.parametrize(
-    ("condition", "figures", "wanted"),
+    ("condition", "rows", "wanted"),
     [
-        ("nominal", {"overshoot_percent": 3.1}, {("all cells, as configured", "overshoot")}),
-        ("mass-plus-20", {"settling_time_s": 1.12}, {("all cells, mass +20 %", "settling time to 2 %")}),
-        ("mass-minus-20", {"sideslip_max_deg": 3.3}, {("all cells, mass -20 %", "|sideslip|")}),
-        ("lag-100", {"overshoot_percent": 6.0}, {("all cells, actuator lag 100 ms", "overshoot")}),  # the stretch goal
-        ("friction-60", {"sideslip_max_deg": 3.6}, {("friction 0.6, no estimate", "|sideslip|")}),
-        ("friction-40-wrong", {"sideslip_max_deg": 5.6}, {("friction 0.4, estimated 0.6", "|sideslip|")}),
-        ("friction-40", {"sideslip_max_deg": 9.0, "overshoot_percent": 99.0}, set()),  # only spins have a limit
-        ("relaxation-600", {"overshoot_percent": 99.0}, set()),  # reported, without a limit
+        ("nominal", [result(1.0, overshoot_percent=3.1)], {(NOMINAL_CELLS, "overshoot")}),
+        ("mass-plus-20", [result(1.0, settling_time_s=1.12)], {("all cells, mass +20 %", "settling time to 2 %")}),
+        ("mass-minus-20", [result(1.0, sideslip_max_deg=3.3)], {("all cells, mass -20 %", "|sideslip|")}),
+        ("friction-60", [result(1.0, sideslip_max_deg=3.6)], {("friction 0.6, no estimate", "|sideslip|")}),
+        ("friction-40-wrong", [result(1.0, sideslip_max_deg=5.6)], {("friction 0.4, estimated 0.6", "|sideslip|")}),
+        ("relaxation-600", [result(1.0, overshoot_percent=99.0)], set()),  # reported, without a limit
+        ("nominal", [SWINGING], {(NOMINAL_CELLS, "settling time to 2 %")}),
+        (
+            "nominal",
+            [SPIN],
+            {(NOMINAL_CELLS, name) for name in ("spins in 2 cells", "overshoot", "settling time to 2 %", "|sideslip|")},
+        ),
+        # One spin of 24 is allowed at friction 0.4 without an estimate, two are not; nothing else has a limit there.
+        ("friction-40", [result(1.0, sideslip_max_deg=9.0, overshoot_percent=99.0)], set()),
+        ("friction-40", [SPIN], set()),
+        ("friction-40", [SPIN, SPIN], {(SLIPPERY_CELLS, "spins in 3 cells")}),
     ],
 )
-def test_each_figure_out_of_bounds_is_found(condition: str, figures: dict[str, float], wanted: set[tuple[str, str]]) -> None:
-    assert failing(with_summary(good(), condition, [result(0.5), result(1.0, **figures)])) == wanted
+def test_each_figure_out_of_bounds_is_found(condition: str, rows: list[CellResult], wanted: set[tuple[str, str]]) -> None:
+    assert failing(with_rows(condition, result(0.5), *rows)) == wanted
 
 
 def test_a_stretch_goal_may_be_missed() -> None:
-    rows = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=6.0)]))
-    assert [(row.passed, row.stretch) for row in rows if row.passed is False] == [(False, True)]
+    rows = requirements(with_rows("lag-100", result(1.0, overshoot_percent=6.0)))
+    assert [(row.figure, row.stretch) for row in rows if row.passed is False] == [("overshoot", True)]
     assert all_passed(rows)
-    worse = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=16.1)]))
-    assert not all_passed(worse)
-
-
-def test_spins_fail_the_limits_over_all_cells() -> None:
-    spin = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
-    matter = "all cells, as configured"
-    found = failing(with_summary(good(), "nominal", [result(0.5), spin]))
-    assert found == {(matter, name) for name in ("spins in 2 cells", "overshoot", "settling time to 2 %", "|sideslip|")}
-    # One spin of 24 is allowed at friction 0.4 without an estimate, two are not.
-    assert failing(with_summary(good(), "friction-40", [result(0.5), spin])) == set()
-    assert failing(with_summary(good(), "friction-40", [spin, spin])) == {("friction 0.4, no estimate", "spins in 2 cells")}
-
-
-def test_a_cell_that_does_not_settle_fails_settling_alone() -> None:
-    swinging = result(1.0, settled=False, settling_time_s=None)
-    rows = with_summary(good(), "nominal", [result(0.5), swinging])
-    assert failing(rows) == {("all cells, as configured", "settling time to 2 %")}
-    measured = replace(good(), c1={**good().c1, "lag-50": swinging})
+    assert not all_passed(requirements(with_rows("lag-100", result(1.0, overshoot_percent=16.1))))
+    measured = replace(good(), c1={**good().c1, "lag-50": SWINGING})
     (row,) = [row for row in requirements(measured) if row.passed is False]
     assert (row.subject_matter, row.measured, row.note) == ("C1, actuator lag 50 ms", None, "it does not settle")
+    # A figure without a measurement neither passes nor fails.
+    rows = requirements(Measured({}, {}, None))
+    assert {(row.passed, row.note) for row in rows} == {(None, "not measured in this run")}
+    assert len(rows) == len(requirements(good()))
+    assert all_passed(rows)
 
 
 def test_margins_name_the_speed_and_an_unstable_loop() -> None:
@@ -358,20 +335,6 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     assert {row.note for row in requirements(replace(good(), margins=lost)) if row.passed is False} == {"an unstable loop"}
 
 
-def test_a_figure_without_a_measurement_neither_passes_nor_fails() -> None:
-    rows = requirements(Measured({}, {}, None))
-    assert {row.passed for row in rows} == {None}
-    assert {row.note for row in rows} == {"not measured in this run"}
-    assert len(rows) == len(requirements(good()))
-    assert all_passed(rows)
-
-
-def test_a_limit_itself_is_met_in_spite_of_rounding() -> None:
-    assert 1.6 - 1.0 > 0.6  # as a settling time is computed
-    measured = replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})
-    assert failing(measured) == set()
-
-
 def test_infinite_margins_are_no_numbers_in_json() -> None:
     """JSON has no infinity. A PI without integral part may never cross unit gain."""
     loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
@@ -379,9 +342,6 @@ def test_infinite_margins_are_no_numbers_in_json() -> None:
     assert (row.measured, row.passed) == (math.inf, True)
     text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
     assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
-
-
-# --- subjects ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_controller_is_that_of_the_original_car(pi: Subject) -> None:
@@ -432,13 +392,6 @@ def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
     assert largest[1] < 0.4 * 9.81 < largest[0]
 
 
-def test_passive_car_has_its_rear_wheels_straight(passive: Subject) -> None:
-    made = drive(passive, NOMINAL, c1(CONFIG))
-    assert not made[:, RECORD_COLUMNS.index("rear_angle_rad")].any()
-
-
-# --- the whole of it ---------------------------------------------------------------------------------------------------
-
 CHOSEN = tuple(each for each in CONDITIONS if each.name in ("nominal", "friction-60"))
 
 
@@ -486,6 +439,7 @@ def test_recordings_for_pictures_are_those_that_were_judged(suite: SuiteResult) 
     assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 120.0]
     assert shown[0].cell == c1(CONFIG)
     assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
+    assert not shown[0].records["passive"][:, RECORD_COLUMNS.index("rear_angle_rad")].any()
     for each in shown[1:]:
         place = suite.cells.index(each.cell)
         for name in ("pi", "passive"):
@@ -515,9 +469,6 @@ def test_suite_as_json(suite: SuiteResult) -> None:
 def test_subjects_need_different_names(pi: Subject) -> None:
     with pytest.raises(ValueError, match="two subjects have one name: pi, pi"):
         run_suite(pi, [replace(pi)], CASE, chosen=[])
-
-
-# --- margins and sines -------------------------------------------------------------------------------------------------
 
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
@@ -563,9 +514,6 @@ def test_sine_of_the_passive_car_is_that_of_linear_theory(passive: Subject) -> N
         assert row.phase_deg == pytest.approx(math.degrees(np.angle(theory * lag)), abs=0.6)
 
 
-# --- the third party's plant and the baselines -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("controlled", [True, False])
 def test_third_partys_cells_are_judged_by_the_same_figures(
     pi: Subject, controlled: bool, monkeypatch: pytest.MonkeyPatch
@@ -574,7 +522,6 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     driven: list[tuple[bool, float, int]] = []
 
     def run(software: Any, config: Config, scenario: Any, *, delay_samples: int) -> np.ndarray:
-        assert config is CONFIG
         driven.append((software is not None, scenario.settings.speed_km_h, delay_samples))
         made = ramp_with_peak()
         made[:, 0] += SECOND_STEER_TIME - STEER_TIME
@@ -585,22 +532,18 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     assert driven == [(controlled, speed, 1) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
     assert [row.cell.share for row in rows[:3]] == [0.3, 0.6, 0.9]
     for row in rows:
-        assert row.overshoot_percent == pytest.approx(20.0)
-        assert row.rise_time_s == pytest.approx(0.38)
-        wanted = map_yaw_rate(pi, NOMINAL, row.cell)
-        assert row.share_of_reference == pytest.approx(0.5 / wanted, rel=1e-6)
+        assert (row.overshoot_percent, row.rise_time_s) == pytest.approx((20.0, 0.38))
+        assert row.share_of_reference == pytest.approx(0.5 / map_yaw_rate(pi, NOMINAL, row.cell), rel=1e-6)
 
 
 def test_baselines_are_three_controllers_on_one_map() -> None:
-    tuned = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
-    found = subjects.baselines(builds.paper_map(), tuned)
-    assert [(each.name, each.config.controller.kind) for each in found] == [
-        ("pi", "pi"),
-        ("feedforward", "feedforward"),
-        ("proportional", "proportional"),
-    ]
-    # The paper's has its own gains and no rate limit, whatever the configuration says; the others are as configured.
-    assert found[0].config.controller == CONFIG.controller
-    assert found[0].config.limiter == CONFIG.limiter
+    own = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
+    found = subjects.baselines(builds.paper_map(), own)
+    assert (
+        [each.config.controller.kind for each in found]
+        == [each.name for each in found]
+        == ["pi", "feedforward", "proportional"]
+    )
+    # The paper's has its own gains and no rate limit, whatever the configuration has; the others are as configured.
+    assert (found[0].config.controller, found[0].config.limiter) == (CONFIG.controller, CONFIG.limiter)
     assert found[1].config.controller.rear_rate_max_deg_s == 25.0
-    assert all(each.config.vehicle == tuned.vehicle for each in found)

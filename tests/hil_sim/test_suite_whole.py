@@ -52,9 +52,6 @@ def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "tuned", lambda config, steps=None: changed(config, tracking))
 
 
-# --- candidate and baselines -------------------------------------------------------------------------------------------
-
-
 def test_each_candidate_has_its_baselines() -> None:
     own = changed(PAPER, {"controller": {"integral_gain": 0.3}})
     for config, names in (
@@ -134,9 +131,6 @@ def test_a_baseline_that_cannot_be_tuned_is_left_out(monkeypatch: pytest.MonkeyP
         Candidate("x", of_kind(SMALL, "tracking"), "4ws-2", (0.9,)).line_up()
 
 
-# --- processes and the third party's plant -----------------------------------------------------------------------------
-
-
 def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_path: Path) -> None:
     with Background() as background:
         root, refused = background.call(math.sqrt, 9.0), background.call(configuration.load, tmp_path / "ars.toml")
@@ -168,9 +162,6 @@ def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Ki
     assert list(jobs) == [kind, PASSIVE]
     assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
-
-
-# --- the whole ---------------------------------------------------------------------------------------------------------
 
 
 class AtOnce:

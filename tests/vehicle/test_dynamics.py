@@ -49,9 +49,6 @@ def evaluate(function: Any, *arguments: Any) -> FloatArray:
     return np.array(function(*arguments)).ravel()
 
 
-# --- Jacobians -----------------------------------------------------------------------------------------------------
-
-
 def finite_difference(function: Any, x: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Central differences of fourth order.
 
@@ -138,9 +135,6 @@ def test_jacobians_of_the_plant_are_finite_at_any_speed(paper: Config, speed: fl
         x = rng.normal(size=7) * [5.0, 5.0, 5.0, 0.1, 100.0, 100.0, 5.0]
         u = np.array([speed, *rng.normal(size=2), 0.9, 0.0])
         assert all(np.isfinite(np.array(matrix)).all() for matrix in model.jacobian(x, u))
-
-
-# --- the single-track model ----------------------------------------------------------------------------------------
 
 
 def single_track_points(count: int) -> list[tuple[FloatArray, FloatArray]]:

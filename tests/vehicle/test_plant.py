@@ -162,9 +162,6 @@ def test_derivative_and_output_are_those_of_the_independent_car(name: str) -> No
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
 
 
-# --- motion --------------------------------------------------------------------------------------------------------
-
-
 def hold(seconds: float, wheel_deg: float, rear_deg: float = 0.0, **changes: float) -> tuple[float, FloatArray]:
     values = {
         "speed": SPEED,

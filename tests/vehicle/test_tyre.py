@@ -40,9 +40,6 @@ def test_numbers_of_the_paper(paper: Config) -> None:
     assert front * 1.574 == pytest.approx(rear * 1.566, rel=1e-14)
 
 
-# --- the linear range ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("percent", [0.5, 10.0, 50.0])
 @pytest.mark.parametrize(
     "factors",
@@ -86,9 +83,6 @@ def test_a_tyre_that_never_departs_is_refused(axle: str) -> None:
     ) as caught:
         AxleTyres.from_config(config)
     assert caught.value.exit_code == 2
-
-
-# --- the curve -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("factors", [{}, {"peak_factor_p1": 1.3, "peak_load_sensitivity_p2": -0.4}, {"shape_factor_c": 1.9}])
