@@ -103,7 +103,7 @@ class FakeClock:
 
 
 class TestRealTime:
-    """By the clock. Machines that run tests are busy: no test here requires punctuality."""
+    """Runs by the clock. Machines that run tests are busy: no test here requires punctuality."""
 
     def test_every_cycle_is_counted_and_equals_that_in_lock_step(self, software: Software, channel: BusAddress) -> None:
         with EcuThread(software, channel, lock_step=False), Bus(channel) as bus:

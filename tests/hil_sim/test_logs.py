@@ -288,13 +288,24 @@ def test_a_full_disk_is_one_error_and_the_old_file_stays(tmp_path: Path, extensi
     assert list(tmp_path.iterdir()) == [path]
 
 
+def no_space(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_disk_that_is_full_at_the_very_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(CodegenError, match="No space left"):
+        write(tmp_path / "run.blf", some_frames(3))
+    assert list(tmp_path.iterdir()) == []
+
+
 class _Full:
     """A format whose disk is full from the start."""
 
     def __init__(self, path: Path, head: object) -> None: ...
 
     def write(self, frame: Frame, received: bool) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        no_space()
 
     def close(self) -> None: ...
 

@@ -78,7 +78,7 @@ def test_figures_from_before_the_spin_stay() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_step(sign: float) -> None:
-    """From 2 s on the yaw rate rises in 0.5 s to 0.6 rad/s and falls to 0.5 until 3 s."""
+    """The yaw rate rises from 2 s on within 0.5 s to 0.6 rad/s and falls to 0.5 until 3 s."""
     made = record(
         6.0,
         yaw_rate_rad_s=lambda t: sign * np.interp(t, [2.0, 2.5, 3.0], [0.0, 0.6, 0.5]),
@@ -125,7 +125,7 @@ def test_the_reference_is_given_while_most_of_the_last_second_is_controlled(held
 
 
 def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
-    """Of the last second alone: the transient before is larger."""
+    """Only the last second counts: the transient before is larger."""
     tyres = AxleTyres.from_config(CONFIG)
     made = record(
         6.0,

@@ -44,7 +44,7 @@ def replace_once(file: Path, old: str, new: str) -> None:
 
 
 def test_other_names_and_periods_compile_without_a_warning(tmp_path: Path) -> None:
-    """With another precision, and a sampling time that is no whole number of milliseconds."""
+    """Another precision, and a sampling time that is no whole number of milliseconds."""
     controller = {"kind": "pi", "sampling_time_s": 0.0125}
     config = parse({"controller": controller, "plant": {"sampling_time_s": 0.0005}}, "test")
     options, inputs = BuildOptions("sample", "rws_2", "double"), BuildInputs("sample.npz", "0" * 64, "preset")

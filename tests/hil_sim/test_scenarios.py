@@ -60,6 +60,7 @@ def test_list_names_all_with_their_sources() -> None:
     assert [row.name for row in rows] == list(SCENARIOS)
     assert rows[0].name == DEFAULT
     assert all(row.what and row.source and row.duration_s > 0.0 for row in rows)
+    assert find("low-friction").title == "Low friction: 2 deg at the front wheels, 80 km/h, friction 0.5"
     assert next(row.faults for row in rows if row.name == "ecu-loss") == ("ecu-restart at 9 s for 1 s",)
     with pytest.raises(CodegenError, match="did you mean 'sine-with-dwell'"):
         find("sine-with-dwel")
@@ -120,7 +121,7 @@ def test_low_friction_gives_the_controller_no_estimate_or_the_right_one(name: st
 
 
 def test_split_friction_is_the_difference_of_the_front_wheels(software: Software) -> None:
-    """By hand: a front wheel carries 2335.07 * 9.81 * 1.566 / (2 * 3.14) = 5712 N, a rear one 5741 N; 0.9 against 0.3."""
+    """Worked out by hand: a front wheel carries 2335.07 * 9.81 * 1.566 / (2 * 3.14) = 5712 N, a rear one 5741 N."""
     braking = manoeuvres.split_braking(CONFIG)
     assert braking.yaw_moment == pytest.approx(0.5 * 1.627 * (0.9 - 0.3) * 5712.0, rel=1e-3)
     assert braking.deceleration == pytest.approx((1.2 * 5712.0 + 0.6 * 5741.0) / 2335.07, rel=1e-3)

@@ -193,7 +193,7 @@ def test_the_command_acts_after_the_delay(software: Software) -> None:
 
 
 def test_a_run_that_leaves_the_model_ends_as_a_spin(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From there on the record has the time, NaN and the last status."""
+    """The rest of the record has the time, NaN and the last status."""
     advance, calls = MultiBodyPlant.advance, []
 
     def roll_over(plant: MultiBodyPlant, acting: Any) -> None:

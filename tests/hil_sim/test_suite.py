@@ -408,7 +408,7 @@ def suite(pi: Subject) -> SuiteResult:
 
 
 def test_the_papers_pi(suite: SuiteResult) -> None:
-    """On the paper's step it has 15, 17 and 19 % of overshoot; a prototype of the same loop gave 15, 17 and 18 %."""
+    """The overshoot on the paper's step is 15, 17 and 19 %; a prototype of the same loop gave 15, 17 and 18 %."""
     overshoots = [suite.c1["pi"][lag.name].overshoot_percent for lag in LAGS]
     assert overshoots == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
     assert [suite.c1["pi"][lag.name].share_of_reference for lag in LAGS] == pytest.approx([1.0] * 3, abs=1e-4)

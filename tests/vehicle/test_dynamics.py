@@ -104,7 +104,7 @@ def test_jacobians_of_the_single_track_models(tyre_model: TyreModel) -> None:
 
 @pytest.mark.parametrize("regime", ["free", "rate limits", "rear stop", "wheels in the air", "crawling", "relaxed"])
 def test_jacobians_of_the_plant(regime: str) -> None:
-    """In each region between its kinks; at a kink there is no derivative to compare."""
+    """Each region between its kinks is tested; at a kink there is no derivative to compare."""
     relaxation = {"plant": {"relaxation_length_m": 0.6}} if regime == "relaxed" else {}
     model = two_track(parse({"tyre": LOADED_TYRES, **relaxation}, "test"))
     rng = np.random.default_rng(2)

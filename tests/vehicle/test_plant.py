@@ -180,7 +180,7 @@ SLALOM = [
 
 
 # Yaw rate of the C plant (Runge-Kutta at 1 ms) against the independent car (adaptive, to 1e-11). The bounds are what was
-# measured, rounded up; 1e-6 rad/s is required. What is left has two sources: the step's own error (the front lag of 5 ms is
+# measured, rounded up; 1e-6 rad/s is required. The rest has two sources: the step's own error (the front lag of 5 ms is
 # five steps long), and a kink of a rate limit between two steps, where the order of the method is lost for one step.
 @pytest.mark.parametrize(
     ("name", "holds", "bound"),

@@ -29,7 +29,7 @@ CONFIGS: dict[str, Config] = {
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_with_the_numbers_of_a_configuration_it_is_that_plant(name: str) -> None:
-    """At points from driving straight to sliding with a lifted wheel and saturated actuators."""
+    """The points reach from driving straight to sliding with a lifted wheel and saturated actuators."""
     config = CONFIGS[name]
     fixed, open_model = two_track(config), two_track_of_parameters(config)
     assert (open_model.states, open_model.inputs, open_model.outputs) == (fixed.states, fixed.inputs, fixed.outputs)
