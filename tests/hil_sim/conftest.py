@@ -1,4 +1,4 @@
-"""The paper's build, on disk and compiled."""
+"""The paper's build, on disk and compiled, and patience with a busy machine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from codegen.sil.software import Software
+from hil_sim import bench, ecu_process
 from tests import builds, shared
 
 
@@ -20,3 +21,10 @@ def build_folder() -> Path:
 def software() -> Software:
     """That build, compiled."""
     return builds.paper().software
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raise the limits of time: machines that run tests are busy, and only a failure waits this long."""
+    for module, name in ((ecu_process, "START_TIMEOUT"), (ecu_process, "STOP_TIMEOUT"), (bench, "ANSWER_TIMEOUT")):
+        monkeypatch.setattr(module, name, 300.0)
