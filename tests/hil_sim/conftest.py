@@ -1,4 +1,4 @@
-"""A build on disk that the bench's tests share."""
+"""The paper's build, on disk and compiled, and patience with a busy machine."""
 
 from __future__ import annotations
 
@@ -6,20 +6,25 @@ from pathlib import Path
 
 import pytest
 
-from codegen.emit.write import write_folder
-from codegen.sil.software import Software, load
-from tests import builds
+from codegen.sil.software import Software
+from hil_sim import bench, ecu_process
+from tests import builds, shared
 
 
 @pytest.fixture(scope="session")
-def build_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The paper's build, as `codegen build` leaves it."""
-    folder = tmp_path_factory.mktemp("builds") / "4ws2"
-    write_folder(builds.paper().folder, folder)
-    return folder
+def build_folder() -> Path:
+    """The folder, as `codegen build` leaves it."""
+    return shared.build_folder()
 
 
 @pytest.fixture(scope="session")
-def software(build_folder: Path) -> Software:
+def software() -> Software:
     """That build, compiled."""
-    return load(build_folder)
+    return builds.paper().software
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raise the limits of time: machines that run tests are busy, and only a failure waits this long."""
+    for module, name in ((ecu_process, "START_TIMEOUT"), (ecu_process, "STOP_TIMEOUT"), (bench, "ANSWER_TIMEOUT")):
+        monkeypatch.setattr(module, name, 300.0)

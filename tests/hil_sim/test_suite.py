@@ -1,4 +1,7 @@
-"""The test set: its cells and plants against the physics, its figures against runs made by hand, and the paper's PI in it."""
+"""The test set: its cells and plants against the physics, its figures against runs made by hand, and drives with the PI.
+
+The whole set, driven, is in `tests/evidence/drives/test_suite_drives.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,25 +20,26 @@ from codegen.refmap import exact
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.dynamics import single_track
+from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import second_plant
-from hil_sim.metrics import step_metrics
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import conditions as known
-from hil_sim.suite import plants, price, subjects
+from hil_sim.suite import plants, subjects, tracking
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL, conditions
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
-from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
+from hil_sim.suite.requirements import Measured, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
-from hil_sim.suite.summary import Summary, summarise
+from hil_sim.suite.summary import summarise
 from hil_sim.suite.third_party import third_party_cells
-from hil_sim.suite.tracking import Outside, run_suite
+from hil_sim.suite.tracking import Outside, SuiteResult, run_suite
 from tests import builds
+from tests.hil_sim.made import record
 
-CONFIG = configuration.preset()
+CONFIG = builds.CONFIG
 CASE = CONFIG.case("4ws-2")
 BY_B = configuration.parse(
     {**CONFIG.model_dump(), "tyre": {axle: {"stiffness_factor_b_per_rad": 18.0} for axle in ("front", "rear")}}, "test"
@@ -54,26 +58,18 @@ def passive(pi: Subject) -> Subject:
     return passive_of(pi)
 
 
-# --- cells -------------------------------------------------------------------------------------------------------------
-
-
 def test_cells_are_six_speeds_by_four_amplitudes() -> None:
-    found = cells(CONFIG, CASE)
+    problem, found = SteadyTurnProblem.from_config(CONFIG, CASE), cells(CONFIG, CASE)
     assert [(cell.speed_km_h, cell.share) for cell in found] == [(speed, share) for speed in SPEEDS_KM_H for share in SHARES]
-    # At 25 km/h the grid ends (10 deg) before the optimisation does; from there on the edge falls with the speed.
-    largest = [cell.front_angle_deg for cell in found if cell.share == 1.0]
-    assert largest[0] == pytest.approx(10.0, rel=1e-12)
-    assert largest == sorted(largest, reverse=True)
-    assert [cell.front_angle_deg for cell in found[-4:]] == pytest.approx([share * largest[-1] for share in SHARES], rel=1e-12)
-
-
-def test_largest_front_angle_is_the_last_feasible_one() -> None:
-    problem = SteadyTurnProblem.from_config(CONFIG, CASE)
-    for cell in cells(CONFIG, CASE):
-        if cell.share == 1.0 and cell.front_angle_deg < 10.0 - 1e-9:
-            around_edge = np.deg2rad(cell.front_angle_deg * np.array([1.0 - 1e-9, 1.0 + 1e-9]))
-            solution = exact.solve(problem, np.array([cell.speed_km_h * KM_H]), around_edge)
-            assert solution.feasible[0].tolist() == [True, False]
+    largest = [cell for cell in found if cell.share == 1.0]
+    # At 25 km/h the grid ends (10 deg) before the optimisation does; from there on the edge is the last feasible angle.
+    assert largest[0].front_angle_deg == pytest.approx(10.0, rel=1e-12)
+    for cell in largest[1:]:
+        around_edge = np.deg2rad(cell.front_angle_deg * np.array([1.0 - 1e-9, 1.0 + 1e-9]))
+        solution = exact.solve(problem, np.array([cell.speed_km_h * KM_H]), around_edge)
+        assert solution.feasible[0].tolist() == [True, False]
+    assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
+    assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
 
 
 def test_cells_end_with_the_grid() -> None:
@@ -93,13 +89,6 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
 
 
-def test_c1_is_the_papers_step() -> None:
-    assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-
-
-# --- plants ------------------------------------------------------------------------------------------------------------
-
-
 def slopes(config: Config) -> list[float]:
     tyres = AxleTyres.from_config(config)
     return [tyres.front.cornering_stiffness, tyres.rear.cornering_stiffness]
@@ -114,65 +103,40 @@ def peaks(config: Config, share: float = 1.0) -> list[float]:
     ]
 
 
-def others_unchanged(config: Config, base: Config, *tables: str) -> bool:
-    keep = {name: value for name, value in base.model_dump().items() if name not in tables}
-    return keep == {name: value for name, value in config.model_dump().items() if name not in tables}
-
-
 @pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-def test_mass_comes_with_inertia_and_leaves_the_slope(base: Config) -> None:
-    heavy = plants.mass(20.0)(base)
-    assert heavy.vehicle.mass_kg == pytest.approx(1.2 * base.vehicle.mass_kg)
-    assert heavy.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2 * base.vehicle.yaw_inertia_kg_m2)
-    assert slopes(heavy) == pytest.approx(slopes(base), rel=1e-12)
-    assert peaks(heavy) == pytest.approx(peaks(base), rel=1e-12)  # the same tyre at the same load
-    assert others_unchanged(heavy, base, "vehicle", "tyre")
-    # A car whose slopes went with its mass would move as before: this one does not.
-    moves = [np.array(single_track(car, "linear").jacobian([0, 0], [20, 0, 0, 0.9])[0])[0, 0] for car in (base, heavy)]
-    assert moves[1] / moves[0] == pytest.approx(1.0 / 1.2, rel=1e-12)
-
-
-@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-def test_stiffness_is_the_slope_and_leaves_the_peak(base: Config) -> None:
-    changed = plants.stiffness(-20.0, 15.0)(base)
-    assert slopes(changed) == pytest.approx([0.8 * slopes(base)[0], 1.15 * slopes(base)[1]], rel=1e-12)
-    assert peaks(changed) == pytest.approx(peaks(base), rel=1e-12)
-    assert others_unchanged(changed, base, "tyre")
-
-
-@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-def test_peak_leaves_the_slope(base: Config) -> None:
-    changed = plants.peak(-10.0)(base)
-    assert slopes(changed) == pytest.approx(slopes(base), rel=1e-12)
-    assert peaks(changed) == pytest.approx([0.9 * value for value in peaks(base)], rel=1e-12)
-    assert others_unchanged(changed, base, "tyre")
-
-
-def test_load_sensitivity_acts_away_from_the_static_load_only() -> None:
-    changed = plants.load_sensitivity(-0.1)(BY_B)
-    assert slopes(changed) == pytest.approx(slopes(BY_B), rel=1e-12)
-    assert peaks(changed) == pytest.approx(peaks(BY_B), rel=1e-12)
-    assert peaks(changed, 1.5) == pytest.approx([0.95 * value for value in peaks(BY_B, 1.5)], rel=1e-12)
-
-
-def test_lag_and_relaxation() -> None:
-    slow, soft = plants.actuator_lag(0.1)(CONFIG), plants.relaxation(0.6)(CONFIG)
-    assert slow.rear_actuator.lag_s == 0.1
-    assert others_unchanged(slow, CONFIG, "rear_actuator")
-    assert slow.rear_actuator.rate_max_deg_s == CONFIG.rear_actuator.rate_max_deg_s
-    assert soft.plant.relaxation_length_m == 0.6
-    assert others_unchanged(soft, CONFIG, "plant")
-
-
-def test_combined_is_all_of_it() -> None:
-    worst = known.COMBINED.plant(CONFIG)
-    assert worst.rear_actuator.lag_s == 0.1
-    assert worst.plant.relaxation_length_m == 0.6
-    assert worst.vehicle.mass_kg == pytest.approx(1.2 * CONFIG.vehicle.mass_kg)
-    assert slopes(worst) == pytest.approx([0.8 * value for value in slopes(CONFIG)], rel=1e-12)
-    # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1.
-    wanted = 0.9 - 0.1 * (1.0 / 1.2 - 1.0)
-    assert peaks(worst) == pytest.approx([wanted * value for value in peaks(CONFIG)], rel=1e-12)
+@pytest.mark.parametrize(
+    ("change", "front", "rear", "peak", "loaded", "tables"),
+    [
+        # Mass comes with inertia and leaves the tyres as they are at the same load.
+        (plants.mass(20.0), 1.0, 1.0, 1.0, 1.0, {"vehicle", "tyre"}),
+        (plants.stiffness(-20.0, 15.0), 0.8, 1.15, 1.0, 1.0, {"tyre"}),
+        (plants.peak(-10.0), 1.0, 1.0, 0.9, 0.9, {"tyre"}),
+        # It acts away from the static load only.
+        (plants.load_sensitivity(-0.1), 1.0, 1.0, 1.0, 0.95, {"tyre"}),
+        (plants.actuator_lag(0.1), 1.0, 1.0, 1.0, 1.0, {"rear_actuator"}),
+        (plants.relaxation(0.6), 1.0, 1.0, 1.0, 1.0, {"plant"}),
+        # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1, and 1.5/1.2 - 1.
+        (
+            known.COMBINED.plant,
+            *(0.8, 0.8, 0.9 - 0.1 * (1.0 / 1.2 - 1.0), 0.9 - 0.1 * (1.5 / 1.2 - 1.0)),
+            {"vehicle", "tyre", "rear_actuator", "plant"},
+        ),
+    ],
+)
+def test_a_plant_differs_in_what_is_varied(
+    base: Config, change: plants.Change, front: float, rear: float, peak: float, loaded: float, tables: set[str]
+) -> None:
+    car = change(base)
+    assert slopes(car) == pytest.approx([front * slopes(base)[0], rear * slopes(base)[1]], rel=1e-12)
+    assert peaks(car) == pytest.approx([peak * value for value in peaks(base)], rel=1e-12)
+    assert peaks(car, 1.5) == pytest.approx([loaded * value for value in peaks(base, 1.5)], rel=1e-12)
+    before, after = base.model_dump(), car.model_dump()
+    assert {name for name in before if before[name] != after[name]} == tables
+    if "vehicle" in tables:
+        assert car.vehicle.mass_kg / base.vehicle.mass_kg == pytest.approx(1.2)
+        assert car.vehicle.yaw_inertia_kg_m2 / base.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2)
+    lag_and_way = (car.rear_actuator.lag_s, car.plant.relaxation_length_m)
+    assert lag_and_way == (0.1 if "rear_actuator" in tables else 0.05, 0.6 if "plant" in tables else 0.0)
 
 
 def test_a_plant_that_no_car_can_have_is_refused() -> None:
@@ -190,65 +154,29 @@ def test_conditions_have_names_of_their_own_and_roads_below_the_maps() -> None:
     assert estimates == {(0.6, None), (0.6, 0.6), (0.6, 0.8), (0.4, None), (0.4, 0.4), (0.4, 0.6)}
 
 
-# --- figures of one run ------------------------------------------------------------------------------------------------
-
-
-def record(duration: float = DURATION, **columns: Any) -> np.ndarray:
-    """A recording of 10 ms rows; each column a value, or a function of time."""
-    time = np.arange(round(duration / 0.01)) * 0.01
-    made = np.zeros((len(time), len(RECORD_COLUMNS)))
-    for name, values in {"time_s": time, "speed_m_s": 20.0, **columns}.items():
-        made[:, RECORD_COLUMNS.index(name)] = values(time) if callable(values) else values
-    return made
-
-
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
     """Up to 0.6 rad/s in half a second, back to 0.5 in another."""
     return record(
+        DURATION,
         yaw_rate_rad_s=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.6, 0.5]),
         sideslip_rad=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, -0.03, 0.01]),
     )
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_figures_of_a_run_made_by_hand(sign: float) -> None:
-    found = judge(ramp_with_peak(sign), Cell(42.5, 5.0), "x", sign * 0.4)
+def test_figures_of_a_run_made_by_hand() -> None:
+    found = judge(ramp_with_peak(-1.0), Cell(42.5, 5.0), "x", -0.4)
     assert found.settled
     assert not found.spun
-    assert found.overshoot_percent == pytest.approx(20.0)
-    assert found.rise_time_s == pytest.approx(0.38)  # 90 % of 0.5 rad/s lies 0.375 s up the ramp
-    assert found.settling_time_s == pytest.approx(0.95)  # 0.51 rad/s is passed 0.45 s down the other one
+    # See the step response of test_metrics.
+    times = (found.overshoot_percent, found.rise_time_s, found.settling_time_s)
+    assert times == pytest.approx((20.0, 0.38, 0.95))
     assert found.sideslip_max_deg == pytest.approx(math.degrees(0.03))
-    assert found.yaw_rate_steady_deg_s == pytest.approx(sign * math.degrees(0.5))
+    assert found.yaw_rate_steady_deg_s == pytest.approx(-math.degrees(0.5))
     assert found.share_of_reference == pytest.approx(1.25)
-
-
-def test_settling_is_to_the_last_time_outside() -> None:
-    """A late dip of 3 % counts, one of 1 % does not; and a car that never steers has settled at once."""
-
-    def dip(share: float) -> np.ndarray:
-        return record(yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, 0.5) * (1.0 - share * ((t > 3.995) & (t < 4.995))))
-
-    assert step_metrics(dip(0.03), STEER_TIME).settling_time_s == pytest.approx(4.0)
-    assert step_metrics(dip(0.01), STEER_TIME).settling_time_s == pytest.approx(0.2)
-    assert step_metrics(record(), STEER_TIME).settling_time_s == 0.0
-
-
-def test_a_run_that_swings_to_the_end_has_no_settling_time() -> None:
-    made = record(yaw_rate_rad_s=lambda t: np.where(t < 1.0, 0.0, 0.5 + 0.01 * np.sin(4.0 * np.pi * t)))
-    found = judge(made, Cell(42.5, 5.0), "x")
-    assert not found.settled
-    assert found.settling_time_s is None
-    assert found.overshoot_percent == pytest.approx(2.0, abs=0.1)
-    assert found.share_of_reference is None
-
-
-def test_creeping_up_is_no_negative_overshoot() -> None:
-    made = record(yaw_rate_rad_s=lambda t: np.clip(t - 1.0, 0.0, None) ** 0.02 * 0.3 * (t > 1.0))
-    assert judge(made, Cell(42.5, 5.0), "x").overshoot_percent == pytest.approx(0.0, abs=0.2)
-    falling = record(yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
-    assert judge(falling, Cell(42.5, 5.0), "x").overshoot_percent == pytest.approx(0.0, abs=1e-6)
-    assert judge(falling, Cell(42.5, 5.0), "x").overshoot_percent >= 0.0
+    assert judge(ramp_with_peak(), Cell(42.5, 5.0), "x").share_of_reference is None
+    creeping = record(DURATION, yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
+    overshoot = judge(creeping, Cell(42.5, 5.0), "x").overshoot_percent
+    assert overshoot == pytest.approx(0.0, abs=1e-6) and overshoot >= 0.0
 
 
 def test_a_spin_has_its_time_and_nothing_else() -> None:
@@ -263,9 +191,6 @@ def test_a_spin_has_its_time_and_nothing_else() -> None:
         name: value for name, value in found.to_dict().items() if name not in ("cell", "condition", "spun_at_s", "settled")
     }
     assert set(figures.values()) == {None}
-
-
-# --- over all cells ----------------------------------------------------------------------------------------------------
 
 
 def result(share: float, **figures: Any) -> CellResult:
@@ -301,14 +226,22 @@ def test_summary_names_the_worst_cell_of_each_figure() -> None:
     for name, (value, share) in {**worst, "share_of_reference": (0.9, 0.5), "settling_time_s": (0.5, 0.25)}.items():
         extreme = getattr(found, name)
         assert (extreme.value, extreme.cell.share) == (value, share)
+    alone = summarise("pi", "nominal", rows[-1:])  # a spin
+    assert (alone.overshoot_mean_percent, alone.overshoot_percent, alone.settling_time_s) == (None, None, None)
 
 
-def test_summary_of_spins_alone_has_no_figures() -> None:
-    found = summarise("pi", "nominal", [result(1.0, spun_at_s=2.0, settled=False, **SPUN)])
-    assert (found.overshoot_mean_percent, found.overshoot_percent, found.settling_time_s) == (None, None, None)
-
-
-# --- requirements ------------------------------------------------------------------------------------------------------
+def test_rise_times_leave_spins_out() -> None:
+    spin = result(0.75, spun_at_s=1.0, settled=False, **SPUN)
+    (row,) = rise_times("x", [result(0.5), result(0.75, rise_time_s=0.5), spin])
+    assert (row.mean_s, row.largest_s) == (pytest.approx(0.4), 0.5)
+    assert rise_times("x", [spin])[0].mean_s is None
+    # They are compared where both cars stay on the road.
+    (slower,) = compare_rise(
+        [result(0.5, rise_time_s=0.4), spin, result(1.0)], [result(0.5), result(0.75, rise_time_s=9.0), spin]
+    )
+    assert (slower.speed_km_h, slower.cells, slower.mean_s, slower.other_mean_s) == (60.0, 1, 0.4, 0.3)
+    assert slower.difference_s == pytest.approx(0.1)
+    assert compare_rise([spin], [result(0.75)]) == ()
 
 
 def good() -> Measured:
@@ -324,7 +257,8 @@ def good() -> Measured:
     )
 
 
-def with_summary(measured: Measured, condition: str, rows: list[CellResult]) -> Measured:
+def with_rows(condition: str, *rows: CellResult) -> Measured:
+    measured = good()
     return replace(measured, summaries={**measured.summaries, condition: summarise("good", condition, rows)})
 
 
@@ -335,54 +269,56 @@ def failing(measured: Measured) -> set[tuple[str, str]]:
 def test_a_good_controller_passes_every_row() -> None:
     rows = requirements(good())
     assert all(row.passed for row in rows)
-    assert all_passed(rows)
     assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
     # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads, 1 count.
     assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 1
+    # A limit itself is met in spite of rounding: 1.6 - 1.0 > 0.6, as a settling time is computed.
+    assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
+
+
+SPIN = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
+SWINGING = result(1.0, settled=False, settling_time_s=None)
+NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no estimate"
 
 
 @pytest.mark.parametrize(
-    ("condition", "figures", "wanted"),
+    ("condition", "rows", "wanted"),
     [
-        ("nominal", {"overshoot_percent": 3.1}, {("all cells, as configured", "overshoot")}),
-        ("mass-plus-20", {"settling_time_s": 1.12}, {("all cells, mass +20 %", "settling time to 2 %")}),
-        ("mass-minus-20", {"sideslip_max_deg": 3.3}, {("all cells, mass -20 %", "|sideslip|")}),
-        ("lag-100", {"overshoot_percent": 6.0}, {("all cells, actuator lag 100 ms", "overshoot")}),  # the stretch goal
-        ("friction-60", {"sideslip_max_deg": 3.6}, {("friction 0.6, no estimate", "|sideslip|")}),
-        ("friction-40-wrong", {"sideslip_max_deg": 5.6}, {("friction 0.4, estimated 0.6", "|sideslip|")}),
-        ("friction-40", {"sideslip_max_deg": 9.0, "overshoot_percent": 99.0}, set()),  # nothing is asked of it but spins
-        ("relaxation-600", {"overshoot_percent": 99.0}, set()),  # told, not asked
+        ("nominal", [result(1.0, overshoot_percent=3.1)], {(NOMINAL_CELLS, "overshoot")}),
+        ("mass-plus-20", [result(1.0, settling_time_s=1.12)], {("all cells, mass +20 %", "settling time to 2 %")}),
+        ("mass-minus-20", [result(1.0, sideslip_max_deg=3.3)], {("all cells, mass -20 %", "|sideslip|")}),
+        ("friction-60", [result(1.0, sideslip_max_deg=3.6)], {("friction 0.6, no estimate", "|sideslip|")}),
+        ("friction-40-wrong", [result(1.0, sideslip_max_deg=5.6)], {("friction 0.4, estimated 0.6", "|sideslip|")}),
+        ("relaxation-600", [result(1.0, overshoot_percent=99.0)], set()),  # reported, without a limit
+        ("nominal", [SWINGING], {(NOMINAL_CELLS, "settling time to 2 %")}),
+        (
+            "nominal",
+            [SPIN],
+            {(NOMINAL_CELLS, name) for name in ("spins in 2 cells", "overshoot", "settling time to 2 %", "|sideslip|")},
+        ),
+        # One spin of 24 is allowed at friction 0.4 without an estimate, two are not; nothing else has a limit there.
+        ("friction-40", [result(1.0, sideslip_max_deg=9.0, overshoot_percent=99.0)], set()),
+        ("friction-40", [SPIN], set()),
+        ("friction-40", [SPIN, SPIN], {(SLIPPERY_CELLS, "spins in 3 cells")}),
     ],
 )
-def test_each_figure_out_of_bounds_is_found(condition: str, figures: dict[str, float], wanted: set[tuple[str, str]]) -> None:
-    assert failing(with_summary(good(), condition, [result(0.5), result(1.0, **figures)])) == wanted
+def test_each_figure_out_of_bounds_is_found(condition: str, rows: list[CellResult], wanted: set[tuple[str, str]]) -> None:
+    assert failing(with_rows(condition, result(0.5), *rows)) == wanted
 
 
 def test_a_stretch_goal_may_be_missed() -> None:
-    rows = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=6.0)]))
-    assert [(row.passed, row.stretch) for row in rows if row.passed is False] == [(False, True)]
+    rows = requirements(with_rows("lag-100", result(1.0, overshoot_percent=6.0)))
+    assert [(row.figure, row.stretch) for row in rows if row.passed is False] == [("overshoot", True)]
     assert all_passed(rows)
-    worse = requirements(with_summary(good(), "lag-100", [result(1.0, overshoot_percent=16.1)]))
-    assert not all_passed(worse)
-
-
-def test_spins_fail_what_is_asked_of_all_cells() -> None:
-    spin = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
-    matter = "all cells, as configured"
-    found = failing(with_summary(good(), "nominal", [result(0.5), spin]))
-    assert found == {(matter, name) for name in ("spins in 2 cells", "overshoot", "settling time to 2 %", "|sideslip|")}
-    # One spin of 24 is allowed at friction 0.4 without an estimate, two are not.
-    assert failing(with_summary(good(), "friction-40", [result(0.5), spin])) == set()
-    assert failing(with_summary(good(), "friction-40", [spin, spin])) == {("friction 0.4, no estimate", "spins in 2 cells")}
-
-
-def test_a_cell_that_does_not_settle_fails_settling_alone() -> None:
-    swinging = result(1.0, settled=False, settling_time_s=None)
-    rows = with_summary(good(), "nominal", [result(0.5), swinging])
-    assert failing(rows) == {("all cells, as configured", "settling time to 2 %")}
-    measured = replace(good(), c1={**good().c1, "lag-50": swinging})
+    assert not all_passed(requirements(with_rows("lag-100", result(1.0, overshoot_percent=16.1))))
+    measured = replace(good(), c1={**good().c1, "lag-50": SWINGING})
     (row,) = [row for row in requirements(measured) if row.passed is False]
     assert (row.subject_matter, row.measured, row.note) == ("C1, actuator lag 50 ms", None, "it does not settle")
+    # A figure without a measurement neither passes nor fails.
+    rows = requirements(Measured({}, {}, None))
+    assert {(row.passed, row.note) for row in rows} == {(None, "not measured in this run")}
+    assert len(rows) == len(requirements(good()))
+    assert all_passed(rows)
 
 
 def test_margins_name_the_speed_and_an_unstable_loop() -> None:
@@ -399,30 +335,22 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     assert {row.note for row in requirements(replace(good(), margins=lost)) if row.passed is False} == {"an unstable loop"}
 
 
-def test_what_was_not_measured_neither_passes_nor_fails() -> None:
-    rows = requirements(Measured({}, {}, None))
-    assert {row.passed for row in rows} == {None}
-    assert {row.note for row in rows} == {"not measured in this run"}
-    assert len(rows) == len(requirements(good()))
-    assert all_passed(rows)
-
-
-def test_a_limit_itself_is_met_in_spite_of_rounding() -> None:
-    assert 1.6 - 1.0 > 0.6  # as a settling time is computed
-    measured = replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})
-    assert failing(measured) == set()
-
-
-# --- subjects ----------------------------------------------------------------------------------------------------------
+def test_infinite_margins_are_no_numbers_in_json() -> None:
+    """JSON has no infinity. A PI without integral part may never cross unit gain."""
+    loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
+    row = next(row for row in requirements(replace(good(), margins=loop)) if row.figure == "phase margin")
+    assert (row.measured, row.passed) == (math.inf, True)
+    text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
+    assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
 
 
 def test_the_controller_is_that_of_the_original_car(pi: Subject) -> None:
     """Only the plant changes: the C beside it is the same in every library, and so is its map."""
-    nominal, heavy = software_of(pi, NOMINAL), software_of(pi, known.COMBINED)
-    assert heavy.config.vehicle.mass_kg > nominal.config.vehicle.mass_kg
-    same = [software.parameters() for software in (nominal, heavy)]
+    nominal, slow = software_of(pi, NOMINAL), software_of(pi, LAGS[2])
+    assert slow.config.rear_actuator.lag_s > nominal.config.rear_actuator.lag_s
+    same = [software.parameters() for software in (nominal, slow)]
     assert same[0].rear_angle_error_max == same[1].rear_angle_error_max
-    assert nominal.map_yaw_rate(20.0, 0.05) == heavy.map_yaw_rate(20.0, 0.05)
+    assert nominal.map_yaw_rate(20.0, 0.05) == slow.map_yaw_rate(20.0, 0.05)
     assert software_of(pi, NOMINAL) is nominal
 
 
@@ -430,7 +358,7 @@ def test_a_build_folder_is_a_subject_too(pi: Subject, build_folder: Any) -> None
     """The same bits, whether rendered in memory or read from what `codegen build` left."""
     loaded = Subject("folder", CONFIG, around_folder(build_folder))
     cell = c1(CONFIG)
-    assert np.array_equal(drive(loaded, LAGS[0], cell), drive(pi, LAGS[0], cell))
+    assert np.array_equal(drive(loaded, NOMINAL, cell), drive(pi, NOMINAL, cell))
 
 
 def test_parameters_reach_the_controller(pi: Subject) -> None:
@@ -464,57 +392,35 @@ def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
     assert largest[1] < 0.4 * 9.81 < largest[0]
 
 
-def test_passive_car_has_its_rear_wheels_straight(passive: Subject) -> None:
-    made = drive(passive, NOMINAL, c1(CONFIG))
-    assert not made[:, RECORD_COLUMNS.index("rear_angle_rad")].any()
-
-
-# --- the whole of it ---------------------------------------------------------------------------------------------------
+CHOSEN = tuple(each for each in CONDITIONS if each.name in ("nominal", "friction-60"))
 
 
 @pytest.fixture(scope="module")
-def suite(pi: Subject) -> Any:
-    """The paper's PI and the passive car under some of the conditions."""
-    chosen = [NOMINAL, *(each for each in CONDITIONS if each.name in ("lag-100", "friction-60"))]
+def suite(pi: Subject) -> SuiteResult:
+    """The paper's PI and the passive car in three cells under two conditions."""
     seen: list[tuple[str, int, int]] = []
-    found = run_suite(pi, [], CASE, chosen=chosen, progress=lambda *step: seen.append(step))
-    assert [(done, total) for _, done, total in seen] == [(k, 6) for k in range(6)]
+    three = [cell for cell in cells(CONFIG, CASE) if (cell.speed_km_h, cell.share) in ((25.0, 1.0), (60.0, 0.75), (120.0, 1.0))]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracking, "cells", lambda config, case: tuple(three))
+        found = run_suite(pi, [], CASE, chosen=CHOSEN, progress=lambda *step: seen.append(step))
+    assert [(done, total) for _, done, total in seen] == [(k, 4) for k in range(4)]
     return found
 
 
-def test_the_papers_pi_on_c1(suite: Any) -> None:
-    """15, 17 and 19 % as measured here; a prototype of the same loop gave 15, 17 and 18 %."""
+def test_the_papers_pi(suite: SuiteResult) -> None:
+    """The overshoot on the paper's step is 15, 17 and 19 %; a prototype of the same loop gave 15, 17 and 18 %."""
     overshoots = [suite.c1["pi"][lag.name].overshoot_percent for lag in LAGS]
     assert overshoots == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
     assert [suite.c1["pi"][lag.name].share_of_reference for lag in LAGS] == pytest.approx([1.0] * 3, abs=1e-4)
     assert suite.c1["passive"]["lag-50"].overshoot_percent < 0.01
-
-
-def test_recordings_for_pictures_are_those_that_were_judged(suite: Any) -> None:
-    """The paper's step first, then cells of high speed; each with what the map asks for."""
-    shown = suite.shown
-    assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 100.0, 120.0]
-    assert shown[0].cell == c1(CONFIG)
-    assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
-    for each in shown[1:]:
-        place = suite.cells.index(each.cell)
-        for name in ("pi", "passive"):
-            assert judge(each.records[name], each.cell, "nominal", each.map_yaw_rate) == suite.results[name]["nominal"][place]
-
-
-def test_the_papers_pi_over_all_cells(suite: Any) -> None:
-    """A prototype of the same loop gave a mean of 55 %, a worst of 174 % and 4 spins."""
-    found: Summary = suite.summary("pi", "nominal")
-    assert found.cells == 24
-    assert found.overshoot_mean_percent == pytest.approx(50.5, abs=1.0)
-    assert found.overshoot_percent is not None
-    assert found.overshoot_percent.value == pytest.approx(139.7, abs=3.0)
-    assert (found.overshoot_percent.cell.speed_km_h, found.overshoot_percent.cell.share) == (120.0, 1.0)
-    assert len(suite.summary("pi", "friction-60").spins) >= 8  # a dry map on a wet road
-    assert suite.summary("pi", "lag-100").overshoot_mean_percent > found.overshoot_mean_percent
-
-
-def test_the_papers_pi_is_refused(suite: Any) -> None:
+    # Its worst cell of all: the prototype gave 174 %.
+    worst = suite.summary("pi", "nominal").overshoot_percent
+    assert worst is not None
+    assert worst.value == pytest.approx(139.7, abs=3.0)
+    assert (worst.cell.speed_km_h, worst.cell.share) == (120.0, 1.0)
+    assert suite.summary("pi", "friction-60").spins
+    times = [row.mean_s for row in suite.rise_times["pi"]]
+    assert times == sorted(times, reverse=True)
     assert not suite.passed
     failed = {row.subject_matter for row in suite.requirements if row.passed is False}
     assert {
@@ -527,36 +433,20 @@ def test_the_papers_pi_is_refused(suite: Any) -> None:
     assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= unmeasured
 
 
-def test_rise_times_fall_with_speed_for_the_pi(suite: Any) -> None:
-    times = [row.mean_s for row in suite.rise_times["pi"]]
-    assert [row.speed_km_h for row in suite.rise_times["pi"]] == list(SPEEDS_KM_H)
-    assert times == sorted(times, reverse=True)
+def test_recordings_for_pictures_are_those_that_were_judged(suite: SuiteResult) -> None:
+    """The paper's step first, then cells of high speed; each with the map's yaw rate."""
+    shown = suite.shown
+    assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 120.0]
+    assert shown[0].cell == c1(CONFIG)
+    assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
+    assert not shown[0].records["passive"][:, RECORD_COLUMNS.index("rear_angle_rad")].any()
+    for each in shown[1:]:
+        place = suite.cells.index(each.cell)
+        for name in ("pi", "passive"):
+            assert judge(each.records[name], each.cell, "nominal", each.map_yaw_rate) == suite.results[name]["nominal"][place]
 
 
-def test_rise_times_leave_spins_out() -> None:
-    rows = rise_times("x", [result(0.5), result(0.75, rise_time_s=0.5), result(1.0, spun_at_s=1.0, settled=False, **SPUN)])
-    assert (rows[0].mean_s, rows[0].largest_s) == (pytest.approx(0.4), 0.5)
-    assert rise_times("x", [result(1.0, spun_at_s=1.0, settled=False, **SPUN)])[0].mean_s is None
-
-
-def test_rise_times_are_compared_where_both_stay_on_the_road() -> None:
-    spin = result(0.75, spun_at_s=1.0, settled=False, **SPUN)
-    (row,) = compare_rise([result(0.5, rise_time_s=0.4), spin, result(1.0)], [result(0.5), result(0.75, rise_time_s=9.0), spin])
-    assert (row.speed_km_h, row.cells, row.mean_s, row.other_mean_s) == (60.0, 1, 0.4, 0.3)
-    assert row.difference_s == pytest.approx(0.1)
-    assert compare_rise([spin], [result(0.75)]) == ()
-
-
-def test_margins_that_nothing_uses_up_are_no_numbers_in_json() -> None:
-    """JSON has no infinity. A PI without integral part may never cross unit gain."""
-    loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
-    row = next(row for row in requirements(replace(good(), margins=loop)) if row.figure == "phase margin")
-    assert (row.measured, row.passed) == (math.inf, True)
-    text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
-    assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
-
-
-def test_what_is_measured_elsewhere_may_come_later(suite: Any) -> None:
+def test_figures_from_elsewhere_may_come_later(suite: SuiteResult) -> None:
     assert suite.instructions is None
     later = suite.with_outside(Outside({"pi": (result(1.0, overshoot_percent=3.5),)}, 1501))
     rows = {row.figure: row for row in later.requirements if row.subject_matter in ("third party's plant", "Cortex-M4F")}
@@ -566,31 +456,19 @@ def test_what_is_measured_elsewhere_may_come_later(suite: Any) -> None:
     assert later.to_dict()["instructions"] == 1501
 
 
-def test_suite_as_json(suite: Any) -> None:
+def test_suite_as_json(suite: SuiteResult) -> None:
     data = json.loads(json.dumps(suite.to_dict(), allow_nan=False))
     assert data["tested"] == "pi"
     assert data["subjects"] == ["pi", "passive"]
-    assert len(data["results"]["passive"]["lag-100"]) == 24
+    assert len(data["results"]["passive"]["friction-60"]) == 3
     assert data["requirements"][0]["asked"] == "at most 2 %"
     assert [(row["condition"], row["subject"]) for row in data["summaries"][:2]] == [("nominal", "pi"), ("nominal", "passive")]
     assert "243 linear single-track cars at 8 speeds from 15 to 120 km/h" in data["design_set"]
 
 
-def test_figures_from_outside_fill_their_rows(pi: Subject) -> None:
-    outside = Outside(third_party={"pi": [result(1.0, overshoot_percent=3.5)]}, instructions=96)
-    found = run_suite(pi, [], CASE, chosen=[], outside=outside)
-    rows = {(row.subject_matter, row.figure): row for row in found.requirements}
-    assert rows["third party's plant", "overshoot"].passed is False
-    assert rows["Cortex-M4F", "instructions of the worst step"].measured == 96.0
-    assert found.rise_times == {}
-
-
-def test_subjects_must_be_told_apart(pi: Subject) -> None:
+def test_subjects_need_different_names(pi: Subject) -> None:
     with pytest.raises(ValueError, match="two subjects have one name: pi, pi"):
         run_suite(pi, [replace(pi)], CASE, chosen=[])
-
-
-# --- margins and sines -------------------------------------------------------------------------------------------------
 
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
@@ -616,31 +494,24 @@ def linear_yaw_response(config: Config, speed: float, frequency: float) -> compl
 
 
 def test_sine_of_the_passive_car_is_that_of_linear_theory(passive: Subject) -> None:
-    rows = sine_tracking(passive, cells(CONFIG, CASE))
-    assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(v, f) for v in (100.0, 120.0) for f in (0.5, 1.0, 1.5)]
+    largest = cells(CONFIG, CASE)[19]
+    rows = sine_tracking(passive, [largest, Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)])
+    assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(100.0, f) for f in (0.5, 1.0, 1.5)]
+    # The passive car turns more than the map at 100 km/h by the ratio of their steady gains.
+    small = Cell(100.0, 0.1 * largest.front_angle_deg)
+    steady = abs(linear_yaw_response(CONFIG, 100.0 * KM_H, 0.2))
+    gain = float(SingleTrack.from_config(CONFIG).yaw_gain(100.0 * KM_H))
+    of_map = map_yaw_rate(passive, NOMINAL, small) / math.radians(small.front_angle_deg)
+    assert rows[0].gain_of_map == pytest.approx(rows[0].gain_of_steady * steady * gain / of_map, rel=1e-2)
     for row in rows:
         speed = row.speed_km_h * KM_H
         theory = linear_yaw_response(CONFIG, speed, row.frequency_hz)
         lowest = abs(linear_yaw_response(CONFIG, speed, 0.2))
         # The front angle of the recording is behind the steering's lag already. Tyres at a tenth of the largest angle bend a
-        # little, at 120 km/h more (measured: up to 0.07 % and 0.5 deg).
+        # little (measured: up to 0.07 % and 0.5 deg).
         lag = 1.0 + 2j * math.pi * row.frequency_hz * CONFIG.steering.lag_s
         assert row.gain_of_steady == pytest.approx(abs(theory * lag) / lowest, rel=1e-3)
         assert row.phase_deg == pytest.approx(math.degrees(np.angle(theory * lag)), abs=0.6)
-
-
-def test_sine_is_held_against_the_map(pi: Subject, passive: Subject) -> None:
-    """The passive car turns more than the map asks for at 100 km/h by the ratio of their steady gains."""
-    row = sine_tracking(passive, [Cell(100.0, 4.8, 1.0)])[0]
-    small = Cell(100.0, price.SINE_SHARE * 4.8)
-    gain = 100.0 * KM_H / (3.14 + 2335.07 / 3.14 * (1.566 / 239_080.0 - 1.574 / 239_660.0) * (100.0 * KM_H) ** 2)
-    asked = map_yaw_rate(pi, NOMINAL, small) / math.radians(small.front_angle_deg)
-    lowest = abs(linear_yaw_response(CONFIG, 100.0 * KM_H, 0.2))
-    assert row.gain_of_map == pytest.approx(row.gain_of_steady * lowest * gain / asked, rel=1e-2)
-    assert sine_tracking(pi, [Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)]) == ()
-
-
-# --- the third party's plant -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("controlled", [True, False])
@@ -651,7 +522,6 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     driven: list[tuple[bool, float, int]] = []
 
     def run(software: Any, config: Config, scenario: Any, *, delay_samples: int) -> np.ndarray:
-        assert config is CONFIG
         driven.append((software is not None, scenario.settings.speed_km_h, delay_samples))
         made = ramp_with_peak()
         made[:, 0] += SECOND_STEER_TIME - STEER_TIME
@@ -662,29 +532,18 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
     assert driven == [(controlled, speed, 1) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
     assert [row.cell.share for row in rows[:3]] == [0.3, 0.6, 0.9]
     for row in rows:
-        assert row.overshoot_percent == pytest.approx(20.0)
-        assert row.rise_time_s == pytest.approx(0.38)
-        asked = map_yaw_rate(pi, NOMINAL, row.cell)
-        assert row.share_of_reference == pytest.approx(0.5 / asked, rel=1e-6)
-
-
-# --- baselines ---------------------------------------------------------------------------------------------------------
+        assert (row.overshoot_percent, row.rise_time_s) == pytest.approx((20.0, 0.38))
+        assert row.share_of_reference == pytest.approx(0.5 / map_yaw_rate(pi, NOMINAL, row.cell), rel=1e-6)
 
 
 def test_baselines_are_three_controllers_on_one_map() -> None:
-    tuned = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
-    found = subjects.baselines(builds.paper_map(), tuned)
-    assert [(each.name, each.config.controller.kind) for each in found] == [
-        ("pi", "pi"),
-        ("feedforward", "feedforward"),
-        ("proportional", "proportional"),
-    ]
-    # The paper's has its own gains and no rate limit, whatever the configuration says; the others are as configured.
-    assert found[0].config.controller == CONFIG.controller
-    assert found[0].config.limiter == CONFIG.limiter
+    own = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
+    found = subjects.baselines(builds.paper_map(), own)
+    assert (
+        [each.config.controller.kind for each in found]
+        == [each.name for each in found]
+        == ["pi", "feedforward", "proportional"]
+    )
+    # The paper's has its own gains and no rate limit, whatever the configuration has; the others are as configured.
+    assert (found[0].config.controller, found[0].config.limiter) == (CONFIG.controller, CONFIG.limiter)
     assert found[1].config.controller.rear_rate_max_deg_s == 25.0
-    assert all(each.config.vehicle == tuned.vehicle for each in found)
-
-
-def test_asked_in_words() -> None:
-    assert Requirement("m", "f", "", "at most", 1500.0, 96.0, True).asked == "at most 1500"

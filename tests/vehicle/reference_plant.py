@@ -1,18 +1,17 @@
-"""A second car, written from the physics in words, to judge the plant by. It imports nothing of the project.
+"""An independent car, written from the physics in words, as the oracle of the plant. It imports nothing of the project.
 
 A rigid body moves in the plane at a given forward speed, on four wheels. At each wheel the side force follows from the slip
 angle (direction of travel less steering angle) by the Magic Formula at that wheel's load; it acts across the wheel. The
-lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel is in the
-air. Steering and rear actuator are first-order lags with a rate limit; while their command is constant their way is known in
-closed form, so only lateral speed, yaw rate, heading and position are integrated numerically, from kink to kink. Where tyres
-need some way to build up their force, so are the four slip angles that the forces follow from.
+lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel lifts.
+Steering and rear actuator are first-order lags with a rate limit. Where the tyres have a relaxation length, the four slip
+angles that the forces follow from are states too. The integration starts anew where a rate limit ends.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,20 +48,12 @@ class Lag:
     rate_limit: float
 
     def rate(self, error: float) -> float:
-        """How fast the angle follows a command that it misses by `error`."""
+        """Rate of an angle that misses its command by `error`."""
         return min(max(error / self.time_constant, -self.rate_limit), self.rate_limit)
 
-    def ramp_time(self, start: float, command: float) -> float:
-        """s until the lag leaves its rate limit."""
-        return max(abs(command - start) / self.rate_limit - self.time_constant, 0.0)
-
-    def angle(self, start: float, command: float, time: float) -> float:
-        """Where the angle is after `time` s of a constant command: a straight ramp, then an exponential."""
-        ramp = self.ramp_time(start, command)
-        if time < ramp:
-            return start + math.copysign(self.rate_limit * time, command - start)
-        left = math.copysign(self.rate_limit * self.time_constant, command - start) if ramp > 0.0 else command - start
-        return command - left * math.exp(-(time - ramp) / self.time_constant)
+    def ramp_time(self, error: float) -> float:
+        """Time in s until the lag leaves its rate limit, from an error on."""
+        return max(abs(error) / self.rate_limit - self.time_constant, 0.0)
 
 
 @dataclass(frozen=True)
@@ -123,31 +114,13 @@ class Car:
         across = lateral + yaw_rate * points[:, 0]
         return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
 
-    def wheel_slips(self, speed: float, lateral: float, yaw_rate: float, front: float, rear: float) -> FloatArray:
-        """Slip angles of the four wheels from the motion; shape (4,)."""
-        return self.slip_angles(self.wheels, speed, lateral, yaw_rate, np.array([front, front, rear, rear]))
-
-    def slip_rates(self, speed: float, yaw_rate: float, held: FloatArray, from_motion: FloatArray) -> FloatArray:
-        """How fast the slip angles that the tyres hold follow those of the motion: 63 % over one relaxation length rolled."""
-        rolling = np.maximum(speed - yaw_rate * self.wheels[:, 1], ROLLING_SPEED_MIN)
-        result: FloatArray = (from_motion - held) * rolling / self.relaxation_length
-        return result
-
     def body_rates(
-        self,
-        speed: float,
-        yaw_rate: float,
-        slip: FloatArray,
-        steer: tuple[float, float],
-        friction: float,
-        yaw_moment: float = 0.0,
+        self, speed: float, yaw_rate: float, slip: FloatArray, steer: FloatArray, friction: float, yaw_moment: float = 0.0
     ) -> tuple[float, float]:
-        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from the slip angles (4,)."""
-        places = self.wheels
-        angles = np.repeat(np.array(steer), 2)
-        loads = self.loads(speed * yaw_rate)
+        """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
+        places, loads = self.wheels, self.loads(speed * yaw_rate)
         pull = np.array([-self.tyre_force(k, slip[k], loads[k], friction) for k in range(4)])
-        forces = pull[:, None] * np.column_stack([-np.sin(angles), np.cos(angles)])  # unit vectors across the wheels
+        forces = pull[:, None] * np.column_stack([-np.sin(steer), np.cos(steer)])  # unit vectors across the wheels
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
         return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
 
@@ -156,23 +129,23 @@ class Car:
         four slip angles of the tyres, under [speed, steering wheel command, rear command, friction, yaw moment]."""
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
         speed, wheel_command, rear_command, friction, yaw_moment = inputs
-        front = wheel / self.steering_ratio
-        slip = self.wheel_slips(speed, lateral, yaw_rate, front, rear)
-        held = state[7:] if self.relaxation_length else slip
-        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, (front, rear), friction, yaw_moment)
+        steer = np.array([wheel / self.steering_ratio] * 2 + [rear] * 2)
+        slip = self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
+        held, slip_rates = slip, np.empty(0)
+        if self.relaxation_length:  # 63 % over one relaxation length rolled
+            held = state[7:]
+            rolling = np.maximum(speed - yaw_rate * self.wheels[:, 1], ROLLING_SPEED_MIN)
+            slip_rates = (slip - held) * rolling / self.relaxation_length
+        acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
+        actuators = self.steering.rate(wheel_command - wheel), self.rear_actuator.rate(self.within_stop(rear_command) - rear)
         return np.array(
-            [
-                acceleration - speed * yaw_rate,
-                yaw_acceleration,
-                self.steering.rate(wheel_command - wheel),
-                self.rear_actuator.rate(float(np.clip(rear_command, -self.rear_angle_max, self.rear_angle_max)) - rear),
-                drift.real,
-                drift.imag,
-                yaw_rate,
-                *(self.slip_rates(speed, yaw_rate, held, slip) if self.relaxation_length else ()),
-            ]
+            [acceleration - speed * yaw_rate, yaw_acceleration, *actuators, drift.real, drift.imag, yaw_rate, *slip_rates]
         )
+
+    def within_stop(self, rear_command: float) -> float:
+        """The rear command that the actuator can follow."""
+        return min(max(rear_command, -self.rear_angle_max), self.rear_angle_max)
 
     def outputs(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
         """Sideslip angle, lateral acceleration, front angle, slip angles at the middle of the front and of the rear axle."""
@@ -181,8 +154,9 @@ class Car:
         front = wheel / self.steering_ratio
         middles = np.array([[0.0, 0.0], [self.to_front, 0.0], [-self.to_rear, 0.0]])
         sideslip, slip_front, slip_rear = self.slip_angles(middles, speed, lateral, yaw_rate, np.array([0.0, front, rear]))
-        held = state[7:] if self.relaxation_length else self.wheel_slips(speed, lateral, yaw_rate, front, rear)
-        acceleration, _ = self.body_rates(speed, yaw_rate, held, (front, rear), friction)
+        steer = np.array([front, front, rear, rear])
+        held = state[7:] if self.relaxation_length else self.slip_angles(self.wheels, speed, lateral, yaw_rate, steer)
+        acceleration, _ = self.body_rates(speed, yaw_rate, held, steer, friction)
         return np.array([sideslip, acceleration, front, slip_front, slip_rear])
 
 
@@ -190,47 +164,31 @@ def simulate(car: Car, state: FloatArray, holds: Sequence[tuple[float, FloatArra
     """States each `period` s, the first one included, over `holds`: (whole periods in s, inputs held meanwhile)."""
     rows = [np.asarray(state, dtype=np.float64)]
     for duration, inputs in holds:
-        rows += _hold(car, rows[-1], duration, inputs, period)
+        rows += _hold(car, rows[-1], inputs, period * np.arange(1.0, round(duration / period) + 1))
     return np.array(rows)
 
 
-def _hold(car: Car, start: FloatArray, duration: float, inputs: FloatArray, period: float) -> list[FloatArray]:
-    """States at the end of each period of one hold."""
-    speed, wheel_command, rear_command, friction, yaw_moment = inputs
-    rear_command = float(np.clip(rear_command, -car.rear_angle_max, car.rear_angle_max))
-
-    def wheel(time: float) -> float:
-        return car.steering.angle(start[2], wheel_command, time)
-
-    def rear(time: float) -> float:
-        return car.rear_actuator.angle(start[3], rear_command, time)
-
-    def motion(time: float, body: FloatArray) -> list[float]:
-        lateral, yaw_rate, _, _, heading = body[:5]
-        steer = (wheel(time) / car.steering_ratio, rear(time))
-        slip = car.wheel_slips(speed, lateral, yaw_rate, *steer)
-        held = body[5:] if car.relaxation_length else slip
-        acceleration, yaw_acceleration = car.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
-        drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
-        following = car.slip_rates(speed, yaw_rate, held, slip) if car.relaxation_length else ()
-        return [acceleration - speed * yaw_rate, yaw_acceleration, drift.real, drift.imag, yaw_rate, *following]
-
-    times: FloatArray = period * np.arange(1.0, round(duration / period) + 1)
-    kinks = (car.steering.ramp_time(start[2], wheel_command), car.rear_actuator.ramp_time(start[3], rear_command))
+def _hold(car: Car, start: FloatArray, inputs: FloatArray, times: FloatArray) -> list[FloatArray]:
+    """States at `times` under constant inputs."""
+    kinks = (
+        car.steering.ramp_time(inputs[1] - start[2]),
+        car.rear_actuator.ramp_time(car.within_stop(inputs[2]) - start[3]),
+    )
     edges = [0.0, *sorted({kink for kink in kinks if 0.0 < kink < times[-1]}), float(times[-1])]
-    bodies = _piecewise(motion, start[[0, 1, *range(4, len(start))]], edges, times)
-    return [np.array([b[0], b[1], wheel(t), rear(t), *b[2:]]) for t, b in zip(times, bodies, strict=True)]
-
-
-def _piecewise(
-    motion: Callable[[float, FloatArray], list[float]], start: FloatArray, edges: Sequence[float], times: FloatArray
-) -> list[FloatArray]:
-    """The solution at `times` (the last one is the last edge); the integrator starts anew at each edge."""
     found: list[FloatArray] = []
     for left, right in itertools.pairwise(edges):
         inside = times[(times > left) & (times <= right)]
         ends = inside if inside.size and inside[-1] == right else np.append(inside, right)
-        solution = solve_ivp(motion, (left, right), start, "DOP853", ends, rtol=1e-11, atol=1e-13, max_step=STEP_MAX)
+        solution = solve_ivp(
+            lambda _, x: car.derivative(x, inputs),
+            (left, right),
+            start,
+            "DOP853",
+            ends,
+            rtol=1e-11,
+            atol=1e-13,
+            max_step=STEP_MAX,
+        )
         if not solution.success:
             raise ArithmeticError(solution.message)
         start = solution.y[:, -1]
