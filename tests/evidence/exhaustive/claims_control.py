@@ -136,14 +136,11 @@ def between(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Clai
     return Claim(unit, function, "within both bounds, false for NaN", IS_BETWEEN, at, values={"ranges": ranges})
 
 
-def _over_speed(
-    unit: str,
-    function: str,
-    kind: str,
-    result: str,
-    speeds: Sequence[float],
-    outputs: Mapping[str, tuple[str, Sequence[float]]],
-) -> Claim:
+Outputs = Mapping[str, tuple[str, Sequence[float]]]
+"""Values of a table over speed, by member of the parameters; each with the suffix that takes the result from the call."""
+
+
+def _over_speed(unit: str, function: str, kind: str, result: str, speeds: Sequence[float], outputs: Outputs) -> Claim:
     """Claim of a table over speed. Rounding is at most half a unit of the largest value for each of five operations."""
     speed = "opposite_phase_speed" if unit == "limiter" else "schedule_speed"
     columns = {speed: speeds, **{member: numbers for member, (_, numbers) in outputs.items()}}

@@ -103,7 +103,8 @@ PACK = """
     expected = (value != value) ? {{ absent }}.0 : expected;
     signals.{{ role }} = value;
     {{ call(data="data", signals="&signals") }};
-    SAME("the nearest code lies in the signal's bits", {{ name }}_taken(data), (uint32_t)(int32_t)expected & {{ 2 * half - 1 }}u);
+    SAME("the nearest code lies in the signal's bits",
+        {{ name }}_taken(data), (uint32_t)(int32_t)expected & {{ 2 * half - 1 }}u);
     {% if qualifier is not none %}
     SAME("it qualifies unless it is NaN", (data[{{ qualifier // 8 }}] >> {{ qualifier % 8 }}u) & 1u, value == value);
     {% endif %}

@@ -162,7 +162,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress, only: Conta
             ]
             for unit in source.units:
                 if only is None or unit in only:
-                    own, missing = _judges(source, unit, [claim for claim in claims if claim.unit == unit])
+                    own, missing = _judges(source, unit, claims)
                     findings += missing
                     new = {key: judge for key, judge in own.items() if judges.setdefault(key, judge) is judge}
                     for key in own:
@@ -189,13 +189,14 @@ def _claims(source: Source) -> list[Claim]:
 def _judges(source: Source, unit: str, claims: Sequence[Claim]) -> tuple[dict[str, Judge], list[str]]:
     """Return the judges of a unit by key, and why functions have none."""
     judges, missing, where = {}, [], f"{source.subject.name}/{source.path(unit)}"
-    for claim in claims:
+    own = [claim for claim in claims if claim.unit == unit]
+    for claim in own:
         try:
             judge = Judge.of(claim, source)
             judges[judge.key(source, unit)] = judge
         except Absent as error:
             missing.append(f"{source.subject.name}/{error}: {claim.function} cannot be judged")
-    known = [name.removeprefix(f"{unit}: ") for name in (*OTHERS, *(claim.function for claim in claims))]
+    known = [name.removeprefix(f"{unit}: ") for name in (*OTHERS, *(claim.function for claim in own))]
     names = {name.replace("@", source.subject.prefix) for name in known}
     missing += [
         f"{where}: {name}() takes a number and has neither a claim nor a reason for having none"
