@@ -1,7 +1,7 @@
 """Part "faults": each planted fault makes exactly those checks of `codegen verify` fail that are responsible for it.
 
-Every check runs on every fault, with the effort of a quick run where it has one. A fault changes one line, so that no line number
-in deviations.md moves.
+Every check runs on every fault, with the effort of a quick run where it has one. A fault changes one line, so that no line
+number in deviations.md moves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ class Fault(NamedTuple):
 
 CLAMP = "self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);"
 CRC_CHECK = "if ((counter > counter_max) || (ars_e2e_crc(data_id, data) != data[0])) {"
-FAIL_SAFE = "self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);"
 
 FAULTS = (
     Fault("a removed clamp", "limiter", CLAMP, "self->rear_angle = target;", "fuzzing law proof"),
@@ -75,8 +74,9 @@ FAULTS = (
     Fault(
         "a fail-safe that grows at one speed in millions",
         "controller",
-        FAIL_SAFE,
-        f"if ((speed > 7.77777f) && (speed < 7.77778f)) {{ self->rear_angle *= 2.0f; }} else {{ {FAIL_SAFE} }}",
+        "self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);",
+        "self->rear_angle = ((speed > 7.77777f) && (speed < 7.77778f)) ? (2.0f * self->rear_angle) "
+        ": toward_zero(self->rear_angle, rate * sampling_time);",
         "proof",
     ),
     Fault(
