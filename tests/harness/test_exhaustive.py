@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.check import Effort, Outcome, Subject, Verdict
+from codegen.verify.check import Effort, Outcome, Subject
 from tests.evidence.exhaustive import exhaustive
-from tests.evidence.exhaustive.claim import FLOATS, Absent, Source
+from tests.evidence.exhaustive.claim import FLOATS, Claim, Source
 from tests.evidence.part import FOLDERS
 from tests.evidence.progress import Progress
 
@@ -93,111 +92,79 @@ def failed(outcome: Outcome) -> set[str]:
     return {f"{Path(path).stem.removeprefix('ars_')}: {text.split()[0]}" for path, text in places}
 
 
-def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path) -> None:
+def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     faults = [(unit, *fault) for unit, faults in FAULTS.items() for fault in faults]
-    outcome = exhaustive.run([changed(TRACKING, tmp_path, *(fault[:3] for fault in faults))], QUICK, Progress())
+    planted, steps = changed(TRACKING, tmp_path, *(fault[:3] for fault in faults)), tmp_path / "steps"
+    outcome = exhaustive.run([planted], QUICK, Progress(steps))
     expected = {f"{unit}: {name}" for unit, _, _, names in faults for name in names}
     found = {next((name for name in expected if each.startswith(name)), each) for each in failed(outcome)}
     assert found == expected
     assert any("src/ars_can.c:75: undefined behaviour: " in finding for finding in outcome.findings)
     start = "4ws2-tracking/src/ars_limiter.c: ars_limiter_init of 0x3F800000 (1): itself, or zero beyond one radian: 0, not 1; "
     assert any(finding.startswith(start) for finding in outcome.findings)
+    # Finished claims are not judged again.
+    monkeypatch.setattr(exhaustive, "compile_program", None)
+    assert exhaustive.run([planted], QUICK, Progress(steps)) == outcome
 
 
-def test_a_helper_without_a_claim_and_a_claim_without_its_helper_fail(tmp_path: Path) -> None:
+def test_helpers_without_claim_and_claims_without_helper_are_findings(tmp_path: Path) -> None:
     new = "static float doubled(float value)\n{\n    return 2.0f * value;\n}\n\nARS_SECTION_CODE static float magnitude("
-    planted = changed(
-        PI,
-        tmp_path,
-        ("limiter", "ARS_SECTION_CODE static float magnitude(", new),
-        ("limiter", "is_between", "is_from_to"),
-    )
-    source = Source(Subject.read(planted))
-    _, missing = exhaustive._judges(source, "limiter", exhaustive._claims(source))
-    assert set(missing) == {
-        "4ws2/src/ars_limiter.c: is_between() is not there: is_between cannot be judged",
+    old = "ARS_SECTION_CODE static float magnitude("
+    planted = changed(PI, tmp_path, ("limiter", old, new), ("limiter", "is_between", "is_from_to"))
+    _, findings = exhaustive.claims_of(Source(Subject.read(planted)))
+    assert set(findings) == {
+        "4ws2/src/ars_limiter.c: is_between is not there",
         "4ws2/src/ars_limiter.c: doubled() takes a number and has neither a claim nor a reason for having none",
         "4ws2/src/ars_limiter.c: is_from_to() takes a number and has neither a claim nor a reason for having none",
     }
+    subject = Subject.read(PI)
+    _, findings = exhaustive.claims_of(Source(without(subject, "src/ars_e2e.c")))
+    assert findings == [f"4ws2/src/ars_e2e.c: {name} is not there" for name in ("ars_e2e_crc", "increased")]
+    manifest = {**subject.manifest, "options": {**subject.manifest["options"], "precision": "double"}}
+    with pytest.raises(BuildError, match="double precision"):
+        exhaustive.claims_of(Source(dataclasses.replace(subject, manifest=manifest)))
 
 
-def test_a_call_has_the_order_of_the_parameters() -> None:
-    source = Source(Subject.read(PI))
-    assert source.call("limiter", "clamp", {"high": "2", "low": "1", "value": "x", "more": "y"}) == "clamp(x, 1, 2)"
-    with pytest.raises(Absent, match=r"src/ars_limiter.c: clamp\(\) takes 'high', which its claim does not know"):
-        source.call("limiter", "clamp", {"low": "1", "value": "x"})
+def without(subject: Subject, path: str) -> Subject:
+    """Return a build without one of its files."""
+    return dataclasses.replace(subject, files={name: content for name, content in subject.files.items() if name != path})
 
 
 def test_reasons_for_having_no_claim_name_functions_that_exist() -> None:
-    sources = [Source(Subject.read(folder)) for folder in FOLDERS]
     names = {
-        f"{unit}: {name}".replace(": ars_", ": @_")
-        for source in sources
-        for unit in source.units
-        for name in source.functions(unit)
+        f"{path.removeprefix('src/ars_').removesuffix('.c')}: {name}".replace(": ars_", ": @_")
+        for folder in FOLDERS
+        for path, functions in Source(Subject.read(folder)).functions.items()
+        for name in functions
     }
     assert set(exhaustive.OTHERS) <= names
 
 
 def test_all_inputs_run_once() -> None:
-    parts = exhaustive.Judge("f", "", "", "", "", "", FLOATS).pieces(1)
+    parts = exhaustive.pieces_of(Claim("u", "f", "", ""), 1)
     assert [first for first, _, _ in parts] == [0, *(end for _, end, _ in parts[:-1])]
     assert parts[-1][1:] == (FLOATS, 1)
+    assert exhaustive.run([], QUICK, Progress()).findings == ("no claim was judged",)
 
 
 def test_equal_claims_about_equal_c_have_one_key() -> None:
     def keys(subject: Subject) -> dict[str, str]:
         source = Source(subject)
-        claims = exhaustive._claims(source)
-        own = ((unit, exhaustive._judges(source, unit, claims)[0]) for unit in source.units)
-        return {f"{unit}: {judge.name}": key for unit, judges in own for key, judge in judges.items()}
+        return {f"{claim.unit}: {claim.name}": source.key(claim) for claim in exhaustive.claims_of(source)[0]}
 
     pi, tracking = map(Subject.read, FOLDERS)
-    whole, other = keys(pi), keys(tracking)
-    assert whole["controller: magnitude"] == whole["limiter: magnitude"] == other["limiter: magnitude"]
-    assert {"map: road_of", "map: locate_speed", "e2e: ars_e2e_crc"} <= {name for name in whole if whole[name] == other[name]}
+    own, other = keys(pi), keys(tracking)
+    assert own["controller: magnitude"] == own["limiter: magnitude"] == other["limiter: magnitude"]
+    assert {"map: road_of", "map: locate_speed", "e2e: ars_e2e_crc"} <= {name for name in own if own[name] == other[name]}
     # Another state to set is other C; so is another callee, another constant, and another breakpoint of the map.
-    assert whole["controller: ars_controller_init"] != other["controller: ars_controller_init"]
+    assert own["controller: ars_controller_init"] != other["controller: ars_controller_init"]
     for path, old, new, name in (
         ("src/ars_can.c", b"4097.0f", b"4095.0f", "can: to_code (0 to 254, 100 a unit)"),
         ("src/ars_map.c", b"map_friction = 0.9f", b"map_friction = 0.8f", "map: road_of"),
-        (
-            "src/ars_calibration.c",
-            b"5.5555553f",
-            b"5.6f",
-            "map: locate_speed",
-        ),
+        ("src/ars_calibration.c", b"5.5555553f", b"5.6f", "map: locate_speed"),
     ):
         text = pi.files[path]
         assert old in text
-        edited = dataclasses.replace(pi, files={**pi.files, path: text.replace(old, new)})
-        changed_keys = keys(edited)
-        assert changed_keys[name] != whole[name]
-        assert changed_keys["limiter: clamp"] == whole["limiter: clamp"]
-
-
-def test_a_finished_step_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps = tmp_path / "steps"
-    first = exhaustive.run([PI], QUICK, Progress(steps), {"e2e"})
-    assert first.verdict is Verdict.PASSED
-    monkeypatch.setattr(exhaustive, "compile_program", None)
-    assert exhaustive.run([PI], QUICK, Progress(steps), {"e2e"}) == first
-
-
-def test_a_unit_that_is_gone_fails(tmp_path: Path) -> None:
-    copy = changed(PI, tmp_path)
-    (copy / "src/ars_e2e.c").unlink()
-    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
-    del manifest["files"]["src/ars_e2e.c"]
-    (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    outcome = exhaustive.run([copy], QUICK, Progress(), ())
-    assert outcome.findings == ("4ws2: there is no unit 'e2e', which claims are made about", "no claim was judged")
-
-
-def test_builds_in_double_precision_are_rejected(tmp_path: Path) -> None:
-    copy = changed(PI, tmp_path)
-    manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
-    manifest["options"]["precision"] = "double"
-    (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    with pytest.raises(BuildError, match="double precision"):
-        exhaustive.run([copy], QUICK, Progress())
+        edited = keys(dataclasses.replace(pi, files={**pi.files, path: text.replace(old, new)}))
+        assert edited[name] != own[name]
+        assert edited["limiter: clamp"] == own["limiter: clamp"]

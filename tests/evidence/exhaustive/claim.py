@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+import jinja2
 import numpy as np
 
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.text import literal
-from codegen.errors import CodegenError
 from codegen.verify.check import Subject
 
 FLOATS = 2**32
 """Inputs of a helper that takes a number in single precision: every pattern of bits."""
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent),
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 _COMMENT = re.compile(r'/\*.*?\*/|^extern "C" \{$|^#\s*(?!define)[^\n]*', re.DOTALL | re.MULTILINE)
 _DEFINITION = re.compile(r"^(?:#define [^\n]*|[^\s#}][^{;]*(?:\{[^{}\n]*\})?;|[^\s#}].*?^\}[^\n]*)", re.DOTALL | re.MULTILINE)
@@ -25,18 +35,16 @@ _NAME = re.compile(r"#define (\w+)|[^({\[=;]*?(\w+)\s*[({\[=;]")
 _NAME_AFTER = re.compile(r"^\} *(\w+);", re.MULTILINE)
 _LOCAL = re.compile(r"(?:\w+\s)?(?:static|typedef|enum|#define)\b")
 _FUNCTION = re.compile(r"[^({\[=;]*?(\w+)\(([^(){}]*)\)\s*\{")
-_PLAIN = re.compile(r"(?:const )?(\w+(?: \w+)*) (\w+)")
+_REAL = re.compile(r"(?:const )?(?:float|double) \w+")
+_WHOLE = re.compile(r"(?:const )?(?:u?int\d+_t|int|unsigned) \w+")
 _WORD = re.compile(r"\b[A-Za-z_]\w*\b")
-_REAL = {"float", "double"}
-_WHOLE = re.compile(r"u?int\d+_t\Z|int\Z|unsigned")
 
 
 @dataclass(frozen=True)
 class Claim:
     """A helper function and the result that it must have for each of its inputs.
 
-    The C texts are Jinja templates, rendered into exhaustive.c.j2. They see `values`, the prefix of the build as `p` and in
-    capitals as `P`, and `call(parameter=…)`, which calls the function, or another one: `call("name", parameter=…)`.
+    The C texts are Jinja templates. They see `values`, the name of the function as `function`, and the prefix as `p`.
 
     Attributes:
         unit: without prefix, such as "map". function: with "@" for the prefix.
@@ -59,6 +67,20 @@ class Claim:
     inputs: int = FLOATS
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def name(self) -> str:
+        """Name of the function, with the suffix of the claim."""
+        return f"{self.function} ({self.of})" if self.of else self.function
+
+    def rendered(self, prefix: str) -> Claim:
+        """Return the claim about a build: its texts are C."""
+        function = self.function.replace("@", prefix)
+        values = {**self.values, "p": prefix, "function": function}
+        texts = {
+            name: TEMPLATES.from_string(getattr(self, name)).render(values) for name in ("body", "edges", "setup", "start")
+        }
+        return dataclasses.replace(self, function=function, **texts)
+
 
 def number(value: float) -> str:
     """Return a number as a C literal in single precision."""
@@ -73,10 +95,6 @@ def exact(value: float) -> str:
 def edges(*values: str) -> str:
     """Return C that runs the inputs around some numbers."""
     return "".join(f"EDGE({value});\n" for value in dict.fromkeys(values))
-
-
-class Absent(CodegenError):
-    """A function or one of its parameters is not the one that a claim expects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,40 +112,18 @@ class Source:
         """Return the path of a unit such as "map"."""
         return f"src/{self.subject.prefix}_{unit}.c"
 
-    def has(self, unit: str) -> bool:
-        """Return whether the build has a unit."""
-        return self.path(unit) in self.subject.files
-
-    @property
-    def units(self) -> list[str]:
-        """Names of the units, without prefix."""
-        sources = (path for path in self.subject.sources("src") if path.endswith(".c"))
-        return sorted(path.removeprefix(self.path("")[:-2]).removesuffix(".c") for path in sources)
-
     @cached_property
     def _definitions(self) -> dict[str, list[str]]:
         """Definitions at file scope by path, without comments."""
         texts = {path: _COMMENT.sub("", content.decode("ascii")) for path, content in self.subject.sources().items()}
         return {path: _DEFINITION.findall(text) for path, text in texts.items()}
 
-    def functions(self, unit: str) -> dict[str, dict[str, str]]:
-        """Return the functions that a unit defines: name to parameters, each name to type; "*" for pointers and arrays."""
-        found = (_FUNCTION.match(text) for text in self._definitions[self.path(unit)])
-        return {match[1]: dict(map(_parameter, match[2].split(","))) for match in found if match}
-
-    def call(self, unit: str, function: str, arguments: Mapping[str, object]) -> str:
-        """Return a call in C, with the arguments in the order of the function's parameters; others are left out.
-
-        Raises:
-            Absent: there is no such function, or it has a parameter that is not among the arguments.
-        """
-        known = self.functions(unit).get(function)
-        if known is None:
-            raise Absent(f"{function}() is not there", where=self.path(unit))
-        given = {"void": "", **arguments}
-        if missing := [name for name in known if name not in given]:
-            raise Absent(f"{function}() takes {missing[0]!r}, which its claim does not know", where=self.path(unit))
-        return f"{function}({', '.join(str(given[name]) for name in known)})"
+    @cached_property
+    def functions(self) -> dict[str, dict[str, bool]]:
+        """Functions by the path of their unit. The value is true for those that need a claim: they take a real number, or whole
+        numbers only."""
+        found = {path: map(_FUNCTION.match, texts) for path, texts in self._definitions.items() if path.endswith(".c")}
+        return {path: {match[1]: _takes_number(match[2].split(",")) for match in each if match} for path, each in found.items()}
 
     @cached_property
     def _by_name(self) -> dict[str, list[tuple[str, str]]]:
@@ -139,30 +135,30 @@ class Source:
                     named.setdefault(name, []).append((path, text))
         return named
 
-    def dependence(self, unit: str, text: str) -> list[str]:
-        """Return all definitions that a text in C, compiled with a unit, depends on. Equal lists mean equal C."""
+    def key(self, claim: Claim) -> str:
+        """Return a name that equal claims share: those with equal C and equal definitions of all that the C depends on."""
+        text = "\n".join((claim.body, claim.edges, claim.setup, claim.start))
         found: set[tuple[str, str]] = set()
-        waiting = {(self.path(unit), text)}
+        waiting = {(self.path(claim.unit), text)}
         while waiting:
             path, content = waiting.pop()
-            named = (each for word in set(_WORD.findall(content)) for each in self._by_name.get(word, ()))
+            named = (each for word in _words(content) for each in self._by_name.get(word, ()))
             # A name that is local to another source is another name.
             new = {(where, each) for where, each in named if where == path or where.endswith(".h") or not _LOCAL.match(each)}
             waiting |= new - found
             found |= new
-        return sorted({each for _, each in found})
+        whole = repr((claim.inputs, text, sorted({each for _, each in found})))
+        return f"{claim.name} {hashlib.sha256(whole.encode()).hexdigest()[:16]}"
 
 
-def takes_number(parameters: Mapping[str, str]) -> bool:
-    """Return whether a function needs a claim: it takes a real number, or whole numbers only."""
-    types = [kind for kind in parameters.values() if kind != "void"]
-    return any(kind in _REAL for kind in types) or (bool(types) and all(_WHOLE.match(kind) for kind in types))
+@functools.cache
+def _words(text: str) -> frozenset[str]:
+    return frozenset(_WORD.findall(text))
 
 
-def _parameter(text: str) -> tuple[str, str]:
-    plain = _PLAIN.fullmatch(text.strip())
-    name = _WORD.findall(text.partition("[")[0])[-1]
-    return (name, plain[1]) if plain else (name, "void" if name == "void" else "*")
+def _takes_number(parameters: Sequence[str]) -> bool:
+    stripped = [parameter.strip() for parameter in parameters]
+    return any(map(_REAL.fullmatch, stripped)) or all(map(_WHOLE.fullmatch, stripped))
 
 
 def _names(text: str) -> Iterable[str]:

@@ -10,21 +10,21 @@ import numpy as np
 from codegen.config import KM_H
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
 
-MAGNITUDE = 'SAME("the number without its sign", {{ call(value="x") }}, number_of(size_of(bits)));'
+MAGNITUDE = 'SAME("the number without its sign", {{ function }}(x), number_of(size_of(bits)));'
 HELD = """
     {% for low, high in ranges %}
-    SAME("{{ low }} to {{ high }}", {{ call(value="x", low=low, high=high) }}, held(bits, {{ low }}, {{ high }}));
+    SAME("{{ low }} to {{ high }}", {{ function }}(x, {{ low }}, {{ high }}), held(bits, {{ low }}, {{ high }}));
     {% endfor %}
 """
 IS_WITHIN = """
     {% for limit in limits %}
-    SAME("{{ limit }}", {{ call(value="x", largest=limit) }}, (size_of(bits) <= bits_of({{ limit }})){{ or_nan }});
+    SAME("{{ limit }}", {{ function }}(x, {{ limit }}), (size_of(bits) <= bits_of({{ limit }})){{ or_nan }});
     {% endfor %}
 """
 IS_BETWEEN = """
     {% for low, high in ranges %}
-    SAME("{{ low }} to {{ high }}", {{ call(value="x", numbers="&x", count="1u", low=low, high=high) }},
-        is_from_to(bits, {{ low }}, {{ high }}));
+    SAME("{{ low }} to {{ high }}", {{ function }}({{ given }}, {{ low }}, {{ high }}),
+        held(bits, {{ low }}, {{ high }}) == x);
     {% endfor %}
 """
 TOWARD_ZERO = """
@@ -32,27 +32,27 @@ TOWARD_ZERO = """
     const double size = (double)number_of(size_of(bits)) - (double){{ step }};
     const float left = (is_nan(bits) | (size <= 0.0)) ? 0.0f : (float)size;
 
-    SAME("one step", {{ call(value="x", step=step) }}, (bits > 0x7FFFFFFFu) ? -left : left);
+    SAME("one step", toward_zero(x, {{ step }}), (bits > 0x7FFFFFFFu) ? -left : left);
 """
 KNOWN_FRICTION = """
     {{ p }}_measurement_t measurement;
 
     measurement.friction = x;
-    SAME("at least the smallest; NaN stays NaN", {{ call(parameters="&known_parameters", measurement="&measurement") }},
+    SAME("at least the smallest; NaN stays NaN", known_friction(&known_parameters, &measurement),
         is_nan(bits) ? NAN : held(bits, {{ least }}, INFINITY));
 """
 CONTROLLER_INIT = """
     const float expected = is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }});
     {{ p }}_controller_t self;
 
-    {{ call(self="&self", rear_angle="x") }};
+    {{ function }}(&self, x);
     SAME("the actuator's range, NaN as zero", self.rear_angle, expected);
     SAME("the limiter starts there too", self.limiter.rear_angle, expected);
 """
 LIMITER_INIT = """
     {{ p }}_limiter_t self;
 
-    {{ call(self="&self", rear_angle="x") }};
+    {{ function }}(&self, x);
     SAME("itself, or zero beyond one radian", self.rear_angle, (size_of(bits) <= bits_of(1.0f)) ? x : 0.0f);
 """
 OVER_SPEED_SETUP = """
@@ -67,7 +67,7 @@ static const {{ p }}_{{ type }} {{ function }}_table = {
 OVER_SPEED = """
     /* NaN, which the step rejects, may have any value of the table; it has that of the lowest speed. */
     const double place = place_on(&{{ function }}_axis, is_nan(bits) ? -1.0 : (double)x);
-    const {{ result }} got = {{ call(parameters="&" ~ function ~ "_table", speed="x") }};
+    const {{ result }} got = {{ function }}(&{{ function }}_table, x);
 
     {% for member, of, tolerance in outputs %}
     NEAR("linear between the breakpoints", got{{ of }}, line_on(&{{ function }}_axis, {{ function }}_table.{{ member }}, place),
@@ -130,10 +130,11 @@ def held(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:
     return Claim(unit, function, "the value within its bounds, NaN as the lower", HELD, at, values={"ranges": ranges})
 
 
-def between(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:
+def between(unit: str, function: str, ranges: Sequence[tuple[str, str]], given: str = "x") -> Claim:
     """Claim of a function that reports whether a value lies in a range."""
     at = edges(*(value for pair in ranges for value in pair))
-    return Claim(unit, function, "within both bounds, false for NaN", IS_BETWEEN, at, values={"ranges": ranges})
+    values = {"ranges": ranges, "given": given}
+    return Claim(unit, function, "within both bounds, false for NaN", IS_BETWEEN, at, values=values)
 
 
 Outputs = Mapping[str, tuple[str, Sequence[float]]]

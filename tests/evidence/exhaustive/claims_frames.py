@@ -25,7 +25,7 @@ static inline bool has_half_of_the_digits(float value)
 LEADING_PART = """
     /* Beyond, no coding has a value: the product with the splitter could overflow. */
     const bool is_beyond = size_of(bits) > bits_of(0x1p100f);
-    const float high = {{ call(value="x") }};
+    const float high = leading_part(x);
     const float low = x - high;
 
     HOLDS("both parts together are the number", is_beyond | (((double)high + (double)low) == (double)x), high, x);
@@ -36,7 +36,8 @@ TO_CODE = """
     const double product = (double)x * (double){{ steps }}; /* 24 digits times 24 fit into 53 */
     const double code = (product > {{ high }}.0) ? {{ high }}.0 : (product < {{ low }}.0) ? {{ low }}.0 : nearest(product);
 
-    SAME("the nearest code, the even one of two", {{ call(value="x", **coding) }}, is_nan(bits) ? {{ absent }}.0 : code);
+    SAME("the nearest code, the even one of two", to_code(x, {{ steps }}, {{ low }}, {{ high }}, {{ absent }}),
+        is_nan(bits) ? {{ absent }}.0 : code);
 """
 CODE_EDGES = """
     for (int32_t code = {{ low }} - 2; code <= {{ high }} + 2; code++) {
@@ -45,11 +46,11 @@ CODE_EDGES = """
 """
 TO_VALUE = """
     const int32_t code = (int32_t)bits + {{ lowest }};
-    const float value = {{ call(code="code", **coding) }};
+    const float value = to_value(code, {{ steps }}, {{ absent }});
 
     SAME("the number nearest to the code's value", value,
         (code == {{ absent }}) ? NAN : (float)((double)code / (double){{ steps }}));
-    SAME("it comes back", {{ call("to_code", value="value", **coding) }}, code);
+    SAME("it comes back", to_code(value, {{ steps }}, {{ low }}, {{ high }}, {{ absent }}), code);
 """
 FRAMES = """
 static const uint8_t {{ name }}_bits[] = { {{ bits | join(", ") }} };
@@ -79,11 +80,11 @@ UNPACK = """
 
     {{ name }}_put(bits, data);
     {% if qualifier is not none %}
-    {{ call(data="data", signals="&signals") }};
+    {{ function }}(data, &signals);
     HOLDS("a signal that does not qualify is not available", signals.{{ role }} != signals.{{ role }}, signals.{{ role }}, NAN);
     data[{{ qualifier // 8 }}] |= 1u << {{ qualifier % 8 }}u;
     {% endif %}
-    {{ call(data="data", signals="&signals") }};
+    {{ function }}(data, &signals);
     SAME("the code's value", signals.{{ role }},
         (code == {{ absent }}) ? NAN : (float)(((double)code * {{ factor }}) + {{ offset }}));
 """
@@ -102,7 +103,7 @@ PACK = """
     expected = (expected > {{ high }}.0) ? {{ high }}.0 : (expected < {{ low }}.0) ? {{ low }}.0 : expected;
     expected = (value != value) ? {{ absent }}.0 : expected;
     signals.{{ role }} = value;
-    {{ call(data="data", signals="&signals") }};
+    {{ function }}(&signals, data);
     SAME("the nearest code lies in the signal's bits",
         {{ name }}_taken(data), (uint32_t)(int32_t)expected & {{ 2 * half - 1 }}u);
     {% if qualifier is not none %}
@@ -134,10 +135,10 @@ CRC_OF_FRAME = """
     for (uint32_t k = 1u; k < 8u; k++) {
         crc = crc_by_bits(crc, data[k]);
     }
-    SAME("CRC-8 bit by bit", {{ call(data_id="data_id", data="data") }}, crc);
+    SAME("CRC-8 bit by bit", {{ function }}(data_id, data), crc);
 """
-INCREASED = 'SAME("one more, up to 14", {{ call(counter="(uint8_t)bits") }}, (bits < 14u) ? bits + 1u : bits);'
-NOT_AVAILABLE = 'SAME("a quiet NaN", bits_of({{ call() }}), 0x7FC00000u);'
+INCREASED = 'SAME("one more, up to 14", increased((uint8_t)bits), (bits < 14u) ? bits + 1u : bits);'
+NOT_AVAILABLE = 'SAME("a quiet NaN", bits_of({{ function }}()), 0x7FC00000u);'
 
 
 def claims(source: Source) -> Iterator[Claim]:
@@ -163,10 +164,9 @@ def claims(source: Source) -> Iterator[Claim]:
 
 def _coding(signal: RealSignal) -> dict[str, Any]:
     steps, low, high, absent = number(1.0 / signal.factor), signal.raw_low, signal.raw_high, signal.raw_not_available
-    coding = {"steps": steps, "low": low, "high": high, "not_available": absent}
     lowest = min(low, absent)
     codes = max(high, absent) - lowest + 1
-    return {"coding": coding, "steps": steps, "low": low, "high": high, "absent": absent, "lowest": lowest, "codes": codes}
+    return {"steps": steps, "low": low, "high": high, "absent": absent, "lowest": lowest, "codes": codes}
 
 
 def _frames(message_role: str, message: Message, role: str, signal: RealSignal) -> Iterator[Claim]:

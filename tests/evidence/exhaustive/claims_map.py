@@ -23,7 +23,7 @@ static double {{ function }}_before;
 AXIS_START = "{{ function }}_axis.cell = 0u;\n{{ function }}_before = -INFINITY;"
 LOCATE = """
     const float value = {{ "(x < 0.0f) ? -x : x" if is_magnitude else "x" }}; /* as the callers pass it */
-    const position_t position = {{ call(speed="value", magnitude="value") }};
+    const position_t position = {{ function }}(value);
     const double place = (double)position.lower + (double)position.fraction;
     const double along = {{ "(bits > 0x7FFFFFFFu) ? -place : place" if is_magnitude else "place" }};
 
@@ -39,7 +39,7 @@ LOCATE = """
 """
 ROAD_OF = """
     const double cap = (double)lateral_acceleration_cap;
-    const road_t road = {{ call(friction="x") }};
+    const road_t road = road_of(x);
     const double got = (double)road.lateral_acceleration_max;
 
     HOLDS("from none to the map's own", (got >= 0.0) & (got <= cap), got, cap);
@@ -68,24 +68,24 @@ CRC_OF = """
     for (uint32_t shift = 0u; shift < 32u; shift += 8u) {
         crc = crc32_table[(crc ^ (bits >> shift)) & 0xFFu] ^ (crc >> 8u);
     }
-    SAME("CRC-32 of its four bytes, the lowest first", {{ call(start="0xFFFFFFFFu", numbers="&x", count="1u") }}, crc);
+    SAME("CRC-32 of its four bytes, the lowest first", crc_of(0xFFFFFFFFu, &x, 1u), crc);
 """
 INCREASING = """
     const float pair[] = { 0.0f, x };
     const float start[] = { x, 1.0f };
 
-    SAME("above the one before", {{ call(breakpoints="pair", count="2u") }}, (double)x > 0.0);
-    SAME("from zero or below", {{ call(breakpoints="start", count="2u") }}, (double)x <= 0.0);
+    SAME("above the one before", are_increasing(pair, 2u), (double)x > 0.0);
+    SAME("from zero or below", are_increasing(start, 2u), (double)x <= 0.0);
 """
 EVEN = """
     const float three[] = { 1.0f, x, 3.0f };
 
-    SAME("a hundredth of a step around the middle", {{ call(breakpoints="three", cells="2u") }},
+    SAME("a hundredth of a step around the middle", are_even(three, 2u),
         fabs((double)x - 2.0) <= (double)0.01f);
 """
 BOUNDED = """
     {% for limit in limits %}
-    SAME("{{ limit }}", {{ call(value="x", limit=limit) }}, is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }}));
+    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }}));
     {% endfor %}
 """
 # The exact curve is straight to 1e-10 between numbers that share their upper 24 bits.
@@ -114,9 +114,9 @@ static inline double {{ axle }}_exact(uint32_t bits, float x)
     return {{ axle }}_value + ({{ axle }}_slope * ((double)x - from));
 }
 """
-CURVE_START = '{{ axle }}_block = 0xFFFFFFFFu;\n{{ axle }}_end = {{ call(x="64.0f") }};'
+CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;\n{{ axle }}_end = {{ function }}(64.0f);"
 CURVE = """
-    const float got = {{ call(x="x") }};
+    const float got = {{ function }}(x);
 
     if (is_nan(bits)) {
         SAME("NaN counts as zero", got, 0.0f);
@@ -124,7 +124,7 @@ CURVE = """
         SAME("held beyond the table", got, (bits > 0x7FFFFFFFu) ? -{{ axle }}_end : {{ axle }}_end);
     } else {
         NEAR("the Magic Formula", got, {{ axle }}_exact(bits, x), {{ tolerance }});
-        SAME("odd, to the bit", got, (bits > 0x7FFFFFFFu) ? -{{ call(x="-x") }} : got);
+        SAME("odd, to the bit", got, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x) : got);
     }
 """
 ARRANGE = """
@@ -133,7 +133,7 @@ ARRANGE = """
     float states[2];
     float inputs[4];
 
-    {{ call(state="&state", input="&input", x="states", u="inputs") }};
+    arrange(&state, &input, states, inputs);
     SAME("at least the lowest speed, NaN as the lowest", inputs[0], held(bits, {{ lowest }}, INFINITY));
 """
 
@@ -155,14 +155,14 @@ def claims(source: Source) -> Iterator[Claim]:
     setup, start = "static double road_before;", "road_before = 0.0;"
     yield Claim("map", "road_of", text, ROAD_OF, edges(number(config.road.friction)), setup, start, values=values)
     ranges = [(number(low), number(high)) for low, high in ((0.0, 10.0), (-0.5, 0.5), (0.0, 150.0))]
-    yield between("map", "are_between", ranges)
+    yield between("map", "are_between", ranges, "&x, 1u")
     yield Claim("map", "are_increasing", "from zero, each above the one before", INCREASING, edges("0.0f"))
     yield Claim("map", "are_even", "a number in its even place", EVEN, edges("1.99f", "2.01f"))
     yield Claim("map", "crc_of", "CRC-32 of one number", CRC_OF, setup="static uint32_t crc32_table[256];", start=CRC_START)
     values = {"lowest": number(SPEED_MIN)}
     text = "a speed below the lowest, or NaN, counts as the lowest"
     yield Claim("dynamics", "arrange", text, ARRANGE, edges(number(SPEED_MIN)), values=values)
-    if source.has("reference_model"):
+    if source.path("reference_model") in source.functions:
         yield from _reference_model(source)
 
 
