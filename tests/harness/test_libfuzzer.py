@@ -34,5 +34,5 @@ def test_findings_are_the_property_the_error_or_the_exit_code() -> None:
 
 def test_without_clang_the_part_is_not_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(MissingTool, match="no clang with libFuzzer"):
+    with pytest.raises(MissingTool, match="clang-19: it is not installed"):
         libfuzzer.run([tmp_path], Effort(), Progress())

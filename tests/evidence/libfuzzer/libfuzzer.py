@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -16,13 +15,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzzing.check import SHOWS
 from codegen.verify.fuzzing.harness import HARNESSES, Name, seeds, source
-from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
+from tests.evidence.coverage.coverage import find_tool
+from tests.evidence.coverage.mcdc import VERSION
 from tests.evidence.part import ROOT
 from tests.evidence.progress import Progress
 
@@ -31,16 +30,8 @@ RUNS, QUICK_RUNS = 150_000, 5_000
 
 KEPT = ROOT / "build" / "fuzzing"
 LIMITS = ("-max_len=2048", "-timeout=60", "-seed=1")
-CLANGS = ("clang-19", *(f"clang-{version}" for version in range(30, 13, -1)), "clang")
 COUNTED = "-fsanitize=fuzzer-no-link"
 
-_TRIVIAL = """#include <stddef.h>
-#include <stdint.h>
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    return (int)size * 0;
-}
-"""
 _EDGES = re.compile(r"INFO: Loaded 1 modules\s+\((\d+) ")
 _PROGRESS = re.compile(r"^#(\d+)\s+\w+\s+cov: (\d+) ft: (\d+)(?: corp: (\d+)/)?", re.MULTILINE)
 _KEPT = re.compile(r"Test unit written to (\S+)")
@@ -64,7 +55,7 @@ class Run:
 
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
-    """Run the part. Raises MissingTool: there is no clang with libFuzzer."""
+    """Run the part. Raises MissingTool: clang is not installed."""
     clang, count = find_clang(), QUICK_RUNS if effort.quick else RUNS
     todo: list[tuple[str, Subject, Name]] = [
         (f"{subject.name} {name}", subject, name) for subject in map(Subject.read, folders) for name in HARNESSES
@@ -87,20 +78,9 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
 
 
 def find_clang() -> Compiler:
-    """Return a clang that links libFuzzer. Raises MissingTool."""
-    for name in CLANGS:
-        path = shutil.which(name)
-        if path is not None and _links((path,)):
-            return Compiler((path,), compiler_identity((path,), ())[0])
-    raise MissingTool("there is no clang with libFuzzer", where="clang", remedy="apt install clang-19 libclang-rt-19-dev")
-
-
-def _links(command: tuple[str, ...]) -> bool:
-    try:
-        with compiled(Compiler(command, ""), {}, {"trivial.c": _TRIVIAL}, link=("-fsanitize=fuzzer",)):
-            return True
-    except BuildError:
-        return False
+    """Return clang. Raises MissingTool."""
+    path = find_tool(f"clang-{VERSION}", f"clang-{VERSION} libclang-rt-{VERSION}-dev")
+    return Compiler((path,), compiler_identity((path,), ())[0])
 
 
 def fuzz(clang: Compiler, subject: Subject, name: Name, count: int, kept: Path = KEPT) -> Run:
