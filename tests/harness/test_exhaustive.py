@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import shutil
 from collections.abc import Mapping
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject
+from codegen.verify.sanitizers.sanitized import find_compiler
 from tests.evidence.exhaustive import exhaustive
 from tests.evidence.exhaustive.claim import FLOATS, Claim, Source
 from tests.evidence.part import FOLDERS
@@ -168,3 +170,15 @@ def test_equal_claims_about_equal_c_have_one_key() -> None:
         edited = keys(dataclasses.replace(pi, files={**pi.files, path: text.replace(old, new)}))
         assert edited[name] != own[name]
         assert edited["limiter: clamp"] == own["limiter: clamp"]
+
+
+def test_one_wrong_input_in_a_vectorized_block_is_found(tmp_path: Path) -> None:
+    fault = ("limiter", "(value < 0.0f) ? -value", "((value < 0.0f) && (value != -3.0f)) ? -value")
+    source = Source(Subject.read(changed(PI, tmp_path, fault)))
+    claims = [claim for claim in exhaustive.claims_of(source)[0] if claim.unit == "limiter"][:2]
+    program: Future[Path] = Future()
+    program.set_result(exhaustive.compile_program(find_compiler(), source, "src/ars_limiter.c", claims, tmp_path))
+    number = 0xFFFFFFFF - 0xC0400000  # of the bits of -3
+    piece = (number - 5_000, number + 5_000, 1)
+    finding = "of 0xC0400000 (-3): the number without its sign: -3, not 3"
+    assert [exhaustive._run(program, k, piece) for k in (0, 1)] == [(10_000, 1, [finding]), (10_000, 0, [])]
