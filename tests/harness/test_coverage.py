@@ -1,34 +1,28 @@
-"""Coverage and MC/DC: what no test runs, and what no test decides, is told; the project's own tests leave nothing."""
+"""Coverage and MC/DC as parts of the evidence: lines, branches and conditions that no test covers are findings."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from codegen.errors import BuildError
-from codegen.verify.check import Verdict
+from codegen.verify.check import Effort, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence.coverage import coverage, mcdc
-from tests.evidence.coverage.coverage import Covered
-from tests.evidence.coverage.mcdc import Condition
 from tests.evidence.part import FOLDERS
+from tests.evidence.progress import Progress
 from tests.sil.case import Case
 from tests.sil.suite import MEMORY, Judge, judges_of
 
 PI = FOLDERS[0]
-E2E, CAN = "4ws2/src/ars_e2e.c", "4ws2/src/ars_can.c"
-needs_clang = pytest.mark.skipif(shutil.which("clang-19") is None, reason="clang-19 is not installed")
 
 
-def of_frames(case: Case) -> Sequence[Judge]:
-    """The tests of one unit alone."""
-    return [judge for judge in judges_of(case, "src/ars_can.c") if judge.name != MEMORY]
-
-
-def lazy(case: Case) -> Sequence[Judge]:
-    """They send frames that are right, and never a wrong one."""
+def partial(case: Case) -> Sequence[Judge]:
+    """Return the judges of the frames, and one that sends correct frames only."""
 
     def judge(case: Case) -> None:
         software = case.built.software
@@ -39,67 +33,55 @@ def lazy(case: Case) -> Sequence[Judge]:
             software.function("e2e_protect")(0x101, counter, data)
             software.function("e2e_check")(state, 0x101, data)
 
-    return [Judge("lazy", judge)]
+    return [Judge("partial", judge), *(each for each in judges_of(case, "src/ars_can.c") if each.name != MEMORY)]
 
 
-def test_lines_and_branches_that_no_test_runs_are_told() -> None:
-    units = {unit.path: unit for unit in coverage.measured(PI, lazy)}
-    e2e = units[E2E]
-    assert 0 < e2e.lines_missed < e2e.lines
-    assert 0 < e2e.branches_missed < e2e.branches
-    assert units["4ws2/src/ars_limiter.c"].lines_missed == units["4ws2/src/ars_limiter.c"].lines > 30
-    outcome = coverage.outcome_of([e2e])
-    assert outcome.verdict is Verdict.FAILED
-    assert len(outcome.findings) == len(e2e.missed) > 5
+def test_lines_and_branches_that_do_not_run_are_findings() -> None:
+    units = {unit["path"]: unit for unit in coverage.measured(PI, partial)}
+    can, e2e, dynamics = (units[f"4ws2/src/ars_{name}.c"] for name in ("can", "e2e", "dynamics"))
+    assert coverage.outcome_of([can]).verdict is Verdict.PASSED, can["missed"]
+    assert can["lines"] > 50
+    assert dynamics["lines_run"] == 0 < 30 < dynamics["lines"]
+    assert 0 < e2e["lines_run"] < e2e["lines"]
+    assert 0 < e2e["branches_taken"] < e2e["branches"]
+    outcome = coverage.outcome_of([can, e2e])
+    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, tuple(e2e["missed"]))
+    run, lines = can["lines"] + e2e["lines_run"], can["lines"] + e2e["lines"]
+    assert outcome.figure.startswith(f"{run} of {lines} lines, {can['branches'] + e2e['branches_taken']} of ")
     text = (PI / "src/ars_e2e.c").read_text(encoding="ascii").splitlines()
-    idle = [int(finding.split(":")[1]) for finding in outcome.findings if finding.endswith("never run")]
+    idle = [int(finding.split(":")[1]) for finding in outcome.findings if finding.endswith("never runs")]
     assert any("ARS_E2E_REPEATED" in text[line - 1] for line in idle)
+    assert any("branch" in finding for finding in outcome.findings)
 
 
-def test_the_tests_of_a_unit_run_all_of_it() -> None:
-    (can,) = [unit for unit in coverage.measured(PI, of_frames) if unit.path == CAN]
-    assert coverage.outcome_of([can]).verdict is Verdict.PASSED, can.missed
-    assert can.lines > 50
-
-
-@needs_clang
-def test_conditions_that_no_test_decides_are_told() -> None:
-    missed = {one.text for one in mcdc.measured(PI, lazy) if one.path == E2E and not one.covered}
-    assert "(counter > counter_max)" in missed
-    can = [one for one in mcdc.measured(PI, of_frames) if one.path == CAN]
-    assert can
-    assert mcdc.outcome_of(can).verdict is Verdict.PASSED
-
-
-def test_tests_that_the_c_does_not_pass_measure_nothing() -> None:
+def test_c_that_fails_a_judge_is_not_measured() -> None:
     def judge(case: Case) -> None:
         raise AssertionError("no")
 
-    with pytest.raises(BuildError, match="unaltered, it fails wrong: AssertionError no"):
+    with pytest.raises(BuildError, match="the unaltered C fails wrong: AssertionError no"):
         coverage.measured(PI, lambda _: [Judge("wrong", judge)])
 
 
-def test_nothing_measured_is_not_all_covered() -> None:
-    assert coverage.outcome_of([]).verdict is Verdict.FAILED
-    assert mcdc.outcome_of([]).verdict is Verdict.FAILED
+def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src/a.c").write_text("if ((a > 1)\n    && b) {\n", encoding="ascii")
+    branches = [[1, 5, 1, 12, 3, 0, 0, 0, 4], [2, 8, 2, 9, 1, 2, 0, 0, 4], [9, 1, 9, 5, 1, 1, 0, 0, 4]]
+    file = {"filename": "src/a.c", "branches": branches, "mcdc_records": [[1, 5, 2, 9, 0, 0, 0, 0, 5, [], [True, False]]]}
+    conditions = list(mcdc._conditions("4ws2", tmp_path, file))
+    assert conditions == [("4ws2/src/a.c:1", "(a > 1)", True), ("4ws2/src/a.c:2", "b", False)]
+    outcome = mcdc.outcome_of(conditions)
+    assert outcome.findings == ("4ws2/src/a.c:2: `b` is never shown to decide",)
+    assert outcome.figure == "1 of 2 conditions decide"
+    assert mcdc.outcome_of(conditions[:1]).verdict is Verdict.PASSED
+    assert list(mcdc._conditions("4ws2", tmp_path, {"filename": str(tmp_path / "bench/plant.c")})) == []
 
 
-def test_the_figures_add_up() -> None:
-    outcome = coverage.outcome_of([Covered("a", 10, 4, 0, 0, ()), Covered("b", 5, 2, 1, 1, ("b:3: never run",))])
-    assert outcome.figure == "14 of 15 lines, 5 of 6 branches"
-    assert outcome.findings == ("b:3: never run",)
-    assert outcome.figures["b"] == {"lines": 5, "lines_run": 4, "branches": 2, "branches_taken": 1}
-
-
-def test_a_condition_that_does_not_decide_is_told() -> None:
-    conditions = [Condition("a.c", 3, "x", True), Condition("a.c", 3, "y", False)]
-    assert mcdc.outcome_of(conditions).findings == ("a.c:3: `y` was never shown to decide",)
-    passed = mcdc.outcome_of(conditions[:1])
-    assert (passed.verdict, passed.figure) == (Verdict.PASSED, "1 of 1 conditions decide")
+def test_nothing_measured_is_not_passed() -> None:
+    assert coverage.outcome_of([]).verdict is mcdc.outcome_of([]).verdict is Verdict.FAILED
 
 
 @pytest.mark.parametrize(("part", "tool"), [(coverage, "gcov"), (mcdc, "llvm-cov-19")])
-def test_a_tool_that_is_missing_is_told(part: object, tool: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_reports_its_missing_tool(part: ModuleType, tool: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: None if name == tool else f"/usr/bin/{name}")
-    with pytest.raises(MissingTool, match="not installed"):
-        part.measured(PI)  # type: ignore[attr-defined]
+    with pytest.raises(MissingTool, match=f"{tool}: it is not installed"):
+        part.run([PI], Effort(), Progress())

@@ -1,37 +1,39 @@
-"""Part "exhaustive": the helpers of one argument, static ones too, for all 2^32 inputs, against what they should compute.
+"""Part "exhaustive": the helper functions of one argument, static ones too, for all 2^32 inputs, against expected results.
 
-What that is stands in exhaustive_frames.py, exhaustive_control.py and exhaustive_car.py: worked out in double precision, in
-whole numbers or bit by bit, from the configuration. The code is compiled as it is, with undefined behaviour told. A function
-that takes a number and is neither judged nor argued here fails the part, and so does a claim whose function is gone.
+The expected results are computed in another way, in double precision, in whole numbers or bit by bit, from the configuration:
+see claims_frames.py, claims_control.py and claims_map.py. The C of the build is compiled as it is, with undefined behaviour
+reported. A function that takes a number and has neither a claim nor an entry in OTHERS fails the part, and so does a claim
+without its function. The claims of all builds that depend on the same C are run once.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import subprocess
 import tempfile
-from collections.abc import Container, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from codegen.errors import BuildError
+from codegen.sil import toolchain
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.sanitizers.sanitized import Compiler, find_compiler
-from tests.evidence.exhaustive import exhaustive_car, exhaustive_control, exhaustive_frames
-from tests.evidence.exhaustive.exhaustive_helper import Facts, Helper
-from tests.evidence.exhaustive.exhaustive_program import Judge, Program, Verdicts, compile_program, judge_of, pieces
-from tests.evidence.exhaustive.exhaustive_source import Absent, Judged
+from tests.evidence.exhaustive import claims_control, claims_frames, claims_map
+from tests.evidence.exhaustive.claim import FLOATS, TEMPLATES, Claim, Source
+from tests.evidence.progress import Progress
 
-SHOWS = "each helper of one argument computes what it should for every input, and nothing that C leaves undefined"
+SHOWS = "each helper of one argument has the right result for every input, and none has undefined behaviour"
 QUICK_STRIDE = 1009
-"""Prime, and below the number of floats of one exponent; the inputs around edges are taken whatever the stride."""
+"""Prime, and below the number of floats with one exponent. A quick run adds the inputs around all edges."""
+PIECES = 8
+"""Parts of the 2^32 inputs that run in parallel."""
+FINDINGS_MAX = 3
+"""Wrong inputs reported for a claim."""
 
-TOLD_MAX = 3
-"""Wrong inputs that are told of a helper."""
-
-SEVERAL = "takes several numbers that vary: the proof and the tests are there for it"
+SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
 OTHERS: Mapping[str, str] = {
     "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
     "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
@@ -39,7 +41,7 @@ OTHERS: Mapping[str, str] = {
     "controller: reference_ahead": SEVERAL,
     "controller: reachable_yaw_rate": SEVERAL,
     "controller: feedback_range": SEVERAL,
-    "map: place_of": "pairs what locate_speed and locate_front_angle give",
+    "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "map: capped": SEVERAL,
     "map: yaw_rate_at": SEVERAL,
     "map: yaw_rate_on": SEVERAL,
@@ -50,155 +52,138 @@ OTHERS: Mapping[str, str] = {
     "reference_model: curve_at": "judged through both curves, for every argument",
     "reference_model: @_reference_model_start": SEVERAL,
 }
-"""Unit and function that takes a number and has no claim of its own -> why."""
+"""Unit and function that takes a number and has no claim of its own, with the reason."""
+
+PLAIN = ("-std=c99", "-O1", "-ffp-contract=off", "-w")
+FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contract=off", "-w")
+# None of these changes a result. With jump threading, gcc does not vectorize selections by a comparison of floats.
+GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
+# Addresses are for the sanitizers of `codegen verify`: here they would take most of the time.
+UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
+LINKED = ("controller", "map")
+"""Units whose helpers call other units or read the calibration."""
+
+_UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
 
 
-@dataclass
-class _Claim:
-    """A claim, wherever the same C has it: `places` are units of builds."""
-
-    judge: Judge
-    places: list[str] = field(default_factory=list)
-    done: list[Verdicts] = field(default_factory=list)
-
-    @property
-    def inputs(self) -> int:
-        return sum(each.inputs for each in self.done)
-
-    @property
-    def wrong(self) -> int:
-        return sum(each.wrong for each in self.done)
-
-    @property
-    def findings(self) -> list[str]:
-        told = list(dict.fromkeys(chain.from_iterable(each.told for each in self.done)))
-        if self.wrong and not told:
-            told.append("goes wrong where it comes from the input before")
-        more = f"; {self.wrong:,} inputs are wrong" if self.wrong else ""
-        return [f"{self.places[0]}: {self.judge.name} {text}{more}" for text in told[:TOLD_MAX]]
-
-
-@dataclass(frozen=True)
-class _Planned:
-    """A program that is to be made: its unit, and what it judges."""
-
-    subject: Subject
-    unit: str
-    claims: Sequence[_Claim]
-
-    def compile(self, compiler: Compiler, folder: Path) -> Program:
-        return compile_program(compiler, self.subject, self.unit, [claim.judge for claim in self.claims], folder)
-
-
-def run(folders: Sequence[Path], effort: Effort, only: Container[str] | None = None) -> Outcome:
-    """The part of the campaign; quick, it goes through some inputs of each helper, and all that matter most.
-
-    Args:
-        folders: the builds.
-        effort: how many inputs.
-        only: units, without prefix; by default all.
+def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
+    """Run the part. A quick run takes a sample of the floats, and all inputs around the edges of each claim.
 
     Raises:
-        MissingTool: no C compiler whose sanitizers work. BuildError: a build in double precision.
+        MissingTool: no C compiler has working sanitizers. BuildError: a build is in double precision.
     """
-    compiler = find_compiler()
+    compiler, stride = find_compiler(), QUICK_STRIDE if effort.quick else 1
     findings: list[str] = []
-    claims: dict[str, _Claim] = {}
-    planned: list[_Planned] = []
-    for subject in map(Subject.read, folders):
-        helpers, units = _helpers(subject), _units(subject)
-        gone = dict.fromkeys(helper.unit for helper in helpers if helper.unit not in units)
-        findings += [f"{subject.name}: there is no unit {unit!r}, of which something is claimed" for unit in gone]
-        for unit, judged in units.items():
-            if only is not None and unit not in only:
-                continue
-            judges, missing = _judges(unit, judged, [helper for helper in helpers if helper.unit == unit])
+    judged: dict[str, tuple[Claim, list[str]]] = {}
+    with tempfile.TemporaryDirectory(prefix="ars-exhaustive-") as scratch, ThreadPoolExecutor(os.cpu_count()) as pool:
+        programs = []
+        for source in map(Source, map(Subject.read, folders)):
+            claims, missing = claims_of(source)
             findings += missing
-            if new := _new(claims, judges, judged):
-                planned.append(_Planned(subject, unit, new))
-    _go_through(planned, compiler, QUICK_STRIDE if effort.quick else 1)
-    return _outcome(list(claims.values()), findings, compiler)
+            for path in source.functions:
+                todo = {}
+                for claim in (claim for claim in claims if source.path(claim.unit) == path):
+                    key = f"{source.key(claim)} {stride}"
+                    if key not in judged and progress.get(key) is None:
+                        todo[key] = claim
+                    judged.setdefault(key, (claim, []))[1].append(f"{source.subject.name}/{path}")
+                if todo:
+                    folder = Path(scratch, source.subject.name, path)
+                    programs.append((pool.submit(compile_program, compiler, source, path, [*todo.values()], folder), todo))
+        pieces = {
+            key: [pool.submit(_run, program, index, piece) for piece in pieces_of(claim, stride)]
+            for program, todo in programs
+            for index, (key, claim) in enumerate(todo.items())
+        }
+        results = {key: progress.once(key, lambda key=key: _sum([each.result() for each in pieces[key]])) for key in judged}
+    return _outcome([(*judged[key], *results[key]) for key in judged], findings, compiler)
 
 
-def _helpers(subject: Subject) -> list[Helper]:
-    """Every claim over the helpers of a build."""
-    if not subject.is_single:
-        raise BuildError("the inputs of a build in double precision cannot be gone through", where=subject.name)
-    facts = Facts(subject)
-    return [*exhaustive_frames.helpers(facts), *exhaustive_control.helpers(facts), *exhaustive_car.helpers(facts)]
-
-
-def _units(subject: Subject) -> dict[str, Judged]:
-    """By name without prefix."""
-    paths = sorted(path for path in subject.sources("src") if path.endswith(".c"))
-    return {Path(path).stem.removeprefix(f"{subject.prefix}_"): Judged(path, subject) for path in paths}
-
-
-def _judges(unit: str, judged: Judged, helpers: Sequence[Helper]) -> tuple[list[Judge], list[str]]:
-    """The claims over a unit, and what keeps others from being judged."""
-    found, missing = [], []
-    known = {name.removeprefix(f"{unit}: ") for name in OTHERS if name.startswith(f"{unit}: ")}
-    for helper in helpers:
-        known.add(helper.function)
-        try:
-            found.append(judge_of(helper, judged))
-        except Absent as error:
-            missing.append(f"{judged.subject.name}/{error}: {helper.function} cannot be judged")
-    names = {name.replace("@", judged.subject.prefix) for name in known}
-    missing += [
-        f"{judged.subject.name}/{judged.path}: {function.name}() takes a number and is neither judged nor argued"
-        for function in judged.functions.values()
-        if function.takes_number and function.name not in names
+def claims_of(source: Source) -> tuple[list[Claim], list[str]]:
+    """Return the claims about a build, and findings: claims without their function, and functions without a claim."""
+    name, prefix = source.subject.name, source.subject.prefix
+    if not source.subject.is_single:
+        raise BuildError("the inputs of a build in double precision are too many to run all of them", where=name)
+    every = [
+        claim.rendered(prefix) for module in (claims_frames, claims_control, claims_map) for claim in module.claims(source)
     ]
-    return found, missing
+    claims = [claim for claim in every if claim.function in source.functions.get(source.path(claim.unit), ())]
+    known = {f"{claim.unit}: {claim.function}" for claim in claims} | {other.replace("@", prefix) for other in OTHERS}
+    findings = [f"{name}/{source.path(claim.unit)}: {claim.name} is not there" for claim in every if claim not in claims]
+    findings += [
+        f"{name}/{path}: {function}() takes a number and has neither a claim nor a reason for having none"
+        for path, functions in source.functions.items()
+        for function, takes_number in functions.items()
+        if takes_number and f"{path.removeprefix(source.path('')[:-2]).removesuffix('.c')}: {function}" not in known
+    ]
+    return claims, findings
 
 
-def _new(claims: dict[str, _Claim], judges: Sequence[Judge], judged: Judged) -> list[_Claim]:
-    """Those that no build before made; the others are noted for this one too."""
-    new = []
-    for judge in judges:
-        if judge.key not in claims:
-            claims[judge.key] = _Claim(judge)
-            new.append(claims[judge.key])
-        claims[judge.key].places.append(f"{judged.subject.name}/{judged.path}")
-    return new
+def pieces_of(claim: Claim, stride: int) -> list[tuple[int, int, int]]:
+    """Return first input, end and stride of the parts that run in parallel."""
+    if claim.inputs != FLOATS:
+        return [(0, claim.inputs, 1)]
+    size = FLOATS // (PIECES if stride == 1 else 1)
+    return [(first, first + size, stride) for first in range(0, FLOATS, size)]
 
 
-def _go_through(planned: Sequence[_Planned], compiler: Compiler, stride: int) -> None:
-    """As many programs at a time as there are processors; what came of them is put into the claims."""
-    with tempfile.TemporaryDirectory(prefix="ars-exhaustive-") as scratch, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        compiled = [pool.submit(each.compile, compiler, Path(scratch, str(k))) for k, each in enumerate(planned)]
-        going = [
-            (claim, pool.submit(program.result().go_through, index, *piece))
-            for each, program in zip(planned, compiled, strict=True)
-            for index, claim in enumerate(each.claims)
-            for piece in pieces(claim.judge, stride)
-        ]
-        for claim, done in going:
-            claim.done.append(done.result())
+def compile_program(compiler: Compiler, source: Source, path: str, claims: Sequence[Claim], folder: Path) -> Path:
+    """Compile the judges of a unit in a folder of their own. Raises BuildError: the C does not compile."""
+    files = source.subject.sources()
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    text = TEMPLATES.get_template("exhaustive.c.j2").render(unit=path, claims=claims, floats=FLOATS)
+    (folder / "judge.c").write_text(text, encoding="ascii")
+    is_linked = path in map(source.path, LINKED)
+    others = [name for name in sorted(files) if name.endswith(".c") and name != path and is_linked]
+    flags = (*FLAGS, *(() if "clang" in compiler.version else GCC_FLAGS), UNDEFINED)
+    for options, sources in ((flags, ["judge.c"]), (PLAIN, others)):
+        if sources:
+            command = [*compiler.command, *options, "-I.", "-Iinclude", "-c", *sources]
+            toolchain.require_success(toolchain.run(command, folder), path)
+    objects = [f"{Path(name).stem}.o" for name in ("judge.c", *others)]
+    toolchain.require_success(toolchain.run([*compiler.command, UNDEFINED, *objects, "-o", "judge", "-lm"], folder), path)
+    return folder / "judge"
 
 
-def _outcome(claims: Sequence[_Claim], findings: Sequence[str], compiler: Compiler) -> Outcome:
-    told = [*findings, *chain.from_iterable(claim.findings for claim in claims)]
-    if not claims:
-        told.append("nothing was judged")
-    floats = [claim for claim in claims if claim.judge.floats]
-    few = [claim for claim in claims if not claim.judge.floats]
-    each = min((claim.inputs for claim in floats), default=0)
-    figure = f"{len(floats)} helpers x {each:,} inputs, {sum(claim.wrong for claim in floats):,} wrong"
-    if few:
-        inputs, wrong = sum(claim.inputs for claim in few), sum(claim.wrong for claim in few)
-        figure += f"; {len(few)} of whole numbers, {inputs:,} inputs in all, {wrong:,} wrong"
-    return Outcome(
-        SHOWS,
-        figure,
-        Verdict.FAILED if told else Verdict.PASSED,
-        tuple(told),
-        {f"{claim.places[0]}: {claim.judge.name}": _figures(claim) for claim in claims},
-        tools={"cc": compiler.version},
+def _run(program: Future[Path], index: int, piece: tuple[int, int, int]) -> tuple[int, int, list[str]]:
+    """Run a piece of the inputs of one claim; return how many inputs ran, how many are wrong, and the findings."""
+    done = subprocess.run(
+        [str(program.result()), *map(str, (index, *piece))],
+        env={**os.environ, "LC_ALL": "C", "UBSAN_OPTIONS": "print_stacktrace=0:halt_on_error=0:color=never"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
     )
+    findings = [f"{found['place']}: undefined behaviour: {found['what']}" for found in _UNDEFINED.finditer(done.stderr)]
+    lines = [line.split("|") for line in done.stdout.splitlines()]
+    findings += ["of {} ({}): {}: {}, not {}".format(*parts) for kind, *parts in lines if kind == "wrong"]
+    inputs, wrong = next(((int(parts[0]), int(parts[1])) for kind, *parts in lines if kind == "inputs"), (0, 0))
+    if done.returncode != 0 or inputs == 0:
+        findings.append(f"ends with exit code {done.returncode} before all inputs have run")
+    return inputs, wrong, findings
 
 
-def _figures(claim: _Claim) -> dict[str, Any]:
-    same = {"same_c_in": claim.places[1:]} if claim.places[1:] else {}
-    return {"claim": claim.judge.claim, "inputs": claim.inputs, "wrong": claim.wrong, **same}
+def _sum(results: Sequence[tuple[int, int, list[str]]]) -> tuple[int, int, list[str]]:
+    inputs, wrong, findings = zip(*results, strict=True)
+    return sum(inputs), sum(wrong), list(dict.fromkeys(chain(*findings)))[:FINDINGS_MAX]
+
+
+def _outcome(
+    results: Sequence[tuple[Claim, list[str], int, int, list[str]]], missing: Sequence[str], compiler: Compiler
+) -> Outcome:
+    findings, figures = [*missing], {}
+    for claim, places, inputs, wrong, texts in results:
+        findings += [f"{places[0]}: {claim.name} {text}" + (f"; {wrong:,} inputs are wrong" if wrong else "") for text in texts]
+        figures[f"{places[0]}: {claim.name}"] = {"claim": claim.text, "inputs": inputs, "wrong": wrong, "same_c_in": places[1:]}
+    if not results:
+        findings.append("no claim was judged")
+    floats = [inputs for claim, _, inputs, *_ in results if claim.inputs == FLOATS]
+    few = [inputs for claim, _, inputs, *_ in results if claim.inputs != FLOATS]
+    figure = f"{len(floats)} helpers x {min(floats, default=0):,} inputs; {len(few)} with few inputs, {sum(few):,} in all; "
+    figure += f"{sum(wrong for *_, wrong, _ in results):,} wrong"
+    verdict = Verdict.FAILED if findings else Verdict.PASSED
+    return Outcome(SHOWS, figure, verdict, tuple(findings), figures, tools={"cc": compiler.version})

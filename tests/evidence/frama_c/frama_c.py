@@ -1,8 +1,8 @@
-"""Part "frama-c": the value analysis EVA of Frama-C over the shipped C, as a second opinion on the proof.
+"""Part "frama-c": the value analysis EVA of Frama-C over the generated C, a second opinion on the proof.
 
-frama_c.c.j2 calls every public function with all that its contract allows. EVA then follows ranges of values, not relations
-between them: where it cannot exclude that an index, an address, a division or a conversion goes wrong, it raises an alarm. Each
-alarm is a finding unless frama_c.toml argues that it is a false one; an argument without its alarm is a finding too.
+frama_c.c.j2 calls every public function with all that its contract allows. EVA follows ranges of values, not relations between
+them. It raises an alarm where it cannot exclude that an index, an address, a division or a conversion goes wrong. Each alarm is
+a finding unless frama_c.toml argues that it is false. An argument without its alarm is a finding too.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import jinja2
-from pydantic import BaseModel, ConfigDict
 
 from codegen import config as configuration
 from codegen.emit.c_outline import units
@@ -30,6 +30,7 @@ from codegen.emit.text import c_type
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
+from tests.evidence.progress import Progress
 
 SHOWS = "a value analysis finds no index, address, division, conversion or use of an unset value that could go wrong"
 ARGUED = Path(__file__).with_name("frama_c.toml")
@@ -48,6 +49,7 @@ EVA = (
     # NaN and infinity are numbers here, as they are for the code.
     *("-warn-special-float", "none", "-warn-signed-downcast", "-warn-pointer-downcast"),
 )
+COUNTS = ("functions", "analysed", "statements", "reached")
 MACHINE = "x86_32"
 """Sizes of an ECU's types: 32-bit int, long and addresses."""
 
@@ -57,15 +59,13 @@ _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _PROTOTYPE = re.compile(r"\b(\w+)\s*\([^(){};]*\)\s*;")
 
 
-@dataclass(frozen=True)
-class Alarm:
-    """What EVA cannot exclude.
+class Alarm(NamedTuple):
+    """A property that EVA cannot prove.
 
     Attributes:
-        unit: path in the build. line: in it.
-        function: that it is in. statement: the line's text.
-        claim: what would have to hold, in ACSL; `kind` as Frama-C calls it.
-        certain: whether it goes wrong whenever it is reached.
+        unit: path in the build. statement: text of the line.
+        claim: the property in ACSL; `kind` as Frama-C names it.
+        certain: whether it is violated whenever it is reached.
     """
 
     unit: str
@@ -77,10 +77,8 @@ class Alarm:
     certain: bool
 
 
-class Argument(BaseModel):
-    """Why an alarm is a false one. `unit` is without prefix; the others are those of the alarm."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Argument(NamedTuple):
+    """Why an alarm is false. `unit` is without prefix; the others are those of the alarm."""
 
     unit: str
     function: str
@@ -91,70 +89,59 @@ class Argument(BaseModel):
 
 @dataclass(frozen=True)
 class Analysis:
-    """What EVA says of a build.
+    """Result of EVA for a build.
 
     Attributes:
-        name: of the build. prefix: of its names.
-        alarms: all of them.
-        functions, analysed: how many are defined in the C, and reached.
-        statements, reached: in the functions that are reached. partly: those functions of which some statement is not reached.
-        unreached: functions that are defined and not reached, with their unit.
-        units: without prefix.
+        name: of the build. prefix: of its names. units: without prefix.
+        functions: number of functions that the C defines. unreached: those that EVA does not reach.
+        statements, reached: number of statements in the reached functions, and of those reached. partly: functions with others.
     """
 
     name: str
     prefix: str
-    alarms: tuple[Alarm, ...]
+    alarms: Sequence[Alarm]
     functions: int
     statements: int
     reached: int
-    partly: tuple[str, ...]
-    unreached: tuple[str, ...]
-    units: tuple[str, ...]
-
-    @property
-    def analysed(self) -> int:
-        """Functions that are reached."""
-        return self.functions - len(self.unreached)
+    partly: Sequence[str]
+    unreached: Sequence[str]
+    units: Sequence[str]
 
 
-def run(folders: Sequence[Path], effort: Effort) -> Outcome:
-    """The part of the campaign; the same, quick or not.
+def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
+    """Run the part; a quick run is a whole one.
 
     Raises:
-        MissingTool: there is no frama-c. BuildError: it does not take the C.
+        MissingTool: frama-c is not installed. BuildError: it rejects the C.
     """
-    del effort
     program = find_frama_c()
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        analyses = list(pool.map(lambda folder: analyse(program, Subject.read(folder)), folders))
-    return outcome_of(analyses, arguments(), _version(program))
+    subjects = [Subject.read(folder) for folder in folders]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        running = {one.name: pool.submit(analyse, program, one) for one in subjects if progress.get(one.name) is None}
+        stored = [progress.once(one.name, lambda name=one.name: asdict(running[name].result())) for one in subjects]
+    analyses = [Analysis(**{**one, "alarms": [Alarm(*alarm) for alarm in one["alarms"]]}) for one in stored]
+    version = subprocess.run([program, "-version"], capture_output=True, text=True, check=False).stdout.strip()
+    return outcome_of(analyses, arguments(), version)
 
 
 def find_frama_c() -> str:
-    """Its path. Raises MissingTool."""
+    """Return the path of the program. Raises MissingTool."""
     path = shutil.which("frama-c")
     if path is None:
         raise MissingTool("it is not installed", where="frama-c", remedy="apt install frama-c-base")
     return path
 
 
-def arguments(path: Path = ARGUED) -> tuple[Argument, ...]:
-    """What is argued about alarms."""
-    entries = tomllib.loads(path.read_text(encoding="utf-8"))["false_alarm"]
-    return tuple(Argument.model_validate(entry) for entry in entries)
-
-
-def _version(program: str) -> str:
-    done = subprocess.run([program, "-version"], capture_output=True, text=True, check=False)
-    return done.stdout.strip()
+def arguments() -> list[Argument]:
+    """Return the arguments about false alarms."""
+    return [Argument(**entry) for entry in tomllib.loads(ARGUED.read_text(encoding="utf-8"))["false_alarm"]]
 
 
 def analyse(program: str, subject: Subject, entries: Sequence[str] = ENTRIES) -> Analysis:
-    """EVA over a build, from some entries of the driver.
+    """Run EVA over a build, from some entries of the driver.
 
     Raises:
-        BuildError: a public function has no entry, or Frama-C does not take the C.
+        BuildError: a public function has no entry, or Frama-C rejects the C.
     """
     driver = driver_of(subject, entries)
     with tempfile.TemporaryDirectory(prefix="ars-frama-c-") as name:
@@ -166,21 +153,21 @@ def analyse(program: str, subject: Subject, entries: Sequence[str] = ENTRIES) ->
         sources = sorted(path for path in subject.sources("src") if path.endswith(".c"))
         options = ("-machdep", MACHINE, "-cpp-extra-args=-Iinclude")
         command = [program, *options, "driver.c", *sources, *EVA, "-metrics-eva-cover", "-then", "-report-csv", "alarms.csv"]
-        # Frama-C goes by PWD, not by where it is.
+        # Frama-C reads the current folder from PWD.
         environment = {**os.environ, "LC_ALL": "C.UTF-8", "PWD": str(root)}
         done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, errors="replace", check=False)
         report = root / "alarms.csv"
         if done.returncode != 0 or not report.is_file():
-            said = _ERROR.search(done.stdout + done.stderr)
-            what = said["what"] if said else f"it ended with exit code {done.returncode}"
-            place = f"{subject.name}/{said['place']}" if said and said["place"] else subject.name
-            raise BuildError(f"Frama-C does not take the C: {what}", where=place)
+            error = _ERROR.search(done.stdout + done.stderr)
+            what = error["what"] if error else f"it ends with exit code {done.returncode}"
+            place = f"{subject.name}/{error['place']}" if error and error["place"] else subject.name
+            raise BuildError(f"Frama-C rejects the C: {what}", where=place)
         rows = list(csv.DictReader(report.read_text(encoding="utf-8").splitlines(), delimiter="\t", quoting=csv.QUOTE_NONE))
     return _analysis(subject, done.stdout, rows)
 
 
 def driver_of(subject: Subject, entries: Sequence[str] = ENTRIES) -> str:
-    """The driver in C. Raises BuildError: a public function that no entry calls."""
+    """Return the driver in C. Raises BuildError: no entry calls a public function."""
     options = subject.manifest["options"]
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
     with_model = f"include/{subject.prefix}_reference_model.h" in subject.files
@@ -205,8 +192,8 @@ def _public(subject: Subject) -> Iterator[str]:
         yield from _PROTOTYPE.findall(_COMMENT.sub(" ", content.decode("ascii")))
 
 
-def _analysis(subject: Subject, said: str, rows: Sequence[dict[str, str]]) -> Analysis:
-    covered = {found["function"]: found for found in _REACHED.finditer(said)}
+def _analysis(subject: Subject, output: str, rows: Sequence[dict[str, str]]) -> Analysis:
+    covered = {found["function"]: found for found in _REACHED.finditer(output)}
     outlines = units(subject.sources("src"))
     # Where several units have a function of one name, Frama-C numbers them.
     defined = Counter(function.name for unit in outlines for function in unit.functions)
@@ -216,13 +203,13 @@ def _analysis(subject: Subject, said: str, rows: Sequence[dict[str, str]]) -> An
     return Analysis(
         name=subject.name,
         prefix=subject.prefix,
-        alarms=tuple(_alarm(subject, row) for row in rows if row["directory"] == "src"),
+        alarms=[_alarm(subject, row) for row in rows if row["directory"] == "src"],
         functions=defined.total(),
         statements=sum(int(one["statements"]) for one in reached),
         reached=sum(int(one["reached"]) for one in reached),
-        partly=tuple(sorted({one["function"] for one in reached if one["reached"] != one["statements"]})),
-        unreached=tuple(unreached),
-        units=tuple(Path(unit.path).stem.removeprefix(f"{subject.prefix}_") for unit in outlines),
+        partly=sorted({one["function"] for one in reached if one["reached"] != one["statements"]}),
+        unreached=unreached,
+        units=[Path(unit.path).stem.removeprefix(f"{subject.prefix}_") for unit in outlines],
     )
 
 
@@ -234,57 +221,48 @@ def _alarm(subject: Subject, row: dict[str, str]) -> Alarm:
 
 
 def outcome_of(analyses: Sequence[Analysis], argued: Sequence[Argument], version: str) -> Outcome:
-    """Passed where every function is analysed, every alarm is argued to be false, and every argument has its alarm."""
+    """Return the outcome: passed if every function is analysed, every alarm is argued, and every argument has its alarm."""
     findings: list[str] = []
     used: list[Argument] = []
-    for analysis in analyses:
-        findings += [f"{analysis.name}: {name}() is not analysed" for name in analysis.unreached]
-        for alarm in analysis.alarms:
-            argument = next((one for one in argued if _is_of(one, alarm, analysis.prefix)), None)
+    for each in analyses:
+        findings += [f"{each.name}: {name}() is not analysed" for name in each.unreached]
+        for alarm in each.alarms:
+            unit = alarm.unit.removeprefix(f"src/{each.prefix}_").removesuffix(".c")
+            place = (unit, alarm.function, alarm.statement, alarm.claim)
+            argument = next((one for one in argued if one[:-1] == place), None)
             if argument is None or alarm.certain:
-                findings.append(_told(analysis.name, alarm))
+                findings.append(_text(each.name, alarm))
             else:
                 used.append(argument)
-    known = {unit for analysis in analyses for unit in analysis.units}
+    known = {unit for each in analyses for unit in each.units}
     findings += [
-        f"frama_c.toml: {one.unit}: {one.function}: `{one.claim}` is argued to be a false alarm, and is none"
+        f"frama_c.toml: {one.unit}: {one.function}: `{one.claim}` is argued to be a false alarm, but is no alarm"
         for one in argued
         if one not in used and one.unit in known
     ]
     if not analyses:
         findings.append("nothing was analysed")
-    alarms = sum(len(each.alarms) for each in analyses)
     figures = {
         each.name: {
             "functions": each.functions,
-            "analysed": each.analysed,
+            "analysed": each.functions - len(each.unreached),
             "statements": each.statements,
             "reached": each.reached,
             "partly_reached": list(each.partly),
-            "alarms": [_told(each.name, alarm) for alarm in each.alarms],
+            "alarms": [_text(each.name, alarm) for alarm in each.alarms],
         }
         for each in analyses
     }
+    counts = {name: sum(figure[name] for figure in figures.values()) for name in COUNTS}
+    figure = (
+        f"{sum(len(each.alarms) for each in analyses)} alarms, {len(used)} of them argued to be false; "
+        "{analysed:,} of {functions:,} functions, {reached:,} of {statements:,} statements; ".format(**counts)
+        + f"Frama-C {version}"
+    )
     verdict = Verdict.FAILED if findings else Verdict.PASSED
-    figure = f"{alarms} alarms, {len(used)} of them argued to be false; {_coverage(analyses)}; Frama-C {version}"
     return Outcome(SHOWS, figure, verdict, tuple(findings), figures, LIMITS, {"frama-c": version})
 
 
-def _coverage(analyses: Sequence[Analysis]) -> str:
-    analysed, functions = sum(each.analysed for each in analyses), sum(each.functions for each in analyses)
-    reached, statements = sum(each.reached for each in analyses), sum(each.statements for each in analyses)
-    return f"{analysed:,} of {functions:,} functions, {reached:,} of {statements:,} statements"
-
-
-def _is_of(argument: Argument, alarm: Alarm, prefix: str) -> bool:
-    return (argument.unit, argument.function, argument.statement, argument.claim) == (
-        alarm.unit.removeprefix(f"src/{prefix}_").removesuffix(".c"),
-        alarm.function,
-        alarm.statement,
-        alarm.claim,
-    )
-
-
-def _told(build: str, alarm: Alarm) -> str:
+def _text(build: str, alarm: Alarm) -> str:
     sure = "certain" if alarm.certain else "possible"
     return f"{build}/{alarm.unit}:{alarm.line}: {sure}: {alarm.kind}: {alarm.claim} in {alarm.function}(): `{alarm.statement}`"

@@ -1,53 +1,36 @@
-"""libFuzzer on both harnesses of `codegen.verify.fuzzing.harness`, with clang: the same properties as in `codegen verify`, for
-as long as one likes.
+"""Part "libfuzzer": the harnesses of `codegen.verify.fuzzing.harness` under libFuzzer, which coverage guides.
 
-    python -m tests.evidence.libfuzzer.libfuzzer [FOLDER ...] [--seconds 60]
-
-An input that breaks something is kept in build/fuzzing/, and can be given to the harness again.
+The properties are those of `codegen verify`. An input that breaks one is kept in build/fuzzing/, for the harness to run again.
 """
 
 from __future__ import annotations
 
-import argparse
+import os
 import re
-import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzzing.check import SHOWS
 from codegen.verify.fuzzing.harness import HARNESSES, Name, seeds, source
-from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
-from tests.evidence.part import FOLDERS, ROOT
+from tests.evidence.coverage.coverage import find_tool
+from tests.evidence.coverage.mcdc import VERSION
+from tests.evidence.part import ROOT
+from tests.evidence.progress import Progress
 
-SECONDS, QUICK_SECONDS = 60, 5
-"""For each harness of each build."""
+RUNS, QUICK_RUNS = 150_000, 5_000
+"""Inputs for each harness of each build. The seed is fixed, so the figures of a run repeat."""
 
 KEPT = ROOT / "build" / "fuzzing"
-INPUT_BYTES_MAX = 2048
-INPUT_SECONDS_MAX = 20
-
-CLANGS = ("clang-19", *(f"clang-{version}" for version in range(30, 13, -1)), "clang")
-
+LIMITS = ("-max_len=2048", "-timeout=60", "-seed=1")
 COUNTED = "-fsanitize=fuzzer-no-link"
-
-_TRIVIAL = """#include <stddef.h>
-#include <stdint.h>
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    (void)data;
-    (void)size;
-    return 0;
-}
-"""
 
 _EDGES = re.compile(r"INFO: Loaded 1 modules\s+\((\d+) ")
 _PROGRESS = re.compile(r"^#(\d+)\s+\w+\s+cov: (\d+) ft: (\d+)(?: corp: (\d+)/)?", re.MULTILINE)
@@ -56,92 +39,68 @@ _KEPT = re.compile(r"Test unit written to (\S+)")
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a harness: inputs tried, edges reached of all that the generated code has, features, size of the corpus. The
-    edges are those of the code without the sanitizers' own."""
+    """Result of a harness.
+
+    Attributes:
+        inputs: number of inputs tried. features, corpus: what libFuzzer found among them.
+        reached, edges: edges of the generated code, without those that the sanitizers add.
+    """
 
     inputs: int
     reached: int
     edges: int
     features: int
     corpus: int
-    findings: tuple[str, ...]
+    findings: Sequence[str]
 
 
-def run(folders: Sequence[Path], effort: Effort, seconds: float | None = None, inputs: int | None = None) -> Outcome:
-    """The part of the campaign.
-
-    Args:
-        folders: the builds.
-        effort: how long, where nothing else is said.
-        seconds: for each harness of each build.
-        inputs: at most so many, whatever time it takes.
-
-    Raises:
-        MissingTool: no clang with libFuzzer.
-    """
-    clang = find_clang()
-    budget = f"-runs={inputs}" if inputs is not None else f"-max_total_time={seconds or _seconds(effort):g}"
-    runs = {
-        f"{folder.name} {name}": fuzz(clang, subject, name, budget)
-        for folder in folders
-        for subject in (Subject.read(folder),)
-        for name in HARNESSES
-    }
-    findings = tuple(f"{what}: {finding}" for what, done in runs.items() for finding in done.findings)
-    reached = ", ".join(f"{100 * done.reached / max(done.edges, 1):.0f} %" for done in runs.values())
+def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
+    """Run the part. Raises MissingTool: clang is not installed."""
+    clang, count = find_clang(), QUICK_RUNS if effort.quick else RUNS
+    todo: list[tuple[str, Subject, Name]] = [
+        (f"{subject.name} {name}", subject, name) for subject in map(Subject.read, folders) for name in HARNESSES
+    ]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        running = {key: pool.submit(fuzz, clang, *what, count) for key, *what in todo if progress.get(f"{key} {count}") is None}
+        results: dict[str, dict[str, Any]] = {
+            key: progress.once(f"{key} {count}", lambda key=key: asdict(running[key].result())) for key, *_ in todo
+        }
+    findings = tuple(f"{key}: {finding}" for key, result in results.items() for finding in result["findings"])
+    reached = ", ".join(f"{100 * result['reached'] / max(result['edges'], 1):.0f} %" for result in results.values())
     return Outcome(
         SHOWS,
-        f"{sum(done.inputs for done in runs.values()):,} inputs, {len(findings)} findings, edges {reached}",
+        f"{sum(result['inputs'] for result in results.values()):,} inputs, {len(findings)} findings, edges {reached}",
         Verdict.FAILED if findings else Verdict.PASSED,
         findings,
-        {what: {key: value for key, value in vars(done).items() if key != "findings"} for what, done in runs.items()},
+        {key: {name: value for name, value in result.items() if name != "findings"} for key, result in results.items()},
         tools={"clang": clang.version},
     )
 
 
-def _seconds(effort: Effort) -> float:
-    return QUICK_SECONDS if effort.quick else SECONDS
-
-
 def find_clang() -> Compiler:
-    """A clang that links libFuzzer. Raises MissingTool."""
-    for name in CLANGS:
-        path = shutil.which(name)
-        if path is not None and _links((path,)):
-            return Compiler((path,), compiler_identity((path,), ())[0])
-    raise MissingTool("no clang with libFuzzer is here", where="clang", remedy="apt install clang-19 libclang-rt-19-dev")
+    """Return clang. Raises MissingTool."""
+    path = find_tool(f"clang-{VERSION}", f"clang-{VERSION} libclang-rt-{VERSION}-dev")
+    return Compiler((path,), compiler_identity((path,), ())[0])
 
 
-def _links(command: tuple[str, ...]) -> bool:
-    try:
-        with compiled(Compiler(command, ""), {}, {"trivial.c": _TRIVIAL}, link=("-fsanitize=fuzzer",)):
-            return True
-    except BuildError:
-        return False
-
-
-def fuzz(clang: Compiler, subject: Subject, name: Name, budget: str, kept: Path = KEPT) -> Run:
-    """One harness of a build, with the budget as libFuzzer takes it; inputs that break something are put into `kept`.
-
-    Raises:
-        BuildError: C that does not compile.
-    """
+def fuzz(clang: Compiler, subject: Subject, name: Name, count: int, kept: Path = KEPT) -> Run:
+    """Fuzz one harness of a build; inputs that break a property are kept. Raises BuildError: the C does not compile."""
     kept.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ars-corpus-") as corpus:
         for number, data in enumerate(seeds(subject)[name]):
             Path(corpus, f"seed-{number:02}").write_bytes(data)
-        given = (budget, "-seed=1", f"-timeout={INPUT_SECONDS_MAX}", f"-artifact_prefix={kept}/{subject.name}-{name}-")
-        found = read(*_told(clang, subject, name, (COUNTED,), (corpus, *given)))
-        edges = read(*_told(clang, subject, name, ("-fno-sanitize=all", COUNTED), (corpus, "-runs=0")))
+        prefix = f"-artifact_prefix={kept}/{subject.name}-{name}-"
+        found = read(*_execute(clang, subject, name, (COUNTED,), (corpus, f"-runs={count}", prefix)))
+        edges = read(*_execute(clang, subject, name, ("-fno-sanitize=all", COUNTED), (corpus, "-runs=0")))
     return replace(found, reached=edges.reached, edges=edges.edges)
 
 
-def _told(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], arguments: Sequence[str]) -> tuple[str, int]:
-    """What a harness compiled with more flags says on standard error, and its exit code."""
+def _execute(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], arguments: Sequence[str]) -> tuple[str, int]:
+    """Compile a harness with more flags and run it; return its standard error and exit code."""
     around = {f"fuzz_{name}.c": source(subject, name)}
     with compiled(clang, subject.sources(), around, flags, ("-fsanitize=fuzzer",)) as program:
-        result = subprocess.run(
-            [program.path, *arguments, f"-max_len={INPUT_BYTES_MAX}"],
+        done = subprocess.run(
+            [program.path, *arguments, *LIMITS],
             env={**environment(), "UBSAN_OPTIONS": "halt_on_error=1"},
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -149,38 +108,16 @@ def _told(clang: Compiler, subject: Subject, name: Name, flags: Sequence[str], a
             errors="replace",
             check=False,
         )
-    return result.stderr, result.returncode
+    return done.stderr, done.returncode
 
 
 def read(report: str, code: int) -> Run:
-    """A run from what libFuzzer says on standard error, and its exit code."""
+    """Return a run from the standard error of libFuzzer and its exit code."""
     edges, progress, written = _EDGES.search(report), _PROGRESS.findall(report), _KEPT.search(report)
     findings = findings_of(report)
     if code != 0 and not findings:
-        said = next((line for line in report.splitlines() if "ERROR" in line), f"it ended with exit code {code}")
-        findings = (said,)
+        findings = (next((line for line in report.splitlines() if "ERROR" in line), f"it ends with exit code {code}"),)
     if written is not None:
         findings = tuple(f"{finding} ({Path(written[1]).name})" for finding in findings)
     inputs, reached, features, corpus = (int(number or 0) for number in (progress[-1] if progress else (0,) * 4))
     return Run(inputs, reached, int(edges[1]) if edges else 0, features, corpus, findings)
-
-
-def main() -> int:
-    """From the command line; 1 where something is found."""
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.evidence.libfuzzer.libfuzzer", description="Fuzz builds with libFuzzer."
-    )
-    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER", help="by default the committed builds")
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="for each harness of each build")
-    options = parser.parse_args()
-    outcome = run(options.folders or FOLDERS, Effort(), options.seconds)
-    print(outcome.figure)
-    for finding in outcome.findings:
-        print(finding, file=sys.stderr)
-    for what, figures in outcome.figures.items():
-        print(f"{what}: {', '.join(f'{value:,} {key}' for key, value in figures.items())}")
-    return 1 if outcome.findings else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,168 @@
+"""Claims about helper functions, and the C of a build that they are made about."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.emit.text import literal
+from codegen.verify.check import Subject
+
+FLOATS = 2**32
+"""Inputs of a helper that takes a number in single precision: every pattern of bits."""
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent),
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+_COMMENT = re.compile(r'/\*.*?\*/|^extern "C" \{$|^#\s*(?!define)[^\n]*', re.DOTALL | re.MULTILINE)
+_DEFINITION = re.compile(r"^(?:#define [^\n]*|[^\s#}][^{;]*(?:\{[^{}\n]*\})?;|[^\s#}].*?^\}[^\n]*)", re.DOTALL | re.MULTILINE)
+_NAME = re.compile(r"#define (\w+)|[^({\[=;]*?(\w+)\s*[({\[=;]")
+_NAME_AFTER = re.compile(r"^\} *(\w+);", re.MULTILINE)
+_LOCAL = re.compile(r"(?:\w+\s)?(?:static|typedef|enum|#define)\b")
+_FUNCTION = re.compile(r"[^({\[=;]*?(\w+)\(([^(){}]*)\)\s*\{")
+_REAL = re.compile(r"(?:const )?(?:float|double) \w+")
+_WHOLE = re.compile(r"(?:const )?(?:u?int\d+_t|int|unsigned) \w+")
+_WORD = re.compile(r"\b[A-Za-z_]\w*\b")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A helper function and the result that it must have for each of its inputs.
+
+    The C texts are Jinja templates. They see `values`, the name of the function as `function`, and the prefix as `p`.
+
+    Attributes:
+        unit: without prefix, such as "map". function: with "@" for the prefix.
+        text: the claim, one sentence without its full stop.
+        body: C that judges the input `x` with the bits `bits`. With few inputs, `bits` is the number of the input.
+        edges: C that names further inputs of a quick run with EDGE(x).
+        setup: C at file scope. start: C that resets the memory of a claim that compares an input with the one before it.
+        of: suffix of the name where one function has several claims.
+        inputs: number of inputs; FLOATS, or few enough to run all of them in a quick run.
+    """
+
+    unit: str
+    function: str
+    text: str
+    body: str
+    edges: str = ""
+    setup: str = ""
+    start: str = ""
+    of: str = ""
+    inputs: int = FLOATS
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the function, with the suffix of the claim."""
+        return f"{self.function} ({self.of})" if self.of else self.function
+
+    def rendered(self, prefix: str) -> Claim:
+        """Return the claim about a build: its texts are C."""
+        function = self.function.replace("@", prefix)
+        values = {**self.values, "p": prefix, "function": function}
+        texts = {
+            name: TEMPLATES.from_string(getattr(self, name)).render(values) for name in ("body", "edges", "setup", "start")
+        }
+        return dataclasses.replace(self, function=function, **texts)
+
+
+def number(value: float) -> str:
+    """Return a number as a C literal in single precision."""
+    return literal(value, "single")
+
+
+def exact(value: float) -> str:
+    """Return a number as a C literal in double precision that has the value of the single one."""
+    return repr(float(np.float32(value)))
+
+
+def edges(*values: str) -> str:
+    """Return C that runs the inputs around some numbers."""
+    return "".join(f"EDGE({value});\n" for value in dict.fromkeys(values))
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The C of a build. It relies on the layout of the templates: definitions at file scope start in the first column."""
+
+    subject: Subject
+
+    @cached_property
+    def config(self) -> Config:
+        """Configuration that the build was made with. Expected values come from here, not from the C."""
+        return configuration.parse(self.subject.manifest["configuration"], "manifest.json: configuration")
+
+    def path(self, unit: str) -> str:
+        """Return the path of a unit such as "map"."""
+        return f"src/{self.subject.prefix}_{unit}.c"
+
+    @cached_property
+    def _definitions(self) -> dict[str, list[str]]:
+        """Definitions at file scope by path, without comments."""
+        texts = {path: _COMMENT.sub("", content.decode("ascii")) for path, content in self.subject.sources().items()}
+        return {path: _DEFINITION.findall(text) for path, text in texts.items()}
+
+    @cached_property
+    def functions(self) -> dict[str, dict[str, bool]]:
+        """Functions by the path of their unit. The value is true for those that need a claim: they take a real number, or whole
+        numbers only."""
+        found = {path: map(_FUNCTION.match, texts) for path, texts in self._definitions.items() if path.endswith(".c")}
+        return {path: {match[1]: _takes_number(match[2].split(",")) for match in each if match} for path, each in found.items()}
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[tuple[str, str]]]:
+        """Path and text of all definitions by the name that they define."""
+        named: dict[str, list[tuple[str, str]]] = {}
+        for path, texts in self._definitions.items():
+            for text in texts:
+                for name in _names(text):
+                    named.setdefault(name, []).append((path, text))
+        return named
+
+    def key(self, claim: Claim) -> str:
+        """Return a name that equal claims share: those with equal C and equal definitions of all that the C depends on."""
+        text = "\n".join((claim.body, claim.edges, claim.setup, claim.start))
+        found: set[tuple[str, str]] = set()
+        waiting = {(self.path(claim.unit), text)}
+        while waiting:
+            path, content = waiting.pop()
+            named = (each for word in _words(content) for each in self._by_name.get(word, ()))
+            # A name that is local to another source is another name.
+            new = {(where, each) for where, each in named if where == path or where.endswith(".h") or not _LOCAL.match(each)}
+            waiting |= new - found
+            found |= new
+        whole = repr((claim.inputs, text, sorted({each for _, each in found})))
+        return f"{claim.name} {hashlib.sha256(whole.encode()).hexdigest()[:16]}"
+
+
+@functools.cache
+def _words(text: str) -> frozenset[str]:
+    return frozenset(_WORD.findall(text))
+
+
+def _takes_number(parameters: Sequence[str]) -> bool:
+    stripped = [parameter.strip() for parameter in parameters]
+    return any(map(_REAL.fullmatch, stripped)) or all(map(_WHOLE.fullmatch, stripped))
+
+
+def _names(text: str) -> Iterable[str]:
+    if "enum" in text.partition("{")[0]:
+        return {*_WORD.findall(text)} - {"typedef", "enum"}
+    head = _NAME.match(text)
+    return {*(head.groups("") if head else ()), *_NAME_AFTER.findall(text)} - {"", "struct", "union"}

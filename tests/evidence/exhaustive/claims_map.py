@@ -1,0 +1,204 @@
+"""Claims about the helpers of the map, of the reference model and of the dynamics: axes, road, checksum, tyre curves."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+from codegen.config import KM_H
+from codegen.emit.dynamics_view import SPEED_MIN
+from codegen.errors import BuildError
+from codegen.refmap.problem import breakpoints
+from codegen.sections import Tyre
+from tests.evidence.exhaustive.claim import Claim, Source, edges, number
+from tests.evidence.exhaustive.claims_control import between, held
+
+AXIS = """
+static const double {{ function }}_at[] = { {{ at | join(", ") }} };
+static axis_t {{ function }}_axis = { {{ function }}_at, {{ at | length - 1 }}u, 0u };
+static double {{ function }}_before;
+"""
+AXIS_START = "{{ function }}_axis.cell = 0u;\n{{ function }}_before = -INFINITY;"
+LOCATE = """
+    const float value = {{ "(x < 0.0f) ? -x : x" if is_magnitude else "x" }}; /* as the callers pass it */
+    const position_t position = {{ function }}(value);
+    const double place = (double)position.lower + (double)position.fraction;
+    const double along = {{ "(bits > 0x7FFFFFFFu) ? -place : place" if is_magnitude else "place" }};
+
+    HOLDS("there is a breakpoint above", position.lower < {{ at | length - 1 }}u, position.lower, {{ at | length - 2 }});
+    HOLDS("the fraction", (position.fraction >= 0.0f) & (position.fraction <= 1.0f), position.fraction, 0.5);
+    if (is_nan(bits)) {
+        SAME("NaN counts as zero", place, 0.0);
+    } else {
+        NEAR("the place between the breakpoints", place, place_on(&{{ function }}_axis, (double)value), {{ tolerance }});
+        HOLDS("never back", along >= {{ function }}_before, along, {{ function }}_before);
+        {{ function }}_before = along;
+    }
+"""
+ROAD_OF = """
+    const double cap = (double)lateral_acceleration_cap;
+    const road_t road = road_of(x);
+    const double got = (double)road.lateral_acceleration_max;
+
+    HOLDS("from none to the map's own", (got >= 0.0) & (got <= cap), got, cap);
+    if (is_nan(bits) || (order_of(bits) >= order_of(bits_of({{ friction }})))) {
+        SAME("no estimate, or more than the map's friction, is the map's", got, cap);
+    } else if (order_of(bits) <= order_of(0u)) {
+        SAME("no friction is none", got, 0.0);
+    } else {
+        /* Both constants are rounded down, the product to nearest. */
+        NEAR("in proportion", got, cap * ((double)x / (double){{ friction }}), ((3.0 * 0x1p-23) * got) + 0x1p-149);
+    }
+    HOLDS("never less for more friction", (got >= road_before) | is_nan(bits), got, road_before);
+    road_before = is_nan(bits) ? road_before : got;
+"""
+CRC_START = """
+    for (uint32_t byte = 0u; byte < 256u; byte++) {
+        crc32_table[byte] = byte;
+        for (uint32_t k = 0u; k < 8u; k++) {
+            crc32_table[byte] = (crc32_table[byte] >> 1u) ^ (((crc32_table[byte] & 1u) != 0u) ? 0xEDB88320u : 0u);
+        }
+    }
+"""
+CRC_OF = """
+    uint32_t crc = 0xFFFFFFFFu;
+
+    for (uint32_t shift = 0u; shift < 32u; shift += 8u) {
+        crc = crc32_table[(crc ^ (bits >> shift)) & 0xFFu] ^ (crc >> 8u);
+    }
+    SAME("CRC-32 of its four bytes, the lowest first", crc_of(0xFFFFFFFFu, &x, 1u), crc);
+"""
+INCREASING = """
+    const float pair[] = { 0.0f, x };
+    const float start[] = { x, 1.0f };
+
+    SAME("above the one before", are_increasing(pair, 2u), (double)x > 0.0);
+    SAME("from zero or below", are_increasing(start, 2u), (double)x <= 0.0);
+"""
+EVEN = """
+    const float three[] = { 1.0f, x, 3.0f };
+
+    SAME("a hundredth of a step around the middle", are_even(three, 2u),
+        fabs((double)x - 2.0) <= (double)0.01f);
+"""
+BOUNDED = """
+    {% for limit in limits %}
+    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }}));
+    {% endfor %}
+"""
+# The exact curve is straight to 1e-10 between numbers that share their upper 24 bits.
+CURVE_SETUP = """
+static uint32_t {{ axle }}_block;
+static double {{ axle }}_value;
+static double {{ axle }}_slope;
+static float {{ axle }}_end;
+
+static double {{ axle }}_curve(double x)
+{
+    return sin({{ shape }} * atan(x - ({{ curvature }} * (x - atan(x)))));
+}
+
+static inline double {{ axle }}_exact(uint32_t bits, float x)
+{
+    const double from = (double)number_of(bits & ~0xFFu);
+
+    if ((bits >> 8u) != {{ axle }}_block) {
+        const double to = (double)number_of(bits | 0xFFu);
+
+        {{ axle }}_block = bits >> 8u;
+        {{ axle }}_value = {{ axle }}_curve(from);
+        {{ axle }}_slope = ({{ axle }}_curve(to) - {{ axle }}_value) / (to - from);
+    }
+    return {{ axle }}_value + ({{ axle }}_slope * ((double)x - from));
+}
+"""
+CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;\n{{ axle }}_end = {{ function }}(64.0f);"
+CURVE = """
+    const float got = {{ function }}(x);
+
+    if (is_nan(bits)) {
+        SAME("NaN counts as zero", got, 0.0f);
+    } else if (size_of(bits) > bits_of(64.0f)) {
+        SAME("held beyond the table", got, (bits > 0x7FFFFFFFu) ? -{{ axle }}_end : {{ axle }}_end);
+    } else {
+        NEAR("the Magic Formula", got, {{ axle }}_exact(bits, x), {{ tolerance }});
+        SAME("odd, to the bit", got, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x) : got);
+    }
+"""
+ARRANGE = """
+    const {{ p }}_dynamics_state_t state = { 0.0f, 0.0f };
+    const {{ p }}_dynamics_input_t input = { .speed = x };
+    float states[2];
+    float inputs[4];
+
+    arrange(&state, &input, states, inputs);
+    SAME("at least the lowest speed, NaN as the lowest", inputs[0], held(bits, {{ lowest }}, INFINITY));
+"""
+
+_STATED = re.compile(r"off by at most (\S+) in front and (\S+) at the rear")
+ROUNDING = 5e-7
+"""Rounding of a tyre curve in single precision, added to the error of its table: three roundings by 2^-24 of the place in the
+table, times the rise of the curve over the whole table, about two; and three of the value."""
+
+
+def claims(source: Source) -> Iterator[Claim]:
+    """Claims about the units map, reference_model and dynamics."""
+    config = source.config
+    speeds, angles = (list(map(float, axis)) for axis in breakpoints(config))
+    stop = config.steering.front_angle_stop
+    yield _axis("locate_speed", speeds)
+    yield _axis("locate_front_angle", [*angles, stop] if stop > angles[-1] * (1.0 + 1e-6) else angles, is_magnitude=True)
+    values: dict[str, object] = {"friction": number(config.road.friction)}
+    text = "the lateral acceleration that the road allows, in proportion to its friction"
+    setup, start = "static double road_before;", "road_before = 0.0;"
+    yield Claim("map", "road_of", text, ROAD_OF, edges(number(config.road.friction)), setup, start, values=values)
+    ranges = [(number(low), number(high)) for low, high in ((0.0, 10.0), (-0.5, 0.5), (0.0, 150.0))]
+    yield between("map", "are_between", ranges, "&x, 1u")
+    yield Claim("map", "are_increasing", "from zero, each above the one before", INCREASING, edges("0.0f"))
+    yield Claim("map", "are_even", "a number in its even place", EVEN, edges("1.99f", "2.01f"))
+    yield Claim("map", "crc_of", "CRC-32 of one number", CRC_OF, setup="static uint32_t crc32_table[256];", start=CRC_START)
+    values = {"lowest": number(SPEED_MIN)}
+    text = "a speed below the lowest, or NaN, counts as the lowest"
+    yield Claim("dynamics", "arrange", text, ARRANGE, edges(number(SPEED_MIN)), values=values)
+    if source.path("reference_model") in source.functions:
+        yield from _reference_model(source)
+
+
+def _axis(function: str, given: Sequence[float], is_magnitude: bool = False) -> Claim:
+    """Claim of a search in breakpoints from zero to the last. A place is as exact as the largest number that it is computed
+    from, with half a unit each of breakpoint, difference, factor and product."""
+    at = sorted({0.0, *given})
+    largest = max(len(at) - 1.0, *(above / (above - below) for below, above in pairwise(at)))
+    values = {"is_magnitude": is_magnitude, "at": [*map(repr, at)], "tolerance": repr(2.0 * largest * 2.0**-23)}
+    text = "the cell and the place in it, for every number: inside, never back, and right"
+    return Claim("map", function, text, LOCATE, edges(*map(number, at)), AXIS, AXIS_START, values=values)
+
+
+def _reference_model(source: Source) -> Iterator[Claim]:
+    config, actuator = source.config, source.config.rear_actuator
+    step = number(math.radians(actuator.rate_max_deg_s) * config.controller.sampling_time_s)
+    yield held(
+        "reference_model", "between", [("2.0f", number(config.controller.inputs.speed_max_km_h * KM_H)), (f"-{step}", step)]
+    )
+    limits = [number(actuator.angle_max), "64.0f"]
+    text = "the value within its limit on both sides, NaN as zero"
+    yield Claim("reference_model", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
+    stated = _STATED.search(source.subject.files[f"include/{source.subject.prefix}_reference_model.h"].decode("ascii"))
+    if stated is None:
+        raise BuildError("the header no longer states the error of its curves", where="reference_model.h")
+    yield _curve("front", config.tyre.front, float(stated[1]))
+    yield _curve("rear", config.tyre.rear, float(stated[2]))
+
+
+def _curve(axle: str, tyre: Tyre, error: float) -> Claim:
+    values = {
+        "axle": axle,
+        "shape": repr(tyre.shape_factor_c),
+        "curvature": repr(tyre.curvature_factor_e),
+        "tolerance": repr(error + ROUNDING),
+    }
+    text = "the tyre's curve within the error that the header states; odd, and held beyond its table"
+    function = f"@_reference_model_{axle}_curve"
+    return Claim("reference_model", function, text, CURVE, edges("64.0f"), CURVE_SETUP, CURVE_START, values=values)
