@@ -9,19 +9,20 @@ from types import ModuleType
 
 import pytest
 
+from codegen.config import Kind
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence.coverage import coverage, mcdc
-from tests.evidence.part import FOLDERS
+from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 from tests.sil.case import Case
-from tests.sil.suite import MEMORY, Judge, judges_of
+from tests.sil.suite import SANITIZED, Judge, judges_of
 
 PI = FOLDERS[0]
 
 
-def partial(case: Case) -> Sequence[Judge]:
+def partial(kind: Kind) -> Sequence[Judge]:
     """Return the judges of the frames, and one that sends correct frames only."""
 
     def judge(case: Case) -> None:
@@ -33,7 +34,7 @@ def partial(case: Case) -> Sequence[Judge]:
             software.function("e2e_protect")(0x101, counter, data)
             software.function("e2e_check")(state, 0x101, data)
 
-    return [Judge("partial", judge), *(each for each in judges_of(case, "src/ars_can.c") if each.name != MEMORY)]
+    return [Judge("partial", judge), *(each for each in judges_of(kind, "src/ars_can.c") if each != SANITIZED)]
 
 
 def test_lines_and_branches_that_do_not_run_are_findings() -> None:

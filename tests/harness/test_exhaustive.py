@@ -15,7 +15,7 @@ from codegen.verify.check import Effort, Outcome, Subject
 from codegen.verify.sanitizers.sanitized import find_compiler
 from tests.evidence.exhaustive import exhaustive
 from tests.evidence.exhaustive.claim import FLOATS, Claim, Source
-from tests.evidence.part import FOLDERS
+from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 
 PI, TRACKING = FOLDERS

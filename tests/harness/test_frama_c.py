@@ -13,7 +13,7 @@ from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence.frama_c import frama_c
 from tests.evidence.frama_c.frama_c import Alarm, Analysis, Argument
-from tests.evidence.part import FOLDERS
+from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 
 PI = FOLDERS[0]

@@ -83,6 +83,11 @@ class Case:
         software = self.built.software
         return f"{software.prefix}_{task_name(software.config.controller.sampling_time_s)}"
 
+    @property
+    def library(self) -> Path:
+        """The compiled build."""
+        return self.tree.root / "unaltered.so"
+
     def samples(self, count: int, least: int = 1) -> int:
         """Return how many of so many random samples the judges use."""
         return max(least, round(self.sample_fraction * count))
@@ -96,8 +101,8 @@ class Case:
     def compile(self) -> None:
         """Compile every source and open the library."""
         self.compiler.compile_all(self.tree)
-        self._link(self.tree.root / "unaltered.so", {})
-        self.opened.open(self.tree.root / "unaltered.so")
+        self._link(self.library, {})
+        self.opened.open(self.library)
 
     def compile_instead(self, path: str, source: str) -> None:
         """Compile C in place of a unit into a library of its own, for `select`. Raises BuildError."""

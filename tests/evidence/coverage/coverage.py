@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from codegen.config import Kind
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool, require
 from tests.evidence.progress import Progress
-from tests.sil.case import Case, case_of
+from tests.sil.case import Case, committed
 from tests.sil.library import FLAGS, Compiler
 from tests.sil.suite import Judge, whole
 
@@ -30,7 +31,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     )
 
 
-def measured(folder: Path, judges_of: Callable[[Case], Sequence[Judge]] = whole) -> list[dict[str, Any]]:
+def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole) -> list[dict[str, Any]]:
     """Return the coverage of each unit of a build: path, counts, and a text for each line or branch that does not run.
 
     Raises:
@@ -40,7 +41,7 @@ def measured(folder: Path, judges_of: Callable[[Case], Sequence[Judge]] = whole)
     require("gcovr")
     with tempfile.TemporaryDirectory(prefix="ars-coverage-") as name:
         root = Path(name).resolve()
-        case = case_of(folder, root, Compiler((gcc,), FLAGS, MEASURING))
+        case = committed(folder, root, Compiler((gcc,), FLAGS, MEASURING))
         exercise(case, judges_of)
         report = root / "coverage.json"
         gcovr = [sys.executable, "-m", "gcovr", "--root", str(root), "--gcov-executable", gcov, "--filter", f"{root}/src/"]
@@ -64,23 +65,21 @@ def run_tool(command: Sequence[str], folder: Path) -> str:
     return done.stdout
 
 
-def exercise(case: Case, judges_of: Callable[[Case], Sequence[Judge]]) -> Path:
+def exercise(case: Case, judges_of: Callable[[Kind], Sequence[Judge]]) -> Path:
     """Compile the units with counters, run the judges, and return the library. The counts are written as it closes.
 
     Raises:
         BuildError: a judge fails.
     """
-    case.compiler.compile_all(case.tree)
-    path = case.tree.root / "measured.so"
-    case.open(path)
-    for judge in judges_of(case):
+    case.compile()
+    for judge in judges_of(case.kind):
         try:
             judge.run(case)
         except Exception as error:
             reason = f"{type(error).__name__} {error}".strip().partition("\n")[0]
             raise BuildError(f"the unaltered C fails {judge.name}: {reason}", where=case.name) from error
     case.opened.close()
-    return path
+    return case.library
 
 
 def _unit(build: str, file: dict[str, Any]) -> dict[str, Any]:

@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from codegen.config import Kind
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.coverage.coverage import exercise, find_tool, run_tool
 from tests.evidence.progress import Progress
-from tests.sil.case import Case, case_of
+from tests.sil.case import committed
 from tests.sil.library import FLAGS, Compiler
 from tests.sil.suite import Judge, whole
 
@@ -31,7 +32,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
-def measured(folder: Path, judges_of: Callable[[Case], Sequence[Judge]] = whole) -> list[tuple[str, str, bool]]:
+def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole) -> list[tuple[str, str, bool]]:
     """Return place, text and coverage of each condition in decisions of several conditions, for the units of a build.
 
     Raises:
@@ -41,7 +42,7 @@ def measured(folder: Path, judges_of: Callable[[Case], Sequence[Judge]] = whole)
     with tempfile.TemporaryDirectory(prefix="ars-mcdc-") as name:
         root = Path(name).resolve()
         measuring = (f"-fprofile-instr-generate={root}/%m.profraw", "-fcoverage-mapping", "-fcoverage-mcdc")
-        case = case_of(folder, root, Compiler((clang,), FLAGS, measuring))
+        case = committed(folder, root, Compiler((clang,), FLAGS, measuring))
         library = exercise(case, judges_of)
         run_tool([profdata, "merge", *map(str, sorted(root.glob("*.profraw"))), "-o", "all.profdata"], root)
         report = json.loads(run_tool([cov, "export", "--instr-profile=all.profdata", str(library)], root))

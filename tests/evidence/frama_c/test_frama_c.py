@@ -10,7 +10,7 @@ import pytest
 from codegen.errors import BuildError
 from codegen.verify.check import Subject
 from tests.evidence.frama_c import frama_c
-from tests.evidence.part import FOLDERS
+from tests.evidence.parts import FOLDERS
 
 pytestmark = pytest.mark.skipif(shutil.which("frama-c") is None, reason="frama-c is not installed")
 

@@ -22,7 +22,7 @@ from codegen.verify.fuzzing.harness import HARNESSES, Name, seeds, source
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION
-from tests.evidence.part import ROOT
+from tests.evidence.parts import ROOT
 from tests.evidence.progress import Progress
 
 RUNS, QUICK_RUNS = 150_000, 5_000

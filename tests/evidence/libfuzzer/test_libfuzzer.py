@@ -10,7 +10,7 @@ import pytest
 from codegen.verify.check import Subject
 from codegen.verify.packages import MissingTool
 from tests.evidence.libfuzzer import libfuzzer
-from tests.evidence.part import FOLDERS
+from tests.evidence.parts import FOLDERS
 
 
 def test_an_input_that_breaks_a_property_is_kept(tmp_path: Path) -> None:
