@@ -23,7 +23,7 @@ def objects(**units: bytes) -> dict[str, bytes]:
     return compile_objects({f"src/{name}.c": text for name, text in units.items()}, ("-O2",))
 
 
-def test_each_section_and_what_is_written() -> None:
+def test_sections_and_written_variables() -> None:
     found = sizes_of(objects(a=SOURCE)["src/a.c"])
     assert (found.rodata, found.data, found.bss) == (200, 12, 12 + 4)
     assert found.written == (("counter", 12), ("shared", 4), ("start", 12))
