@@ -14,7 +14,6 @@ import pytest
 from codegen import config as configuration
 from codegen.config import Config, Kind
 from codegen.refmap.map import ReferenceMap, from_arrays
-from codegen.refmap.place import Request
 from codegen.refmap.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
@@ -70,10 +69,18 @@ def changed(**sections: dict[str, Any]) -> Config:
     return configuration.parse(data, "test")
 
 
-def solved(request: Request | None = None, **sections: dict[str, Any]) -> Manifest:
+def solved(**sections: dict[str, Any]) -> Manifest:
     """Return the manifest of a build of a solved map with some keys of its configuration changed."""
     config = changed(**sections)
-    return builds.build_of(solve_case(config, builds.CASE), config, "map", request=request).manifest
+    return builds.build_of(solve_case(config, builds.CASE), config, "map").manifest
+
+
+def placed() -> Manifest:
+    """Return a manifest with the ranges that `codegen build --max-error` records, and with fewer breakpoints."""
+    manifest = without_rules()
+    ranges = {"own_speed_range_m_s": [20 / 3.6, 120 / 3.6], "own_front_angle_range_rad": np.radians([0.1, 10.0]).tolist()}
+    manifest["map"]["placement"] = ranges
+    return manifest
 
 
 def with_another_car() -> Manifest:
@@ -99,7 +106,7 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         (COVERS, "(case `4ws-2`), for the car", "assumes a peak friction of 0.9.", "| solved by the optimisation |"),
         ("nobody checked",),
     ),
-    "chosen breakpoints": (lambda: solved(Request(np.radians(2.0), None, "float", "--max-error 2deg/s")), (COVERS,), ()),
+    "chosen breakpoints": (placed, (COVERS,), ()),
     "bare": (
         bare,
         (

@@ -216,16 +216,6 @@ def test_only_large_tables_of_plain_literals_are_emptied() -> None:
     assert not is_emptied("static const float pair[2] = {\n    0.5f,\n    1.0f\n};\nint after;\n")
 
 
-def test_gcc_looks_behind_a_call(tmp_path: Path) -> None:
-    gcc = host_gcc.gcc()
-    assert gcc is not None
-    text = "static const int *found(int x)\n{\n    return (x > 7) ? 0 : (const int *)16;\n}\n"
-    (tmp_path / "build").mkdir()
-    (tmp_path / "build" / "one.c").write_text(text + c_function("int ars_read(int x)", "return *found(x);"))
-    (finding,) = gcc_analyzer.analyse(gcc, ["one.c"], tmp_path / "build").findings
-    assert (finding.file, finding.line, finding.rule) == ("one.c", 8, "-Wanalyzer-null-dereference")
-
-
 def test_without_an_analysing_gcc_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     row = "| src/ars_e2e.c | 15 | -Wanalyzer-null-dereference | checker | `*x = 1;` | it is never null |"
     files = with_rows(small(), row)  # nobody can decide whether this row is stale
