@@ -16,7 +16,6 @@ from codegen.verify.pil import stimuli
 from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost, OnTarget
 from codegen.verify.pil.stimuli import Source, specials
-from codegen.verify.pil.streams import number_told
 from codegen.verify.target.cross import POWERPC_BE
 from tests.verify import builds
 
@@ -158,8 +157,3 @@ def test_the_recorded_scenario_is_the_closed_loop() -> None:
     assert len(started) > 1_000
     np.testing.assert_array_equal(codes[started], np.rint(commands[started] * 20_000.0).astype(np.int16))
     assert np.abs(codes[started]).max() > 100
-
-
-def test_numbers_are_printed_with_their_bits() -> None:
-    assert number_told(np.uint32(0x3DCCCCCD)) == "0.100000001 (0x3dcccccd)"
-    assert number_told(np.uint64(0x7FF0000000000001)) == "nan (0x7ff0000000000001)"

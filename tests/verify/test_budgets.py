@@ -173,17 +173,10 @@ def test_c_without_a_bound_is_not_run() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("statement", "finding"),
-    [
-        ("    planted;\n", r"src/ars_limiter\.c:\d+: the C does not compile: "),
-        ("    *(volatile uint32_t *)0x10u = 1u;\n", ".*ended at 0x"),
-    ],
-)
-def test_c_that_cannot_be_run_fails(statement: str, finding: str) -> None:
-    found = run(planted.started(PI, "ars_limiter_step", statement))
+def test_c_that_does_not_compile_fails() -> None:
+    found = run(planted.started(PI, "ars_limiter_step", "    planted;\n"))
     assert found.verdict is Verdict.FAILED
-    assert re.match(finding, found.findings[0])
+    assert re.match(r"src/ars_limiter\.c:\d+: the C does not compile: ", found.findings[0])
 
 
 def test_double_precision_is_not_for_this_core() -> None:
@@ -195,7 +188,7 @@ def test_double_precision_is_not_for_this_core() -> None:
         measure_step(subject, QUICK)
 
 
-@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("elftools.elf.elffile", "pyelftools"), ("", "ziglang")])
+@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("", "ziglang")])
 def test_a_missing_package_is_reported(monkeypatch: pytest.MonkeyPatch, name: str, package: str) -> None:
     if name:
         monkeypatch.setitem(sys.modules, name, None)

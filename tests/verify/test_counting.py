@@ -60,35 +60,17 @@ def test_each_call_is_counted_by_itself(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_more_instructions_are_counted_exactly() -> None:
-    """A nop is one instruction and one cycle. It is in the limiter's share only if the limiter runs it."""
+    """A nop is one instruction and one cycle. A jump refills the pipeline. The limiter has a share of its own."""
     before = steps(counter())
-    for function, in_limiter in (("ars_limiter_step", NOPS), ("ars_controller_step", 0)):
-        after = steps(started(function, nops()))
-        assert (after.instructions - before.instructions).tolist() == [NOPS] * 4
-        assert (after.cycles - before.cycles).tolist() == [NOPS] * 4
+    jump = '    __asm__ volatile ("b 1f; nop; 1:");\n'
+    for function, jumps, in_limiter in (("ars_limiter_step", 0, NOPS), ("ars_controller_step", 1, 0)):
+        after = steps(started(function, nops() + jump * jumps))
+        assert (after.instructions - before.instructions).tolist() == [NOPS + jumps] * 4
+        assert (after.cycles - before.cycles).tolist() == [NOPS + jumps * (1 + REFILL)] * 4
         assert (after.limiter - before.limiter).tolist() == [in_limiter] * 4
 
 
-def test_instructions_of_one_state_are_counted_in_its_steps_alone() -> None:
-    """Six samples are lost: the first are held, as many as configured, and the others are in the fail-safe."""
-    good, lost = [15.0, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0], [np.nan, 0.07, 0.3, np.nan, 0.8, 0.0, 0.0]
-    rows = np.array([[*good[:6], 1.0], good, good, *[lost] * 6], dtype=np.float32)
-    place = "    self->yaw_rate_error = 0.0f;\n}\n\n/* The estimate"
-    files = builds.with_text(PI, "src/ars_controller.c", place, nops() + place)
-    more = steps(counter_of(Subject("planted", files, PI.manifest)), rows).instructions - steps(counter(), rows).instructions
-    held = 3 + builds.config_of("pi").controller.fail_safe.degraded_samples_max
-    assert held < 9
-    assert more.tolist() == [0] * held + [NOPS] * (9 - held)
-
-
-def test_a_jump_costs_the_refill_of_the_pipeline() -> None:
-    before = steps(counter())
-    after = steps(started("ars_controller_step", '    __asm__ volatile ("b 1f; nop; 1:");\n'))
-    assert (after.instructions - before.instructions).tolist() == [1] * 4
-    assert (after.cycles - before.cycles).tolist() == [1 + REFILL] * 4
-
-
-def test_lookups_limiter_and_the_blocks_that_ran() -> None:
+def test_lookups_limiter_blocks_stack_and_sizes() -> None:
     target = counter_of(planted.subject_of(PI))
     limiter = target.count("limiter", DEMANDS)
     own = limiter.where(limiter.function == target.routine("limiter_step").start)
@@ -103,6 +85,16 @@ def test_lookups_limiter_and_the_blocks_that_ran() -> None:
     for name in target.lookups:
         calls = target.count(name.removeprefix("map_"), PLACES)
         assert set(calls.function.tolist()) == {target.routine(name).start}
+    # The watermark follows sixteen more words on the stack, of which the lowest is written.
+    array = "    volatile uint32_t k = 0u;\n    volatile uint32_t planted[16];\n    planted[k] = 1u;\n"
+    deep = started("ars_controller_step", array)
+    for each in (target, deep):
+        steps(each)
+        assert 0 < each.stack["step"] <= each.program.depth("ars_controller_step").bytes
+    assert deep.stack["step"] - target.stack["step"] in range(16 * 4, 18 * 4 + 1)
+    assert target.structs["limiter"] == 16  # words, and a flag at the end that fills one
+    assert target.structs["controller"] < target.structs["task"]
+    assert set(target.structs) == {"controller", "limiter", "task", "parameters"}
 
 
 def events(*kinds: int) -> np.ndarray[tuple[int], np.dtype[np.void]]:
@@ -135,16 +127,3 @@ def test_the_build_packs_and_protects_frames() -> None:
     assert set((found["motion"][:, 1] & 0x0F).tolist()) == {3}
     assert set((found["conditions"][:, 1] & 0x0F).tolist()) == {7}
     assert int.from_bytes(found["motion"][0, 2:4].tobytes(), "little", signed=True) == round(15.0 / 0.005)
-
-
-def test_the_stack_of_a_call_and_the_sizes_of_the_structs() -> None:
-    """The watermark follows sixteen more words on the stack, of which the lowest is written."""
-    array = "    volatile uint32_t k = 0u;\n    volatile uint32_t planted[16];\n    planted[k] = 1u;\n"
-    target, deep = counter_of(planted.subject_of(PI)), started("ars_controller_step", array)
-    for each in (target, deep):
-        steps(each)
-        assert 0 < each.stack["step"] <= each.program.depth("ars_controller_step").bytes
-    assert deep.stack["step"] - target.stack["step"] in range(16 * 4, 18 * 4 + 1)
-    assert target.structs["limiter"] == 16  # words, and a flag at the end that fills one
-    assert target.structs["controller"] < target.structs["task"]
-    assert set(target.structs) == {"controller", "limiter", "task", "parameters"}

@@ -11,8 +11,9 @@ from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Status
 from codegen.verify import suites
 from codegen.verify.drives import COLUMNS, DELAY_SAMPLES, Ground, drawn, drive_of, measurements_of, recorded
+from codegen.verify.map_reference import lookup_of
 from hil_sim.scenarios import SCENARIOS
-from tests.verify import builds
+from tests.verify import builds, planted
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +102,10 @@ def test_faults_are_defined_for_the_settings_of_the_presets_only() -> None:
     fail_safe = config.controller.fail_safe.model_copy(update={"degraded_samples_max": 6})
     controller = config.controller.model_copy(update={"fail_safe": fail_safe})
     assert not suites.are_faults_defined_for(config.model_copy(update={"controller": controller}))
+
+
+def test_the_caps_of_a_stack_are_read_from_the_c() -> None:
+    lookup = lookup_of(planted.subject_of(builds.made("tracking", "uneven", layers=True)))
+    assert lookup.tables.shape == lookup.rear_tables.shape == (4, 9, 10)
+    assert lookup.caps.tolist() == sorted(lookup.caps.tolist())
+    assert lookup.lateral_acceleration_cap_per_friction == pytest.approx(lookup.caps[0] / 0.3, rel=1e-6)  # single precision

@@ -10,7 +10,7 @@ import pytest
 from codegen.errors import BuildError
 from codegen.verify.target import emulator
 from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core, compile_image
-from codegen.verify.target.emulator import DATA, CortexM4, Processor, Stray, instructions_in
+from codegen.verify.target.emulator import DATA, CortexM4, Processor, Stray
 
 CORES = pytest.mark.parametrize("core", [CORTEX_M4F, POWERPC_BE], ids=lambda core: core.name)
 
@@ -91,21 +91,6 @@ def test_instructions_are_counted_exactly_where_they_run() -> None:
     assert core.traced(lambda: None).instructions.sum() == 0
 
 
-@pytest.mark.parametrize(
-    ("code", "instructions"),
-    [
-        ("", 0),
-        ("7047", 1),  # bx lr
-        ("40f2 0100", 1),  # movw r0, #1
-        ("ffe7", 1),  # b: 0b11100 is narrow
-        ("00e8 0000", 1),  # 0b11101 is wide
-        ("00bf f8ee 000a 7047", 3),  # nop, wide, bx lr
-    ],
-)
-def test_the_first_five_bits_give_the_width_of_an_instruction(code: str, instructions: int) -> None:
-    assert instructions_in(bytes.fromhex(code.replace(" ", ""))) == instructions
-
-
 @CORES
 def test_arithmetic_has_single_precision(core: Core) -> None:
     """Subnormal numbers too. Initialised, writable and zeroed memory lie where the code expects them."""
@@ -147,14 +132,3 @@ def test_code_that_does_not_return(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emulator, "CALL_SECONDS", 0.05)
     with pytest.raises(BuildError, match=r"^stay: the code on the Cortex-M4F did not return within 0\.05 s$"):
         CortexM4(image()).call("stay")
-
-
-def test_only_thumb_instructions_are_counted() -> None:
-    with pytest.raises(ValueError, match="instructions of a PowerPC"):
-        Processor(image(POWERPC_BE), POWERPC_BE).traced(lambda: None)
-
-
-def test_an_undefined_function_is_reported() -> None:
-    text = "float sinf(float);\nfloat f(float x);\nfloat f(float x)\n{\n    return sinf(x);\n}\n"
-    with pytest.raises(BuildError, match="the C does not compile: undefined symbol: sinf"):
-        compile_image({"f.c": text}, ("f",))

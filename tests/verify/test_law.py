@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import json
 
-import numpy as np
 import pytest
 
 from codegen.config import Kind
@@ -14,7 +13,7 @@ from codegen.sil.software import Status
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.drives import recorded
 from codegen.verify.law import check as law
-from codegen.verify.law import kinds, parameters
+from codegen.verify.law import kinds
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 
@@ -39,9 +38,16 @@ def clean() -> Outcome:
     return checked(planted.subject_of(PI))
 
 
-@pytest.mark.parametrize("kind", builds.KINDS)
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("kind", ["tracking", "feedforward", "proportional"])
 def test_every_kind_is_its_law(kind: Kind) -> None:
-    found = clean() if kind == "pi" else checked(planted.subject_of(builds.made(kind, "uneven")))
+    found = checked(planted.subject_of(builds.made(kind, "uneven")))
+    assert (found.findings, found.verdict) == ((), Verdict.PASSED)
+    assert min(found.figures["statuses"].values()) > 0
+
+
+def test_what_a_quick_check_drives() -> None:
+    found = clean()
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     assert found.limits == law.LIMITS, "every status is reached, and every parameter takes other values than its default"
     assert min(found.figures["statuses"].values()) > 0
@@ -100,29 +106,6 @@ def test_an_invalid_status_and_rejected_defaults_are_found() -> None:
     assert "a status is none: 7 is not a valid Status" in found.findings[0]
     refusing = planted.wrapped(PI, "ars_parameters_valid", "    (void)parameters;\n    return false;")
     assert "src/ars_calibration.c: the C refuses its own default parameters" in checked(refusing).findings
-
-
-@pytest.mark.parametrize("kind", ["pi", "tracking"])
-def test_every_parameter_is_drawn_and_every_set_is_valid(kind: Kind) -> None:
-    software = builds.compiled(kind)
-    names: set[str] = set()
-    default = dict(values_of(software.parameters()))
-    for seed in range(40):
-        drawn = parameters.drawn(software, np.random.default_rng(seed))
-        assert software.function("parameters_valid")(drawn)
-        names |= {name for name, value in values_of(drawn) if value != default[name]}
-    assert names == set(default)
-
-
-def values_of(struct: object, before: str = "") -> list[tuple[str, object]]:
-    found: list[tuple[str, object]] = []
-    for name in dir(struct):
-        value = getattr(struct, name)
-        if name == "limiter":
-            found += values_of(value, "limiter.")
-        else:
-            found.append((before + name, value if isinstance(value, float | int) else list(value)))
-    return found
 
 
 CLAMP = "    self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);"

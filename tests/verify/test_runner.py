@@ -72,14 +72,6 @@ def test_a_check_whose_process_ends_has_failed_and_the_others_go_on() -> None:
     assert done == [(1, 2), (2, 2)]
 
 
-def test_a_traceback_is_printed_with_debug_only(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    subject = Subject.read(BUILD)
-    for arguments, is_shown in ((["codegen"], False), (["codegen", "--debug"], True)):
-        monkeypatch.setattr("sys.argv", arguments)
-        runner.outcome_of(registered("broken"), subject, Effort())
-        assert ("Traceback" in capsys.readouterr().err) is is_shown
-
-
 def test_an_interruption_is_no_outcome_and_neither_is_anything_else(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(subject: Subject, effort: Effort) -> None:
         raise KeyboardInterrupt

@@ -14,7 +14,6 @@ import pytest
 
 from codegen.emit.deviations import FILE, read_deviations
 from codegen.errors import CodegenError
-from codegen.refmap.solve import solve_case
 from codegen.verify import host_gcc
 from codegen.verify.analysis import check as static_analysis
 from codegen.verify.analysis import gcc_analyzer, misra
@@ -23,7 +22,7 @@ from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
 from tests import shared
-from tests.verify import builds, planted
+from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
 E2E, LIMITER = UNITS = ("src/ars_e2e.c", "src/ars_limiter.c")
@@ -160,17 +159,6 @@ def test_c_that_does_not_compile_is_a_finding() -> None:
     outcome = checked({**files, LIMITER: text})
     assert outcome.verdict is Verdict.FAILED
     assert any(each.startswith(f"{LIMITER}:{line}: ") and "ars_nowhere" in each for each in outcome.findings)
-
-
-def test_names_that_a_linker_may_confuse_are_a_limit() -> None:
-    """C99 promises 31 significant characters. The addon compares more."""
-    config = builds.config_of("pi", "uneven")
-    alike = builds.build_of(solve_case(config, builds.CASE), config, prefix="rear_axle")
-    (limit,) = static_analysis._more_limits(planted.subject_of(alike), ())
-    assert "rule 5.1" in limit
-    assert "prefix rear_axle" in limit
-    (limit,) = static_analysis._more_limits(Subject("sample", PI.files, PI.manifest), (E2E,))
-    assert limit == f"gcc did not follow every path of {E2E} to its end."
 
 
 def test_zeros_in_tables_change_no_finding() -> None:

@@ -11,7 +11,7 @@ from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
 from codegen.verify.budgets import states, workloads
 from codegen.verify.budgets.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
-from codegen.verify.budgets.states import behind, histories, long_ways, long_ways_of_task
+from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
 from codegen.verify.budgets.workloads import CYCLE_COLUMNS, STEP_COLUMNS, Fault, cycles_of, events_of, steps_of
 from codegen.verify.drives import Ground, drawn, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
@@ -108,42 +108,6 @@ def test_rows_have_their_columns() -> None:
     assert {rows.dtype for rows in (*steps, *places, *demands)} == {np.dtype(np.float32)}
 
 
-def test_extremes_are_the_last_numbers_that_the_controller_accepts() -> None:
-    """They equal the numbers that the C compares with, bit for bit. The draw itself stays below."""
-    drive = drawn(ground(), 4_000, gaps=((0.0, 1.0),))[0]
-    (extreme,) = workloads.with_extremes([drive], ground(), generator())
-    parameters = builds.compiled("pi").parameters()[0]
-    names = ("speed_max", "front_angle_max", "yaw_rate_max", "rear_angle_input_max", "friction_max")
-    for column, name in enumerate(names):
-        assert np.nanmax(extreme[:, column]) == np.float32(getattr(parameters, name)), name
-    assert np.nanmax(drive[:, 0]) < np.nanmax(extreme[:, 0])
-
-
-def test_a_calm_drive_loses_little_and_has_errors_of_every_size() -> None:
-    drive = workloads.calm(ground(), 1_500, generator())
-    assert drive.shape == (1_500, 6)
-    commands = builds.compiled("pi").controller().run(measurements_of(drive))
-    lost = np.isnan(drive[:, 0])
-    assert 0.01 < lost.mean() < 0.1
-    assert {commands[sample].status for sample in np.flatnonzero(lost)} == {Status.DEGRADED}
-    assert {commands[sample].status for sample in np.flatnonzero(~lost)} == {Status.TRACKING, Status.LIMITED}
-    error = np.abs([command.yaw_rate_reference for command in commands] - drive[:, 2])
-    assert np.histogram(np.log10(error), bins=[-4, -2, -1, 0])[0].min() > 20
-
-
-def test_packed_values_lie_between_two_codes() -> None:
-    """Some values of both signs of each signal lie exactly between two codes, as the C computes them."""
-    rows = workloads.results_of(ground(), 1_500, generator())
-    message = ground().config.can.rear_steer_command
-    for column, signal in enumerate((message.rear_angle, message.yaw_rate_reference)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            scaled = rows[:, column] * np.float32(1.0 / signal.factor)
-            ties = scaled[np.abs(scaled - np.trunc(scaled)) == 0.5]
-        assert {-1.0, 1.0} == set(np.sign(ties).tolist())
-        assert {0.0, 1.0} == set((np.trunc(ties) % 2.0).tolist())
-        assert np.isnan(rows[:, column]).any()
-
-
 def test_long_ways_are_as_long_as_their_limits() -> None:
     fail_safe = ground().config.controller.fail_safe
     ways = long_ways(ground())
@@ -169,14 +133,3 @@ def test_each_history_leads_to_a_state_of_its_own() -> None:
     expected = [Status.STANDBY, Status.TRACKING, Status.DEGRADED, Status.DEGRADED, Status.FAIL_SAFE]
     assert [commands[-2].status for commands in runs] == expected
     assert runs[-1][-1].status in (Status.TRACKING, Status.LIMITED)  # one good sample ends that fail-safe
-
-
-def test_rows_follow_each_history_and_are_mirrored() -> None:
-    rows = np.array([[15.0, 0.07, 0.3, 0.01, 0.8, 1.0, 1.0, 2.0, 0.0]], dtype=np.float32)
-    found = behind([np.zeros((4, len(STEP_COLUMNS)), dtype=np.float32)], rows)
-    assert found.shape == (2 + 2 * 5, 9)
-    mirrored = rows[0] * np.array([1, -1, -1, -1, 1, 1, 1, 1, 1])
-    assert np.array_equal(found[:2], [rows[0], mirrored])
-    goes_on = np.array([1, 1, 1, 1, 1, 1, 0, 1, 1])
-    assert np.array_equal(found[[6, 11]], [rows[0] * goes_on, mirrored * goes_on])
-    assert not found[2:6].any()
