@@ -101,11 +101,11 @@ def test_a_wrong_frame_of_the_task_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.usefixtures("few")
 def test_an_invalid_status_and_rejected_defaults_are_found() -> None:
     text = planted.source(PI, "ars_controller").replace("command.status = self->status;", "command.status = (ars_status_t)7;")
-    found = checked(planted.subject_of(PI, ars_controller=text))
+    folder = dataclasses.replace(PI, files=planted.subject_of(PI, ars_controller=text).files)
+    found = checked(planted.wrapped(folder, "ars_parameters_valid", "    (void)parameters;\n    return false;"))
     assert found.verdict is Verdict.FAILED
-    assert "a status is none: 7 is not a valid Status" in found.findings[0]
-    refusing = planted.wrapped(PI, "ars_parameters_valid", "    (void)parameters;\n    return false;")
-    assert "src/ars_calibration.c: the C refuses its own default parameters" in checked(refusing).findings
+    assert any("a status is none: 7 is not a valid Status" in finding for finding in found.findings)
+    assert "src/ars_calibration.c: the C refuses its own default parameters" in found.findings
 
 
 CLAMP = "    self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);"
@@ -122,12 +122,8 @@ def test_reasons_not_to_run(monkeypatch: pytest.MonkeyPatch) -> None:
     assert why(planted.subject_of(other)) == (
         "made by codegen 0.0.9: the law that is known here is that of this one; build it again"
     )
-    for statement, reason in (
-        ("while (target > 1.0f) { target = 2.0f * target; }", "it might never return: src/ars_limiter.c:"),
-        ("target = __extension__ ({ target; });", "it cannot be read, and so it might never return: "),
-    ):
-        files = builds.with_text(PI, "src/ars_limiter.c", CLAMP, f"    {statement}\n{CLAMP}")
-        assert why(Subject("planted", files, PI.manifest)).startswith(reason)
+    files = builds.with_text(PI, "src/ars_limiter.c", CLAMP, f"    target = __extension__ ({{ target; }});\n{CLAMP}")
+    assert why(Subject("planted", files, PI.manifest)).startswith("it cannot be read, and so it might never return: ")
     monkeypatch.setattr(law, "SECOND", {kind: make for kind, make in kinds.SECOND.items() if kind != "pi"})
     assert why(planted.subject_of(PI)) == "nobody has written the kind pi a second time: codegen/verify/law/kinds.py"
     monkeypatch.setenv("CC", "no-such-compiler")
@@ -135,8 +131,6 @@ def test_reasons_not_to_run(monkeypatch: pytest.MonkeyPatch) -> None:
         checked(planted.subject_of(PI))
 
 
-def test_c_that_does_not_compile_or_has_no_table_fails() -> None:
+def test_c_that_does_not_compile_fails() -> None:
     found = checked(planted.subject_of(PI, ars_limiter="this is no C;\n"))
     assert (found.verdict, found.figure) == (Verdict.FAILED, "the C does not run")
-    files = builds.with_text(PI, "src/ars_map.c", "lateral_acceleration_cap = 5.", "cap_of_the_road = 5.")
-    assert checked(Subject("planted", files, PI.manifest)).verdict is Verdict.FAILED

@@ -82,7 +82,7 @@ def test_double_precision_runs_on_cores_with_its_fpu() -> None:
 
 
 @pytest.mark.usefixtures("no_dynamics")
-def test_differences_of_the_byte_order_and_of_the_state_are_found() -> None:
+def test_a_difference_of_the_byte_order_is_found() -> None:
     body = (
         "    union { uint16_t word; uint8_t bytes[2]; } unpacked;\n"
         "    planted_ars_can_pack_rear_steer_command(signals, data);\n"
@@ -96,9 +96,6 @@ def test_differences_of_the_byte_order_and_of_the_state_are_found() -> None:
     assert "on this machine; speed = " in found.findings[0]
     assert any(": disturbed traffic, cycle " in finding for finding in found.findings)
     assert found.figures["mismatches"]["PowerPC, big-endian"]["random steps"] == 0
-    tiny = "    planted_ars_limiter_init(self, rear_angle);\n#ifdef __powerpc__\n    self->speed = 1.0e-45f;\n#endif"
-    first = checked(planted.wrapped(PI, "ars_limiter_init", tiny)).findings[0]
-    assert ": state.limiter.speed is 1.40129846e-45 (0x00000001), and " in first
 
 
 def test_dynamics_beyond_their_bound_are_found() -> None:
@@ -132,11 +129,6 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
     ("body", "verdict", "finding"),
     [
         ("    while (result > -2.0f) { result += 0.0f; }", Verdict.NOT_RUN, "it might never return: src/ars_limiter.c:"),
-        (
-            "    result = (float)((double)result * 1.0000001);",
-            Verdict.FAILED,
-            "the C does not compile: undefined symbol: __aeabi_",
-        ),
         ("    result = ;", Verdict.FAILED, "src/ars_limiter.c:"),
         (
             "#ifdef __thumb__\n    result += *(volatile float *)0x90000000u;\n#endif",

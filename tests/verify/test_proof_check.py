@@ -56,18 +56,18 @@ def test_faults_are_not_proved_and_nothing_else_is_found() -> None:
 
 
 def test_what_cannot_be_proved_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = planted.source(PI, "ars_e2e")
     loop = checked(("ars_e2e", COUNTER, f"do {{ data[0]++; }} while (data[0] == 7u);\n    {COUNTER}"))
     assert any("cannot be judged: the statement DoWhile" in finding for finding in loop.findings)
-    broken = check(planted.subject_of(PI, ars_e2e=text + "int broken(;\n"), Effort())
+    broken = checked(("ars_e2e", COUNTER, "this is no C;"))
     assert (broken.verdict, broken.figure) == (Verdict.FAILED, "could not be completed")
     double = check(planted.subject_of(builds.made("pi", "uneven", precision="double")), Effort())
     assert double.verdict is Verdict.NOT_RUN
-    missing = Subject("sample", {path: content for path, content in PI.files.items() if path != "src/ars_can.c"}, PI.manifest)
+    small = {path: text for path, text in PI.files.items() if path.startswith("include/") or path[4:-2] in UNITS}
     with monkeypatch.context() as patch:
         patch.setattr("codegen.verify.proof.session.Session.run", lambda self: self.report)
-        (finding,) = check(missing, Effort()).findings
-    assert finding == "no function ars_can_not_available: what is claimed of it is not shown"
+        findings = check(Subject("sample", small, PI.manifest), Effort()).findings
+    missing = ("controller_step", "limiter_init", "limiter_step", "can_not_available")
+    assert findings == tuple(f"no function ars_{name}: what is claimed of it is not shown" for name in missing)
     monkeypatch.setitem(sys.modules, "z3", None)
     with pytest.raises(packages.MissingTool, match="z3-solver"):
         check(planted.subject_of(PI), Effort())
