@@ -9,11 +9,11 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
-from codegen.verify.budgets import states, workloads
+from codegen.verify.budgets import states
 from codegen.verify.budgets.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
 from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
-from codegen.verify.budgets.workloads import CYCLE_COLUMNS, STEP_COLUMNS, Fault, cycles_of, events_of, steps_of
-from codegen.verify.drives import Ground, drawn, measurements_of
+from codegen.verify.budgets.workloads import CYCLE_COLUMNS, Fault, events_of
+from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
 from tests.verify import builds, planted
 
@@ -89,23 +89,6 @@ def test_faults_of_length_and_number_of_frames() -> None:
     assert twice.events["kind"].tolist() == [START, MOTION, CONDITIONS, CONDITIONS, TASK]
     assert not twice.regular.any()
     assert FOREIGN in events_of(cycles((Fault.NONE, Fault.FOREIGN)), counter()).events["kind"]
-
-
-def test_rows_have_their_columns() -> None:
-    drives = [*workloads.with_extremes(drawn(ground(), 400), ground(), generator()), workloads.calm(ground(), 400, generator())]
-    steps = steps_of(drives, generator())
-    assert all(rows.shape == (400, len(STEP_COLUMNS)) and rows[0, -1] == 1.0 for rows in steps)
-    assert 0.0 < np.mean([rows[1:, -1].mean() for rows in steps]) < 0.1
-    for rows in cycles_of(steps, generator()):
-        assert rows.shape == (400, len(CYCLE_COLUMNS))
-        assert set(rows[:, -2:].ravel().tolist()) <= set(map(float, Fault))
-    assert set(cycles_of(steps, generator())[-2][:, -1].tolist()) == set(map(float, Fault))
-    places = workloads.places_of(drives, generator())
-    demands = workloads.demands_of(drives, ground(), generator())
-    assert {rows.shape[1] for rows in places} == {len(workloads.PLACE_COLUMNS)}
-    assert {rows.shape[1] for rows in demands} == {len(workloads.DEMAND_COLUMNS)}
-    assert np.isnan(np.concatenate(demands)[:, 2]).any()
-    assert {rows.dtype for rows in (*steps, *places, *demands)} == {np.dtype(np.float32)}
 
 
 def test_long_ways_are_as_long_as_their_limits() -> None:
