@@ -101,11 +101,6 @@ NOBODY = "**nobody checked that it fits this car**, the one of the configuration
 SLOW = {"rear_rate_max_deg_s": 25.0}
 
 TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]] = {
-    "solved": (
-        solved,
-        (COVERS, "(case `4ws-2`), for the car", "assumes a peak friction of 0.9.", "| solved by the optimisation |"),
-        ("nobody checked",),
-    ),
     "chosen breakpoints": (placed, (COVERS,), ()),
     "bare": (
         bare,
@@ -119,7 +114,6 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         ),
         OF_THE_MAP,
     ),
-    "bare, without use of rear angles": (lambda: bare(kind="pi"), (), ("Where the table brought no rear angles",)),
     "bare, configured by a file": (lambda: bare("mine.toml"), (f"{NOBODY}in `mine.toml`",), ("paper's",)),
     "bare stack": (
         lambda: bare(**STACK),
@@ -142,11 +136,6 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         ("The map assumes a peak friction",),
     ),
     "no rules in the manifest": (without_rules, (), ("| cells |", "The optimisation covers", "The table covers")),
-    "rate of the limiter": (
-        lambda: solved(controller=SLOW, limiter={"rear_rate_max_deg_s": 30.0}),
-        ("by at most 30 deg/s in every status", "The control law itself moves it by at most 25 deg/s."),
-        (),
-    ),
     "lower rate of the limiter": (
         lambda: solved(controller=SLOW, limiter={"rear_rate_max_deg_s": 20.0}),
         ("by at most 20 deg/s in every status: the limiter sees to that.\n",),

@@ -25,10 +25,9 @@ LONG = ("proof", "static-analysis", "sanitizers", "fuzzing")
 
 def other_car() -> Folder:
     """Return a build with the map of another car: the car that steers where grip ends stands in the C alone."""
-    config = builds.config_of("tracking")
-    data = config.model_dump(mode="json")
-    data["vehicle"]["mass_kg"] = 2400.0
-    return builds.build_of(solve_case(config, builds.CASE), configuration.parse(data, "test"), "ars.toml")
+    config = builds.config_of("tracking", "uneven")
+    heavier = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"mass_kg": 2400.0})})
+    return builds.build_of(solve_case(config, builds.CASE), heavier, "ars.toml")
 
 
 def other_frames() -> Folder:
@@ -48,14 +47,6 @@ def other_frames() -> Folder:
     return builds.build_of(solve_case(config, builds.CASE), config, prefix="rear2")
 
 
-def other_limits() -> Folder:
-    """Return a build with other limits for lost samples than those that the fault catalogue is defined for."""
-    data = builds.config_of("tracking", "uneven").model_dump(mode="json")
-    data["controller"]["fail_safe"]["degraded_samples_max"] = 6
-    config = configuration.parse(data, "test")
-    return builds.build_of(solve_case(config, builds.CASE), config)
-
-
 @functools.cache
 def placed() -> Folder:
     """Return a build with another prefix, chosen breakpoints and tables of 16 bits."""
@@ -72,7 +63,6 @@ BUILDS = {
     "double stack": functools.partial(builds.made, "tracking", "uneven", layers=True, precision="double"),
     "other car": other_car,
     "other frames": other_frames,
-    "other limits": other_limits,
     "placed": placed,
 }
 NOT_RUN = {("budgets", "double"), ("budgets", "double stack"), ("proof", "double"), ("proof", "double stack")}

@@ -58,13 +58,15 @@ CORES = {
 
 
 @pytest.mark.parametrize(("core", "function", "body", "finding"), CORES.values(), ids=CORES)
-def test_a_fault_of_one_core_is_found_there_alone(
+def test_a_fault_of_some_cores_is_found_there(
     monkeypatch: pytest.MonkeyPatch, core: str, function: str, body: str, finding: str
 ) -> None:
     monkeypatch.setattr(pil, "QUICK_STEPS", 1_500)
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
     found = pil.check(planted.wrapped(PI, f"ars_{function}", body), QUICK)
-    assert {name for name, counts in found.figures["mismatches"].items() if any(counts.values())} == {core}
+    faulty = {name for name, counts in found.figures["mismatches"].items() if any(counts.values())}
+    assert core in faulty
+    assert "Cortex-M4F" not in faulty
     assert any(each.startswith(f"{core}: {finding}") for each in found.findings), found.findings
 
 
