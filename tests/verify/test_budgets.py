@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -188,12 +187,8 @@ def test_double_precision_is_not_for_this_core() -> None:
         measure_step(subject, QUICK)
 
 
-@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("", "ziglang")])
-def test_a_missing_package_is_reported(monkeypatch: pytest.MonkeyPatch, name: str, package: str) -> None:
-    if name:
-        monkeypatch.setitem(sys.modules, name, None)
-    else:
-        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingTool, match=rf'^{package}: .*; pip install "ars-codegen\[verify\]"$') as caught:
+def test_a_missing_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingTool, match=r'^ziglang: .*; pip install "ars-codegen\[verify\]"$') as caught:
         run(planted.subject_of(PI))
     assert caught.value.exit_code == 2

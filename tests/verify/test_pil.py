@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ from codegen.sil.software import Status
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.pil import check as pil
+from codegen.verify.pil.check import streams
 from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE, Core
 from tests.verify import builds, planted
 
@@ -32,6 +34,13 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the dynamics and the search for endless loops."""
     monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
+    monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
+
+
+@pytest.fixture
+def steps_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drive the controller alone, and leave out the search for endless loops."""
+    monkeypatch.setattr(pil, "streams", lambda *given: itertools.islice(streams(*given), 1))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
 
@@ -98,6 +107,7 @@ def test_a_difference_of_the_byte_order_is_found() -> None:
     assert found.figures["mismatches"]["PowerPC, big-endian"]["random steps"] == 0
 
 
+@pytest.mark.usefixtures("steps_only")
 def test_dynamics_beyond_their_bound_are_found() -> None:
     body = (
         "    ars_dynamics_state_t result = planted_ars_dynamics_magic_formula(state, input);\n"
@@ -111,7 +121,7 @@ def test_dynamics_beyond_their_bound_are_found() -> None:
     assert found.verdict is Verdict.FAILED
 
 
-@pytest.mark.usefixtures("no_dynamics")
+@pytest.mark.usefixtures("no_dynamics", "steps_only")
 def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     on(monkeypatch, CORTEX_M4F)
     body = "    uint32_t crc = planted_ars_map_checksum();\n#ifdef __thumb__\n    crc ^= 1u;\n#endif\n    return crc;"
@@ -130,11 +140,6 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
     [
         ("    while (result > -2.0f) { result += 0.0f; }", Verdict.NOT_RUN, "it might never return: src/ars_limiter.c:"),
         ("    result = ;", Verdict.FAILED, "src/ars_limiter.c:"),
-        (
-            "#ifdef __thumb__\n    result += *(volatile float *)0x90000000u;\n#endif",
-            Verdict.FAILED,
-            "the code on the Cortex-M4F ended at 0x",
-        ),
     ],
 )
 def test_c_that_does_not_run(monkeypatch: pytest.MonkeyPatch, body: str, verdict: Verdict, finding: str) -> None:
