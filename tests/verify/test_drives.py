@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from codegen.refmap.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Status
 from codegen.verify import suites
@@ -109,3 +110,14 @@ def test_the_caps_of_a_stack_are_read_from_the_c() -> None:
     assert lookup.tables.shape == lookup.rear_tables.shape == (4, 9, 10)
     assert lookup.caps.tolist() == sorted(lookup.caps.tolist())
     assert lookup.lateral_acceleration_cap_per_friction == pytest.approx(lookup.caps[0] / 0.3, rel=1e-6)  # single precision
+
+
+def test_the_car_of_another_map_is_read_from_the_c() -> None:
+    """Beyond the cap of the map the C steers the car of the map, not the one of the manifest."""
+    config = builds.config_of("tracking", "uneven")
+    heavier = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"mass_kg": 2400.0})})
+    other = builds.build_of(solve_case(config, builds.CASE), heavier, "ars.toml")
+    found, own = (lookup_of(planted.subject_of(folder)) for folder in (other, builds.made("tracking", "uneven")))
+    speed, front_angle = np.full(3, 30.0, dtype=np.float32), np.array([0.02, 0.1, 0.5], dtype=np.float32)
+    for mine, theirs in zip(found.reference(speed, front_angle, 0.3), own.reference(speed, front_angle, 0.3), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
