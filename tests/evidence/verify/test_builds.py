@@ -70,7 +70,7 @@ NOT_RUN = {("budgets", "double"), ("budgets", "double stack"), ("proof", "double
 
 
 def case(check: str, name: str) -> object:
-    is_long = check in LONG or name not in ("tracking", "stack")
+    is_long = check in LONG or name != "stack"
     return pytest.param(check, name, marks=[pytest.mark.long] if is_long else [], id=f"{check}-{name}")
 
 

@@ -57,6 +57,7 @@ CORES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("core", "function", "body", "finding"), CORES.values(), ids=CORES)
 def test_a_fault_of_some_cores_is_found_there(
     monkeypatch: pytest.MonkeyPatch, core: str, function: str, body: str, finding: str
@@ -108,6 +109,7 @@ def test_stack_without_a_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None
 # Compilation, sanitizers and trap build.
 
 
+@pytest.mark.long
 def test_a_header_that_is_not_for_cxx_is_found() -> None:
     header = "include/ars_e2e.h"
     files = builds.with_text(PI, header, '#ifdef __cplusplus\nextern "C" {\n#endif\n', "")
@@ -117,6 +119,7 @@ def test_a_header_that_is_not_for_cxx_is_found() -> None:
     assert all("ars_e2e_" in finding and "extern" in finding for finding in outcome.findings)
 
 
+@pytest.mark.long
 def test_a_header_that_needs_another_is_found() -> None:
     header, end = "include/ars_map.h", "\n#endif /* ARS_MAP_H */"
     files = builds.with_text(PI, header, end, f"size_t ars_map_ready(void);{end}")
