@@ -1,38 +1,48 @@
-"""Faults for builds, planted without knowing the text of the C."""
+"""Faults planted in builds by the name of a function, so that they do not depend on the text of the C."""
 
 from __future__ import annotations
+
+import re
 
 from codegen.emit.folder import Folder
 from codegen.verify.check import Subject
 
 
 def subject_of(folder: Folder, **changed: str) -> Subject:
-    """A build under check; texts by path below src/, without ".c"."""
+    """Return the subject of a check; the texts replace src/NAME.c."""
     files = {**folder.files, **{f"src/{name}.c": text.encode() for name, text in changed.items()}}
     return Subject("planted", files, folder.manifest)
 
 
 def source(folder: Folder, name: str) -> str:
-    """The text of src/NAME.c."""
+    """Return the text of src/NAME.c."""
     return folder.files[f"src/{name}.c"].decode()
 
 
-def wrapped(folder: Folder, name: str, function: str, signature: str, body: str) -> Subject:
-    """The build with a public function of src/NAME.c replaced; the old one is called planted_FUNCTION, also by its unit."""
-    before, after = (
-        f"#define {function} planted_{function}\n",
-        f"#undef {function}\n{signature};\n{signature}\n{{\n{body}\n}}\n",
-    )
-    return subject_of(folder, **{name: before + source(folder, name) + after})
+def _definition(folder: Folder, function: str) -> tuple[str, re.Match[str]]:
+    """Return the unit that defines a function and the match of its head: section, signature and brace."""
+    pattern = re.compile(rf"^(ARS_SECTION_CODE\s+)?(\w[^;{{}}()#]*\b{function}\([^;{{}}]*\))\n\{{\n", re.MULTILINE)
+    units = [path[4:-2] for path in folder.files if path.startswith("src/") and path.endswith(".c")]
+    ((name, found),) = ((name, match) for name in units for match in pattern.finditer(source(folder, name)))
+    return name, found
+
+
+def started(folder: Folder, function: str, statements: str, before: str = "") -> Subject:
+    """Return the build with statements at the start of a function, and with text before its definition."""
+    name, head = _definition(folder, function)
+    text = source(folder, name)
+    planted = text[: head.start()] + before + head[0] + statements + text[head.end() :]
+    return subject_of(folder, **{name: planted})
+
+
+def wrapped(folder: Folder, function: str, body: str) -> Subject:
+    """Return the build with a function replaced; its unit and the body call the original planted_FUNCTION."""
+    name, head = _definition(folder, function)
+    renamed = f"#define {function} planted_{function}\n{source(folder, name)}#undef {function}\n"
+    return subject_of(folder, **{name: f"{renamed}{head[2]};\n{head[2]}\n{{\n{body}\n}}\n"})
 
 
 def limiter(folder: Folder, body: str) -> Subject:
-    """The build whose safety limiter is wrapped; `body` may use and must return `result`."""
-    return wrapped(
-        folder,
-        "ars_limiter",
-        "ars_limiter_step",
-        "float ars_limiter_step("
-        "ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input)",
-        f"    float result = planted_ars_limiter_step(self, parameters, input);\n{body}\n    return result;",
-    )
+    """Return the build whose safety limiter is wrapped; the body may change `result`, which is returned."""
+    call = "    float result = planted_ars_limiter_step(self, parameters, input);"
+    return wrapped(folder, "ars_limiter_step", f"{call}\n{body}\n    return result;")

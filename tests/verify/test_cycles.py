@@ -1,10 +1,8 @@
-"""Thumb instructions: length, where they go on, and their cycles in Arm's tables."""
+"""Decoding of Thumb instructions: size, flow, target, and cycles of the Arm manual."""
 
 from __future__ import annotations
 
-import pytest
-
-from codegen.verify.budgets.cycles import FLOAT_DIVISION, REFILL, Flow, decode
+from codegen.verify.budgets.cycles import Flow, decode
 from codegen.verify.target.emulator import instructions_in
 
 AT = 0x0800_0100
@@ -14,7 +12,7 @@ def code(*words: int) -> bytes:
     return b"".join(word.to_bytes(2, "little") for word in words)
 
 
-# Encodings as LLVM's disassembler reads them; cycles as in tables 3-1 and 7-1 of the technical reference manual.
+# Encodings from LLVM's disassembler; cycles from tables 3-1 and 7-1 of the Cortex-M4 technical reference manual.
 PLAIN = {
     "movs r0, #100": ((0x2064,), 1),
     "adds r0, r0, #1": ((0x1C40,), 1),
@@ -78,30 +76,17 @@ JUMPS = {
 }
 
 
-@pytest.mark.parametrize("text", PLAIN)
-def test_cycles_of_what_goes_on(text: str) -> None:
-    words, cycles = PLAIN[text]
-    (found,) = decode(code(*words), AT)
-    assert (found.size, found.cycles, found.flow) == (2 * len(words), cycles, Flow.NEXT)
-
-
-@pytest.mark.parametrize("text", JUMPS)
-def test_jumps_and_where_they_go(text: str) -> None:
-    words, flow, offset, cycles = JUMPS[text]
-    (found,) = decode(code(*words), AT)
-    assert (found.flow, found.cycles) == (flow, cycles)
-    assert found.target == (None if offset is None else AT + offset)
-
-
-def test_one_after_the_other() -> None:
-    words = [word for words, _ in PLAIN.values() for word in words] + [word for words, *_ in JUMPS.values() for word in words]
+def test_every_instruction_is_decoded() -> None:
+    """One after the other in one piece of code: cycles, flow, target and size of each."""
+    table = [(words, Flow.NEXT, None, cycles) for words, cycles in PLAIN.values()] + list(JUMPS.values())
+    words = [word for each, *_ in table for word in each]
     found = decode(code(*words), AT)
-    assert len(found) == len(PLAIN) + len(JUMPS) == instructions_in(code(*words))
-    assert [each.address for each in found] == [AT, *(each.end for each in found[:-1])]
-    assert not any(each.is_nop for each in found)
+    assert len(found) == len(table) == instructions_in(code(*words))
+    address = AT
+    for name, each, (encoded, flow, offset, cycles) in zip([*PLAIN, *JUMPS], found, table, strict=True):
+        target = None if offset is None else address + offset
+        expected = (address, 2 * len(encoded), flow, target, cycles)
+        assert (each.address, each.size, each.flow, each.target, each.cycles) == expected, name
+        assert not each.is_nop
+        address = each.end
     assert decode(code(0xBF00), AT)[0].is_nop
-
-
-def test_weights_that_the_manual_names() -> None:
-    assert FLOAT_DIVISION == 14
-    assert REFILL in range(1, 4)

@@ -1,4 +1,4 @@
-"""What the controller is driven with: recordings that repeat themselves, and samples from everywhere."""
+"""Drives of the controller: recordings that repeat themselves, and samples from everywhere."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ import math
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.refmap.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Status
+from codegen.verify import suites
 from codegen.verify.drives import COLUMNS, DELAY_SAMPLES, Ground, drawn, drive_of, measurements_of, recorded
+from codegen.verify.map_reference import lookup_of
 from hil_sim.scenarios import SCENARIOS
-from tests.verify import builds
+from tests.verify import builds, planted
 
 
 @pytest.fixture(scope="module")
 def ground() -> Ground:
-    return Ground.of(builds.made().manifest)
+    return Ground.of(builds.made("tracking", "uneven").manifest)
 
 
 def test_a_recording_holds_what_the_controller_measured() -> None:
-    """Given to a controller again, it makes it command what it did in the loop, to the bit: estimate and inhibit included."""
-    software = builds.compiled("tracking")
+    """Played back, it makes a controller repeat the commands of the loop bit for bit, estimate and inhibit included."""
+    software = builds.compiled()
     drives = recorded(software)
     assert len(drives) == len(SCENARIOS)
     for scenario, drive in zip(SCENARIOS.values(), drives, strict=True):
         record = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES)).run(scenario.inputs(software.config))
-        commands = software.controller().run(measurements_of(drive))
-        assert [command.rear_angle for command in commands] == record[
-            :, RECORD_COLUMNS.index("rear_angle_command_rad")
-        ].tolist()
+        commands = [command.rear_angle for command in software.controller().run(measurements_of(drive))]
+        assert commands == record[:, RECORD_COLUMNS.index("rear_angle_command_rad")].tolist()
 
 
 def test_measurements_go_into_an_array_and_back() -> None:
@@ -42,45 +42,82 @@ def test_measurements_go_into_an_array_and_back() -> None:
     assert back[0] == measurements[0]
     assert back[1].speed == math.inf
     assert math.isnan(back[1].friction)
-
-
-def test_the_same_seed_gives_the_same_drives(ground: Ground) -> None:
-    again, other = drawn(ground, 200), drawn(ground, 200, seed=1)
-    assert all(left.tobytes() == right.tobytes() for left, right in zip(drawn(ground, 200), again, strict=True))
-    assert all(left.tobytes() != right.tobytes() for left, right in zip(again, other, strict=True))
+    assert drive_of([]).shape == (0, 6)
 
 
 def test_drawn_samples_go_everywhere(ground: Ground) -> None:
-    config: Config = ground.config
-    without_gaps = drawn(ground, 4_000)[0]
+    inputs = ground.config.controller.inputs
+    without_gaps, *others = drawn(ground, 4_000)
     speed, front_angle, yaw_rate, rear_angle, friction, inhibit = without_gaps.T
-    speed_max = config.controller.inputs.speed_max_km_h / 3.6
+    speed_max = inputs.speed_max_km_h / 3.6
     counts, _ = np.histogram(speed, bins=10, range=(0.0, speed_max))
     assert counts.min() > 0
     assert speed.min() < 0.0
     assert np.abs(speed).max() <= speed_max
-    assert np.abs(front_angle).max() <= np.float32(math.radians(config.controller.inputs.front_angle_max_deg))
+    assert np.abs(front_angle).max() <= np.float32(math.radians(inputs.front_angle_max_deg))
     assert {-1.0, 0.0, 1.0} <= set(np.sign(front_angle).tolist())
     assert np.isfinite(yaw_rate).all()
     for optional in (rear_angle, friction):
         assert 0.1 < np.isnan(optional).mean() < 0.9
     assert set(inhibit.tolist()) == {0.0, 1.0}
-    # Every breakpoint itself, in the precision of the C.
     for values, corners in ((speed, ground.speed), (np.abs(front_angle), ground.front_angle)):
-        inside = corners[corners < 0.99 * corners.max()].astype(np.float32)
+        inside = corners[corners < 0.99 * corners.max()].astype(np.float32)  # in the precision of the C
         assert np.isin(inside, values).mean() > 0.9
+    again, other = drawn(ground, 4_000), drawn(ground, 4_000, seed=1)
+    assert all(left.tobytes() == right.tobytes() for left, right in zip((without_gaps, *others), again, strict=True))
+    assert all(left.tobytes() != right.tobytes() for left, right in zip(again, other, strict=True))
 
 
-def test_every_status_is_reached_by_the_drawn_drives_alone(ground: Ground) -> None:
-    software = builds.compiled("tracking")
-    reached = {
-        command.status for drive in drawn(ground, 1_500) for command in software.controller().run(measurements_of(drive))
-    }
+def test_drawn_drives_reach_every_status_and_every_cell_of_the_schedule(ground: Ground) -> None:
+    software, drives = builds.compiled(), drawn(ground, 1_500)
+    reached = {command.status for drive in drives for command in software.controller().run(measurements_of(drive))}
     assert reached == set(Status)
-
-
-def test_the_drawn_drives_go_to_every_cell_of_the_schedule(ground: Ground) -> None:
-    speeds = np.concatenate([drive[:, 0] for drive in drawn(ground, 1_000)])
+    speeds = np.concatenate([drive[:, 0] for drive in drives])
     breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
     cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])
     assert set(range(len(breakpoints))) <= set(cells.tolist())
+
+
+def test_recordings_begin_where_the_driver_acts() -> None:
+    config = builds.config_of("tracking")
+    recordings = suites.recordings(config, "single", 12)
+    assert len(recordings) == len(SCENARIOS)
+    identifiers = [config.can.vehicle_motion.id, config.can.vehicle_conditions.id]
+    for recording in recordings:
+        assert len(recording.frames) == len(recording.measurements) == 12
+        assert all([frame.id for frame in frames] == identifiers for frames in recording.frames)
+    assert any(abs(recording.measurements[-1, 1]) > 0.01 for recording in recordings)
+
+
+def test_places_of_lookups_go_everywhere(ground: Ground) -> None:
+    speed, angle = suites.places(ground, 4_000, "single").T
+    assert {-1.0, 1.0} <= set(((angle > 0.0) * 2.0 - 1.0).tolist())
+    assert np.isnan(speed).any()
+    assert (speed > ground.speed.max()).any()
+    assert all((speed == np.float32(value)).any() for value in ground.speed)
+
+
+def test_faults_are_defined_for_the_settings_of_the_presets_only() -> None:
+    config = builds.config_of("tracking")
+    assert suites.are_faults_defined_for(config)
+    fail_safe = config.controller.fail_safe.model_copy(update={"degraded_samples_max": 6})
+    controller = config.controller.model_copy(update={"fail_safe": fail_safe})
+    assert not suites.are_faults_defined_for(config.model_copy(update={"controller": controller}))
+
+
+def test_the_caps_of_a_stack_are_read_from_the_c() -> None:
+    lookup = lookup_of(planted.subject_of(builds.made("tracking", "uneven", layers=True)))
+    assert lookup.tables.shape == lookup.rear_tables.shape == (4, 9, 10)
+    assert lookup.caps.tolist() == sorted(lookup.caps.tolist())
+    assert lookup.lateral_acceleration_cap_per_friction == pytest.approx(lookup.caps[0] / 0.3, rel=1e-6)  # single precision
+
+
+def test_the_car_of_another_map_is_read_from_the_c() -> None:
+    """Beyond the cap of the map the C steers the car of the map, not the one of the manifest."""
+    config = builds.config_of("tracking", "uneven")
+    heavier = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"mass_kg": 2400.0})})
+    other = builds.build_of(solve_case(config, builds.CASE), heavier, "ars.toml")
+    found, own = (lookup_of(planted.subject_of(folder)) for folder in (other, builds.made("tracking", "uneven")))
+    speed, front_angle = np.full(3, 30.0, dtype=np.float32), np.array([0.02, 0.1, 0.5], dtype=np.float32)
+    for mine, theirs in zip(found.reference(speed, front_angle, 0.3), own.reference(speed, front_angle, 0.3), strict=True):
+        np.testing.assert_array_equal(mine, theirs)

@@ -1,17 +1,16 @@
-"""The proof takes nothing for shown that is not: promises, single facts, and C that it does not understand."""
+"""Soundness of the prover: small C texts that it proves or refuses, and facts that are never false."""
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
 
 from codegen.verify.proof import boxes, solver
 from codegen.verify.proof.boxes import Real
-from codegen.verify.proof.check import MAP
 from codegen.verify.proof.concrete import computed
 from codegen.verify.proof.encode import Encoder
 from codegen.verify.proof.executor import Executor
@@ -20,11 +19,10 @@ from codegen.verify.proof.floats import FORMATS
 from codegen.verify.proof.ranges import Scope
 from codegen.verify.proof.refine import refinements
 from codegen.verify.proof.semantics import Value, signed
-from codegen.verify.proof.session import Report, Session
+from codegen.verify.proof.session import Session
 from codegen.verify.proof.solver import Answer
 from codegen.verify.proof.source import CannotJudge, Program, Unit
 from codegen.verify.proof.terms import BOOL, Pool, Term, inside
-from tests.verify import builds
 
 TYPES = """
 typedef unsigned char uint8_t;
@@ -37,204 +35,149 @@ typedef _Bool bool;
 
 
 @dataclass(frozen=True)
-class Told:
-    """What came of a proof, for a test."""
+class Judged:
+    """The outcome of a proof: whether everything is proved, and the obligations and troubles that are not."""
 
     is_proved: bool
     text: str
 
 
-def judged(body: str) -> Told:
-    """Of one unit of C, by the same way as a build."""
+def judged(body: str) -> Judged:
+    """Judge one unit of C as a build is judged."""
     try:
         program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
-        report: Report = Session(Executor(program, {}), "ars", 0.01).run()
+        report = Session(Executor(program, {}), "ars", 0.01).run()
     except CannotJudge as error:
-        return Told(False, f"{error.place}: cannot be judged: {error.what}")
-    return told_by(report)
-
-
-def told_by(report: Report) -> Told:
+        return Judged(False, f"{error.place}: cannot be judged: {error.what}")
     obligations = [verdict.obligation for _, verdict in report.verdicts if verdict.answer is not Answer.PROVED]
     broken = [f"{each.kind}: {each.text}" for each in obligations]
-    return Told(not broken and not report.troubles, "\n".join([*report.troubles, *broken]))
+    return Judged(not broken and not report.troubles, "\n".join([*report.troubles, *broken]))
 
 
-TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};\n"
-PROBE = "uint32_t ars_probe(uint32_t x) {\n" + TABLE
-
-REFUSED = {
-    "a bound that a turn changes": (
-        "uint32_t ars_probe(uint32_t x) { uint8_t t[50]; uint32_t n = 50u; uint32_t i;\n"
-        "for (i = 0u; i < 50u; i++) { t[i] = 0u; }\n"
-        "for (i = 0u; i < n; i++) { n = 60u; t[i] = (uint8_t)i; }\nreturn x; }",
-        "changes its bound",
-    ),
-    "a counter that is narrower than its bound": (
-        "uint32_t ars_probe(uint32_t x) { uint8_t t[50] = {0u}; const uint32_t n = 300u; uint8_t i;\n"
-        "for (i = 0u; i < n; i++) { t[i] = 1u; }\nreturn x; }",
-        "of more than 40 turns",
-    ),
-    "a count from a number below zero": (
-        "int32_t ars_probe(int32_t x) { int32_t i; for (i = -100; i < 0; i++) { x = 1; } return x; }",
-        "of more than 40 turns",
-    ),
-    "bits by a cast of a pointer": (
-        "uint32_t ars_probe(float x) { " + TABLE + "const float y = x; return table[*(const uint32_t *)&y]; }",
-        "a cast to a pointer",
-    ),
-    "a pointer to another type": (
-        "static uint32_t of(const uint32_t *p) { return *p; }\n"
-        "uint32_t ars_probe(float x) { const float y = x; return of(&y); }",
-        "pointers to different types",
-    ),
-    "const cast away": (
-        "uint32_t ars_helper(const uint32_t *p) { *(uint32_t *)p = 4000000u; return 0u; }\n"
-        + PROBE
-        + "uint32_t k = x & 3u; (void)ars_helper(&k); return table[k]; }",
-        "a cast to a pointer",
-    ),
-    "const of a pointer, not of what it leads to": (
-        "typedef uint32_t *word_t;\nuint32_t ars_helper(const word_t p) { *p = 4000000u; return 0u; }\n"
-        + PROBE
-        + "uint32_t k = x & 3u; (void)ars_helper(&k); return table[k]; }",
-        "index inside its array",
-    ),
-    "const that is written": (
-        "uint32_t ars_helper(const uint32_t *p) { *p = 4000000u; return 0u; }",
-        "writes what it is given as constant",
-    ),
-    "arguments that overlap": (
-        "uint32_t ars_helper(uint32_t *a, const uint32_t *b) { uint32_t r = 0u;" + TABLE + "\n"
-        "if (*b < 4u) { *a = 9u; r = table[*b]; } return r; }\n"
-        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; return ars_helper(&k, &k); }",
-        "may overlap",
-    ),
-    "a part of an array": (
-        "void ars_pack_it(uint8_t d[8]) { uint32_t i; for (i = 0u; i < 8u; i++) { d[i] = 9u; } }\n"
-        "uint32_t ars_probe(uint32_t x) { " + TABLE + "uint8_t b[16] = {0u}; ars_pack_it(&b[8]); return table[b[8]] + x; }",
-        "a part of one",
-    ),
-    "one of several structs": (
-        "typedef struct { uint32_t k; } s_t;\nvoid ars_set(s_t *s) { s->k = 9u; }\n"
-        + PROBE
-        + "s_t s[2] = { { 0u }, { 0u } }; ars_set(&s[x & 1u]); return table[s[0].k]; }",
-        "one of several elements",
-    ),
-    "volatile": (
-        "static const volatile uint32_t limit_of = 3u;\n" + PROBE + "return (x <= limit_of) ? table[x] : 0u; }",
-        "volatile",
-    ),
-    "a label that the promoted number has": (
-        "uint32_t ars_probe(uint8_t x) { " + TABLE + "uint32_t k = 0u;\n"
-        "switch (x) { case 256: k = 0u; break; default: k = (x == 0u) ? 9u : 1u; break; } return table[k]; }",
-        "index inside its array",
-    ),
-    "side effects in operands": (PROBE + "uint32_t k = x & 3u; k = k++ + 0u; return table[k]; }", "inside an expression"),
-    "an assignment in an operand": (PROBE + "uint32_t k = 0u; k = x + (k = 1u); return table[k & 3u]; }", "Assignment"),
-    "an assignment to the index of its left side": (
-        "uint32_t ars_probe(uint32_t x) { uint32_t t[4] = {0u}; uint32_t i = 0u; t[i] = i = 3u; return t[0] + x; }",
-        "C leaves open",
-    ),
-    "a call that changes what another operand reads": (
-        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
-        + PROBE
-        + "uint32_t k = x & 1u; return next(&k) + k; }",
-        "C leaves open",
-    ),
-    "a call that changes what another argument reads": (
-        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
-        "static uint32_t both(uint32_t a, uint32_t b) { return a + b; }\n"
-        + PROBE
-        + "uint32_t k = x & 1u; return both(k, next(&k)); }",
-        "C leaves open",
-    ),
-    "a call that changes what is added to": (
-        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
-        + PROBE
-        + "uint32_t k = x & 1u; k += next(&k); return k; }",
-        "C leaves open",
-    ),
-    "a number as an enum": (
-        "typedef enum { A = 0, B = 3 } e_t;\nuint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }",
-        "between its enumerators",
-    ),
-    "an enum below an unknown number": (
-        "typedef enum { A = 0, B = 3 } e_t;\n"
-        "uint32_t ars_probe(bool b, int32_t x) { const e_t s = b ? A : B; return (s < x) ? 1u : 0u; }",
-        "of an enum",
-    ),
-    "arithmetic with an enum": (
-        "typedef enum { A = 0, B = 3 } e_t;\nint32_t ars_probe(bool b) { const e_t s = b ? A : B; return s - 1; }",
-        "of an enum",
-    ),
-    "an octal number": (PROBE + "return table[(x == 0u) ? 010 : 0]; }", "index inside its array"),
-    "an initialiser that leaves something out": (
-        "typedef struct { uint32_t a; uint32_t b; } s_t;\n"
-        "void ars_s_init(s_t *self) { self->a = 0u; }\nuint32_t ars_s_step(s_t *self) { return self->b; }",
-        "b is written",
-    ),
-    "a result of which something is left out": (
-        "typedef struct { uint32_t a; uint32_t b; } s_t;\ns_t ars_probe(uint32_t x) { s_t s; s.a = x; return s; }",
-        "b of the result is written",
-    ),
-    "what nobody thought of": ("uint32_t ars_probe(const uint32_t *p) { return p ? 1u : 0u; }", "cannot be judged"),
-    "a conversion into too few bits": (
-        "uint32_t ars_probe(float x) { " + TABLE + "float rest = 0.0f;\n"
-        "if ((x >= 0.0f) && (x < 1000.0f)) { const uint8_t whole = (uint8_t)x; rest = x - (float)whole; }\n"
-        "return table[(rest > 1.5f) ? 4000u : 0u]; }",
-        "conversion defined",
-    ),
-    "a last cell below zero": (
-        "uint32_t ars_probe(float x) { " + TABLE + "uint32_t result = 0u;\nif ((x >= 0.0f) && (x < 100.0f)) {\n"
-        "const int32_t whole = (x >= 10.0f) ? -1 : (int32_t)x; const float rest = x - (float)whole;\n"
-        "result = table[(rest > 1.5f) ? 4000u : 0u]; } return result; }",
-        "index inside its array",
-    ),
-    "a whole number of 64 bits as a float": ("float ars_probe(unsigned long long x) { return (float)x; }", "as a float"),
-    "a name that a case declares": (
-        PROBE + "uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; default: break; } return table[k]; }",
-        "",
-    ),
+TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};"
+SHORT = {
+    "PROBE": f"uint32_t ars_probe(uint32_t x) {{ {TABLE}",
+    "TABLE": TABLE,
+    "NEXT": "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }",
+    "ENUM": "typedef enum { A = 0, B = 3 } e_t;",
+    "PAIR": "typedef struct { uint32_t a; uint32_t b; } s_t;",
 }
+"""Text that several cases have in common."""
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_it_is_not_proved(name: str) -> None:
-    body, why = REFUSED[name]
-    told = judged(body)
-    assert not told.is_proved
-    assert why in told.text
+def cases(text: str) -> dict[str, tuple[str, str]]:
+    """Return C and expected message by the name of the case; the text has them as "// name: message", then C."""
+    found = {}
+    for each in text.strip().removeprefix("// ").split("\n// "):
+        head, _, body = each.partition("\n")
+        name, _, message = head.partition(": ")
+        for word, long in SHORT.items():
+            body = body.replace(word, long)
+        found[name] = (body, message)
+    return found
 
 
-ACCEPTED = {
-    "chained assignments": "uint32_t ars_probe(uint32_t x) { uint32_t a; uint32_t b; a = b = x & 3u; "
-    + TABLE
-    + "return table[a & b]; }",
-    "a call that changes what no other operand reads": (
-        "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }\n"
-        "static uint32_t of(const uint32_t *k) { return *k; }\n"
-        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; uint32_t m = 1u; return next(&k) | of(&m); }"
-    ),
-    "enums among their like": (
-        "typedef enum { A = 0, B = 3 } e_t;\nuint32_t ars_probe(bool b) { const e_t s = b ? A : B; " + TABLE + "\n"
-        "return (s < B) ? 0u : table[s]; }"
-    ),
-    "a long loop": (
-        "uint32_t ars_probe(uint32_t x) { uint8_t t[200]; uint32_t i;\n"
-        "for (i = 0u; i < 200u; i++) { t[i] = (uint8_t)x; } return x; }"
-    ),
-    "a contract": (
-        "uint32_t ars_helper(const uint32_t *p) { return *p & 3u; }\n"
-        "uint32_t ars_probe(uint32_t x) { uint32_t k = x; " + TABLE + "return table[ars_helper(&k)]; }"
-    ),
-}
+REFUSED = cases("""
+// a bound that a turn changes: changes its bound
+uint32_t ars_probe(uint32_t x) { uint8_t t[50]; uint32_t n = 50u; uint32_t i; for (i = 0u; i < 50u; i++) { t[i] = 0u; }
+for (i = 0u; i < n; i++) { n = 60u; t[i] = (uint8_t)i; } return x; }
+// a counter that is narrower than its bound: of more than 40 turns
+uint32_t ars_probe(uint32_t x) { uint8_t t[50] = {0u}; const uint32_t n = 300u; uint8_t i; for (i = 0u; i < n; i++) {
+t[i] = 1u; } return x; }
+// bits by a cast of a pointer: a cast to a pointer
+uint32_t ars_probe(float x) { TABLE const float y = x; return table[*(const uint32_t *)&y]; }
+// a pointer to another type: pointers to different types
+static uint32_t of(const uint32_t *p) { return *p; } uint32_t ars_probe(float x) { const float y = x; return of(&y); }
+// const cast away: a cast to a pointer
+uint32_t ars_helper(const uint32_t *p) { *(uint32_t *)p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
+(void)ars_helper(&k); return table[k]; }
+// const of a pointer, not of what it leads to: index inside its array
+typedef uint32_t *word_t; uint32_t ars_helper(const word_t p) { *p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
+(void)ars_helper(&k); return table[k]; }
+// const that is written: writes what it is given as constant
+uint32_t ars_helper(const uint32_t *p) { *p = 4000000u; return 0u; }
+// arguments that overlap: may overlap
+uint32_t ars_helper(uint32_t *a, const uint32_t *b) { uint32_t r = 0u; TABLE if (*b < 4u) { *a = 9u; r = table[*b]; }
+return r; } uint32_t ars_probe(uint32_t x) { uint32_t k = x; return ars_helper(&k, &k); }
+// a part of an array: a part of one
+void ars_pack_it(uint8_t d[8]) { uint32_t i; for (i = 0u; i < 8u; i++) { d[i] = 9u; } } uint32_t ars_probe(uint32_t x) {
+TABLE uint8_t b[16] = {0u}; ars_pack_it(&b[8]); return table[b[8]] + x; }
+// one of several structs: one of several elements
+typedef struct { uint32_t k; } s_t; void ars_set(s_t *s) { s->k = 9u; } PROBE s_t s[2] = { { 0u }, { 0u } };
+ars_set(&s[x & 1u]); return table[s[0].k]; }
+// volatile: volatile
+static const volatile uint32_t limit_of = 3u; PROBE return (x <= limit_of) ? table[x] : 0u; }
+// a label that the promoted number has: index inside its array
+uint32_t ars_probe(uint8_t x) { TABLE uint32_t k = 0u; switch (x) { case 256: k = 0u; break; default: k = (x == 0u) ? 9u : 1u;
+break; } return table[k]; }
+// side effects in operands: inside an expression
+PROBE uint32_t k = x & 3u; k = k++ + 0u; return table[k]; }
+// an assignment in an operand: Assignment
+PROBE uint32_t k = 0u; k = x + (k = 1u); return table[k & 3u]; }
+// an assignment to the index of its left side: C leaves open
+uint32_t ars_probe(uint32_t x) { uint32_t t[4] = {0u}; uint32_t i = 0u; t[i] = i = 3u; return t[0] + x; }
+// a call that changes what another operand reads: C leaves open
+NEXT PROBE uint32_t k = x & 1u; return next(&k) + k; }
+// a call that changes what is added to: C leaves open
+NEXT PROBE uint32_t k = x & 1u; k += next(&k); return k; }
+// a number as an enum: between its enumerators
+ENUM uint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }
+// arithmetic with an enum: of an enum
+ENUM int32_t ars_probe(bool b) { const e_t s = b ? A : B; return s - 1; }
+// an octal number: index inside its array
+PROBE return table[(x == 0u) ? 010 : 0]; }
+// an initialiser that leaves something out: b is written
+PAIR void ars_s_init(s_t *self) { self->a = 0u; } uint32_t ars_s_step(s_t *self) { return self->b; }
+// a result of which something is left out: b of the result is written
+PAIR s_t ars_probe(uint32_t x) { s_t s; s.a = x; return s; }
+// what nobody thought of: cannot be judged
+uint32_t ars_probe(const uint32_t *p) { return p ? 1u : 0u; }
+// a conversion into too few bits: conversion defined
+uint32_t ars_probe(float x) { TABLE float rest = 0.0f; if ((x >= 0.0f) && (x < 1000.0f)) { const uint8_t whole = (uint8_t)x;
+rest = x - (float)whole; } return table[(rest > 1.5f) ? 4000u : 0u]; }
+// a last cell below zero: index inside its array
+uint32_t ars_probe(float x) { TABLE uint32_t result = 0u; if ((x >= 0.0f) && (x < 100.0f)) {
+const int32_t whole = (x >= 10.0f) ? -1 : (int32_t)x; const float rest = x - (float)whole;
+result = table[(rest > 1.5f) ? 4000u : 0u]; } return result; }
+// a whole number of 64 bits as a float: as a float
+float ars_probe(unsigned long long x) { return (float)x; }
+// a name that a case declares
+PROBE uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; default: break; } return table[k]; }
+// a branch that a comparison does not decide: division
+void ars_part(int32_t n, int32_t *out) { int32_t share = 0; if (n > 5) { if (n > 7) { share = 10 / n; } else {
+share = 10 / (n - n); } } *out = share; }
+""")
+
+ACCEPTED = cases("""
+// a branch that a comparison decides
+void ars_part(int32_t n, int32_t *out) { int32_t share = 0; if (n > 5) { if (n > 3) { share = 10 / n; } else {
+share = 10 / (n - n); } } *out = share; }
+// chained assignments
+uint32_t ars_probe(uint32_t x) { uint32_t a; uint32_t b; a = b = x & 3u; TABLE return table[a & b]; }
+// a call that changes what no other operand reads
+NEXT static uint32_t of(const uint32_t *k) { return *k; } uint32_t ars_probe(uint32_t x) { uint32_t k = x; uint32_t m = 1u;
+return next(&k) | of(&m); }
+// enums among their like
+ENUM uint32_t ars_probe(bool b) { const e_t s = b ? A : B; TABLE return (s < B) ? 0u : table[s]; }
+// a long loop
+uint32_t ars_probe(uint32_t x) { uint8_t t[200]; uint32_t i; for (i = 0u; i < 200u; i++) { t[i] = (uint8_t)x; } return x; }
+// a contract
+uint32_t ars_helper(const uint32_t *p) { return *p & 3u; } uint32_t ars_probe(uint32_t x) { uint32_t k = x;
+TABLE return table[ars_helper(&k)]; }
+""")
 
 
-@pytest.mark.parametrize("name", ACCEPTED)
-def test_what_is_right_stays_proved(name: str) -> None:
-    told = judged(ACCEPTED[name])
-    assert told.is_proved, told.text
+@pytest.mark.parametrize(("body", "message"), REFUSED.values(), ids=REFUSED)
+def test_it_is_not_proved(body: str, message: str) -> None:
+    found = judged(body)
+    assert not found.is_proved
+    assert message in found.text
+
+
+@pytest.mark.parametrize("body", [body for body, _ in ACCEPTED.values()], ids=ACCEPTED)
+def test_it_is_proved(body: str) -> None:
+    found = judged(body)
+    assert found.is_proved, found.text
 
 
 def test_a_float_literal_is_rounded_once() -> None:
@@ -247,7 +190,7 @@ def test_a_float_literal_is_rounded_once() -> None:
     assert value.data == 1.0 + 2.0**-23
 
 
-# A promise never shows what a call needs.
+# A contract never shows what a call needs.
 
 LIMITER = """
 typedef struct { float rear_angle_max; float rear_rate_max; } ars_limiter_parameters_t;
@@ -266,9 +209,9 @@ float ars_limiter_step(ars_limiter_t *self, const ars_limiter_parameters_t *para
 @pytest.mark.parametrize(
     ("call", "need"),
     [
-        # The limiter promises |result| <= rear_angle_max: nothing is that of a limit below zero.
+        # The limiter ensures |result| <= rear_angle_max, which no number fulfils for a limit below zero.
         pytest.param("p.rear_angle_max = x; ars_limiter_init(&s, 0.0f);", "the parameters are valid", id="parameters"),
-        # And that it is not far from its last angle: nothing is that of NaN.
+        # It also ensures that the result is near its last angle, which no number fulfils for NaN.
         pytest.param(
             "p.rear_angle_max = 0.5f; ars_limiter_init(&s, 0.0f); s.rear_angle = ((x > 0.5f) || (x < -0.5f)) ? 0.0f : x;",
             "rear_angle is ",
@@ -276,7 +219,7 @@ float ars_limiter_step(ars_limiter_t *self, const ars_limiter_parameters_t *para
         ),
     ],
 )
-def test_what_a_call_needs_is_not_shown_by_what_it_promises(call: str, need: str) -> None:
+def test_the_contract_of_a_call_does_not_show_its_preconditions(call: str, need: str) -> None:
     probe = (
         "float ars_probe(float x) {{ ars_limiter_t s; ars_limiter_parameters_t p; p.rear_rate_max = 1.0f; {} "
         "return ars_limiter_step(&s, &p, 0.1f); }}"
@@ -286,76 +229,8 @@ def test_what_a_call_needs_is_not_shown_by_what_it_promises(call: str, need: str
     assert need not in judged(LIMITER + right).text
 
 
-# What is claimed, each with a fault that it is there for.
-
-LIMITER_UNIT = "src/ars_limiter.c"
-LOW = "const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;"
-CLAMPED = "target = clamp(target, self->rear_angle - step, self->rear_angle + step);"
-SLOW = "target = clamp(target, self->rear_angle - (0.5f * step), self->rear_angle + step);"
-DEMANDED = "            target = input->demand;"
-LIMITER_FAULTS = [
-    {
-        ("rear_rate_max * sampling_time", "rear_rate_max * 0.02f"): "it rises by at most rear_rate_max",
-        ("self->speed = magnitude(input->speed);", "self->speed = input->speed;"): "speed is the one given",
-        ("-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f"): "it starts from the angle given",
-    },
-    {
-        (LOW, "const float low = -parameters->rear_angle_max + (0.0f * in_phase);"): "to the right of front wheels to the left",
-        (CLAMPED, SLOW): "to the left of front wheels to the right",
-        (DEMANDED, "            target = 1.5f * input->demand;"): "it is not above its last value",
-    },
-]
-
-
-def of_units(names: Sequence[str], *planted: tuple[str, str, str]) -> Told:
-    """A "pi" of some units alone, with texts of its files replaced: path, old, new."""
-    folder = builds.made("pi")
-    files = {path: text for path, text in folder.files.items() if path.startswith("include/") or path in names}
-    for path, old, new in planted:
-        text = files[path].decode("ascii")
-        assert text.count(old) == 1, old
-        files[path] = text.replace(old, new).encode("ascii")
-    machine = Executor(Program.read(files), {f"ars_map_{name}": range_ for name, range_ in MAP.items()})
-    return told_by(Session(machine, "ars", folder.manifest["configuration"]["controller"]["sampling_time_s"]).run())
-
-
-@pytest.mark.parametrize("faults", LIMITER_FAULTS, ids=["rate, speed and start", "range, return and demand"])
-def test_a_fault_of_the_limiter_breaks_its_claim(faults: dict[tuple[str, str], str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solver, "ROUNDS_MAX", 1)  # a counterexample is not asked for
-    told = of_units([LIMITER_UNIT], *((LIMITER_UNIT, old, new) for old, new in faults))
-    for claim in faults.values():
-        assert claim in told.text
-    assert "cannot be judged" not in told.text
-
-
-CONTROLLER_UNITS = ("src/ars_controller.c", LIMITER_UNIT, "src/ars_map.c", "src/ars_calibration.c")
-CONTROLLER = "src/ars_controller.c"
-
-
-def test_faults_of_the_controller_break_their_claims(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solver, "ROUNDS_MAX", 1)
-    told = of_units(
-        CONTROLLER_UNITS,
-        # The fail-safe ramps above hold_speed as well, and away from zero; degraded is not held; tracking goes too fast.
-        (CONTROLLER, "if (speed < parameters->hold_speed) {", "if (speed < 10000.0f) {"),
-        (CONTROLLER, "        result = value - step;", "        result = value + step;"),
-        (
-            CONTROLLER,
-            "        self->status = ARS_STATUS_DEGRADED;",
-            "        self->status = ARS_STATUS_DEGRADED;\n        self->rear_angle = 0.0f;",
-        ),
-        (CONTROLLER, "return ((own < behind) ? own : behind) * sampling_time;", "return behind * sampling_time;"),
-    )
-    assert "in fail-safe |rear_angle| does not grow" in told.text
-    assert "in fail-safe the angle is held from hold_speed on" in told.text
-    assert "degraded, the angle is held" in told.text
-    assert "tracking, it moves by at most the lower of both rates" in told.text
-    assert "cannot be judged" not in told.text
-
-
-def test_a_parameter_that_is_not_there_is_told() -> None:
-    told = judged(LIMITER)
-    assert "limited: what it is about is not there: " in told.text
+def test_a_missing_parameter_is_reported() -> None:
+    assert "limited: what it is about is not there: " in judged(LIMITER).text
 
 
 # No fact is false, whatever numbers it is about.
@@ -482,7 +357,7 @@ def named(fact: Fact) -> Iterator[Term]:
     yield from (each.term for each in (*fact.premises, fact.conclusion))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_no_fact_is_false(seed: int) -> None:
     made = Made(seed)
     kept = learned(made)
@@ -501,7 +376,7 @@ def test_no_fact_is_false(seed: int) -> None:
         assert not false, (false[0], [(term, values[term]) for term in inside(named(false[0]))])
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_no_refinement_is_false(seed: int) -> None:
     made = Made(seed)
     cone = inside([*made.floats, *made.wholes])
@@ -532,20 +407,3 @@ def test_assumptions_that_share_no_input_with_a_goal_are_left_out() -> None:
     together = pool.and_(of_a, pool.and_(of_b_and_c, of_c))
     assert prover.about([together, of_d], [pool.apply("ult", BOOL, b, ten)]) == [of_b_and_c, of_c]
     assert prover.about([together, of_d], [pool.apply("ult", BOOL, a, ten)]) == [of_a, of_d]
-
-
-def test_what_a_comparison_is_known_to_give_decides_the_branch() -> None:
-    """Within the bounds that hold there, and not beyond them."""
-    body = """
-void ars_part(int32_t n, int32_t *out);
-void ars_part(int32_t n, int32_t *out)
-{
-    int32_t share = 0;
-    if (n > 5) {
-        if (n > 3) { share = 10 / n; } else { share = 10 / (n - n); }
-    }
-    *out = share;
-}
-"""
-    assert judged(body).is_proved
-    assert not judged(body.replace("n > 3", "n > 7")).is_proved

@@ -1,4 +1,4 @@
-"""What is called: rows for each function, and cycles of the task with everything that a bus can do to them."""
+"""Rows for each counted function, and cycles of the task with everything that a bus can do to them."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
-from codegen.verify.budgets import states, workloads
+from codegen.verify.budgets import states
 from codegen.verify.budgets.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
-from codegen.verify.budgets.states import behind, histories, long_ways, long_ways_of_task
-from codegen.verify.budgets.workloads import CYCLE_COLUMNS, STEP_COLUMNS, Fault, cycles_of, events_of, steps_of
-from codegen.verify.drives import Ground, drawn, measurements_of
+from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
+from codegen.verify.budgets.workloads import CYCLE_COLUMNS, Fault, events_of
+from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
-from tests.verify import builds
+from tests.verify import builds, planted
 
-MOTION_ID, CONDITIONS_ID = 0x101, 0x102
+PI = builds.made("pi", "uneven")
+MOTION_ID = 0x101
 
 
 @functools.cache
 def ground() -> Ground:
-    return Ground.of(builds.made("pi").manifest)
+    return Ground.of(PI.manifest)
 
 
 @functools.cache
 def counter() -> Counter:
-    files = builds.made("pi").files
-    sources = {path: content for path, content in files.items() if path.startswith(("include/", "src/"))}
-    return Counter(sources, "ars", task_view(builds.config_of("pi")))
+    return Counter(planted.subject_of(PI).sources(), "ars", task_view(builds.config_of("pi")))
 
 
 def generator() -> np.random.Generator:
@@ -43,15 +42,15 @@ def cycles(*faults: tuple[Fault, Fault]) -> Rows:
 
 
 def statuses(rows: Rows) -> list[list[E2eStatus]]:
-    """What an independent receiver finds of the frames of the motion, cycle by cycle."""
+    """Return what an independent receiver finds in the motion frames, cycle by cycle."""
     found, receiver = events_of(rows, counter()), Receiver(ground().config.can.e2e)
-    told: list[list[E2eStatus]] = [[] for _ in rows]
+    seen: list[list[E2eStatus]] = [[] for _ in rows]
     for event, row in zip(found.events, found.row, strict=True):
         if event["kind"] == MOTION and event["length"] == 8:
-            told[row].append(receiver.check(MOTION_ID, event["data"].tobytes()))
-        if event["kind"] == TASK and not told[row]:
-            told[row].append(receiver.no_new_data())
-    return told
+            seen[row].append(receiver.check(MOTION_ID, event["data"].tobytes()))
+        if event["kind"] == TASK and not seen[row]:
+            seen[row].append(receiver.no_new_data())
+    return seen
 
 
 GOOD = (Fault.NONE, Fault.NONE)
@@ -77,13 +76,13 @@ def test_cycles_without_faults() -> None:
         (Fault.FOREIGN, E2eStatus.OK),
     ],
 )
-def test_faults_are_what_they_are_called(fault: Fault, status: E2eStatus) -> None:
+def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> None:
     rows = cycles(GOOD, GOOD, (fault, Fault.NONE), GOOD)
     assert statuses(rows)[2] == [status]
     assert events_of(rows, counter()).regular.tolist() == [True, True, fault is not Fault.FOREIGN, True]
 
 
-def test_faults_of_the_frame_itself() -> None:
+def test_faults_of_length_and_number_of_frames() -> None:
     short = events_of(cycles(GOOD, (Fault.WRONG_LENGTH, Fault.NONE)), counter())
     assert short.events["length"].tolist() == [8, 8, 8, 8, 7, 8, 8]
     twice = events_of(cycles((Fault.NONE, Fault.TWICE)), counter())
@@ -92,99 +91,28 @@ def test_faults_of_the_frame_itself() -> None:
     assert FOREIGN in events_of(cycles((Fault.NONE, Fault.FOREIGN)), counter()).events["kind"]
 
 
-def test_rows_have_the_columns_that_they_are_said_to_have() -> None:
-    drives = [*workloads.with_extremes(drawn(ground(), 400), ground(), generator()), workloads.calm(ground(), 400, generator())]
-    steps = steps_of(drives, generator())
-    assert all(rows.shape == (400, len(workloads.STEP_COLUMNS)) and rows[0, -1] == 1.0 for rows in steps)
-    assert 0.0 < np.mean([rows[1:, -1].mean() for rows in steps]) < 0.1
-    for rows in cycles_of(steps, generator()):
-        assert rows.shape == (400, len(CYCLE_COLUMNS))
-        assert set(rows[:, -2:].ravel().tolist()) <= set(map(float, Fault))
-    assert set(cycles_of(steps, generator())[-2][:, -1].tolist()) == set(map(float, Fault))
-    places = workloads.places_of(drives, generator())
-    demands = workloads.demands_of(drives, ground(), generator())
-    assert {rows.shape[1] for rows in places} == {len(workloads.PLACE_COLUMNS)}
-    assert {rows.shape[1] for rows in demands} == {len(workloads.DEMAND_COLUMNS)}
-    assert np.isnan(np.concatenate(demands)[:, 2]).any()
-    assert {rows.dtype for rows in (*steps, *places, *demands)} == {np.dtype(np.float32)}
-
-
-def test_extremes_are_the_last_numbers_that_the_controller_accepts() -> None:
-    """To the bit what the C compares with; the draw itself stays below."""
-    drive = drawn(ground(), 4_000, gaps=((0.0, 1.0),))[0]
-    (extreme,) = workloads.with_extremes([drive], ground(), generator())
-    parameters = builds.compiled("pi").parameters()[0]
-    names = ("speed_max", "front_angle_max", "yaw_rate_max", "rear_angle_input_max", "friction_max")
-    for column, name in enumerate(names):
-        assert np.nanmax(extreme[:, column]) == np.float32(getattr(parameters, name)), name
-    assert np.nanmax(drive[:, 0]) < np.nanmax(extreme[:, 0])
-
-
-def test_in_a_calm_drive_little_is_lost_and_errors_are_of_every_size() -> None:
-    drive = workloads.calm(ground(), 1_500, generator())
-    assert drive.shape == (1_500, 6)
-    commands = builds.compiled("pi").controller().run(measurements_of(drive))
-    lost = np.isnan(drive[:, 0])
-    assert 0.01 < lost.mean() < 0.1
-    assert {commands[sample].status for sample in np.flatnonzero(lost)} == {Status.DEGRADED}
-    assert {commands[sample].status for sample in np.flatnonzero(~lost)} == {Status.TRACKING, Status.LIMITED}
-    error = np.abs([command.yaw_rate_reference for command in commands] - drive[:, 2])
-    assert np.histogram(np.log10(error), bins=[-4, -2, -1, 0])[0].min() > 20
-
-
-def test_packed_values_lie_between_two_codes() -> None:
-    """Exactly between two codes, as the C computes them, are some of both signs of each signal."""
-    rows = workloads.results_of(ground(), 1_500, generator())
-    message = ground().config.can.rear_steer_command
-    for column, signal in enumerate((message.rear_angle, message.yaw_rate_reference)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            scaled = rows[:, column] * np.float32(1.0 / signal.factor)
-            ties = scaled[np.abs(scaled - np.trunc(scaled)) == 0.5]
-        assert {-1.0, 1.0} == set(np.sign(ties).tolist())
-        assert {0.0, 1.0} == set((np.trunc(ties) % 2.0).tolist())
-        assert np.isnan(rows[:, column]).any()
-
-
 def test_long_ways_are_as_long_as_their_limits() -> None:
     fail_safe = ground().config.controller.fail_safe
     ways = long_ways(ground())
     assert max(len(way.before) for way in ways) > 2**16
     assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
     assert all(way.before[0, -1] == 1.0 and not way.then[:, -1].any() for way in ways)
-    assert all(way.then.shape[1] == len(CYCLE_COLUMNS) for way in long_ways_of_task(ground()))
-
-
-def test_after_a_silence_the_counter_must_prove_itself() -> None:
-    way = long_ways_of_task(ground())[-1]
-    told = statuses(np.concatenate([way.before, way.then]))
-    assert told[: -len(way.then)].count([E2eStatus.NO_NEW_DATA]) > ground().config.can.e2e.max_no_new_or_repeated_data
-    assert [E2eStatus.SYNC] in told[-len(way.then) :]
-
-
-def test_histories_lead_to_states_of_their_own() -> None:
-    """Behind them the controller stands by, follows, holds, holds, and is one good sample away from coming back."""
-    good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
-    reached = []
-    for history in histories(ground()):
-        controller = builds.compiled("pi").controller()
-        reached += [controller.run(measurements_of(np.concatenate([history, good])[:, :6]))[-2].status]
-    assert reached == [Status.STANDBY, Status.TRACKING, Status.DEGRADED, Status.DEGRADED, Status.FAIL_SAFE]
-    last = builds.compiled("pi").controller().run(measurements_of(np.concatenate([histories(ground())[-1], good])[:, :6]))[-1]
-    assert last.status in (Status.TRACKING, Status.LIMITED)
-
-
-def test_rows_are_put_behind_each_history_and_mirrored() -> None:
-    rows = np.array([[15.0, 0.07, 0.3, 0.01, 0.8, 1.0, 1.0, 2.0, 0.0]], dtype=np.float32)
-    history = np.zeros((4, len(STEP_COLUMNS)), dtype=np.float32)
-    found = behind([history], rows)
-    assert found.shape == (2 + 2 * 5, 9)
-    mirrored = rows[0] * np.array([1, -1, -1, -1, 1, 1, 1, 1, 1])
-    assert np.array_equal(found[:2], [rows[0], mirrored])
-    goes_on = np.array([1, 1, 1, 1, 1, 1, 0, 1, 1])
-    assert np.array_equal(found[[6, 11]], [rows[0] * goes_on, mirrored * goes_on])
-    assert not found[2:6].any()
-
-
-def test_a_flood_overflows_the_count_of_frames() -> None:
-    kinds = states.flooded()["kind"].tolist()
+    of_task = long_ways_of_task(ground())
+    assert all(way.then.shape[1] == len(CYCLE_COLUMNS) for way in of_task)
+    seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, and frames after it
+    after = len(of_task[-1].then)
+    assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > ground().config.can.e2e.max_no_new_or_repeated_data
+    assert [E2eStatus.SYNC] in seen[-after:]
+    kinds = states.flooded()["kind"].tolist()  # more frames than the counter of a cycle holds
     assert kinds.count(MOTION) == kinds.count(CONDITIONS) > 2**8
+
+
+def test_each_history_leads_to_a_state_of_its_own() -> None:
+    good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
+    runs = [
+        builds.compiled("pi").controller().run(measurements_of(np.concatenate([history, good])[:, :6]))
+        for history in histories(ground())
+    ]
+    expected = [Status.STANDBY, Status.TRACKING, Status.DEGRADED, Status.DEGRADED, Status.FAIL_SAFE]
+    assert [commands[-2].status for commands in runs] == expected
+    assert runs[-1][-1].status in (Status.TRACKING, Status.LIMITED)  # one good sample ends that fail-safe

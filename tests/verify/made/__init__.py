@@ -1,1 +1,1 @@
-"""Checks with a known end, to run in processes of their own: a module each, as those of `codegen.verify`."""
+"""Checks with known outcomes, each a module, as those of `codegen.verify`, so that other processes can import them."""

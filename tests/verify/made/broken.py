@@ -1,4 +1,4 @@
-"""A fault of the program itself."""
+"""A check with a fault of its own."""
 
 from __future__ import annotations
 

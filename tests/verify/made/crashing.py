@@ -1,4 +1,4 @@
-"""What C does to the process of its check."""
+"""A check whose process is killed."""
 
 from __future__ import annotations
 

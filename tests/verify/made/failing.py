@@ -1,4 +1,4 @@
-"""Fails with many findings."""
+"""A check that fails with many findings."""
 
 from __future__ import annotations
 

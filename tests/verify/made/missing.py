@@ -1,4 +1,4 @@
-"""Lacks its tool."""
+"""A check without its tool."""
 
 from __future__ import annotations
 

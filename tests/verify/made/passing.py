@@ -1,4 +1,4 @@
-"""Passes, and says what it was given."""
+"""A check that passes and reports its input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cannot work with the build."""
+"""A check that cannot use the build."""
 
 from __future__ import annotations
 

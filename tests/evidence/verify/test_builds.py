@@ -1,0 +1,134 @@
+"""The checks of `codegen verify` on builds of every kind, precision, grid and layout: nothing is found."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+import re
+
+import numpy as np
+import pytest
+
+from codegen import config as configuration
+from codegen.emit.folder import Folder
+from codegen.refmap.place import Request
+from codegen.refmap.solve import solve_case
+from codegen.verify.check import Effort, Verdict
+from codegen.verify.runner import CHECKS
+from tests.verify import builds, planted
+
+MODULES = {check.name: check.module for check in CHECKS}
+LONG = ("proof", "static-analysis", "sanitizers", "fuzzing")
+"""Checks that are in the long form alone."""
+
+
+def other_car() -> Folder:
+    """Return a build with the map of another car: the car that steers where grip ends stands in the C alone."""
+    config = builds.config_of("tracking", "uneven")
+    heavier = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"mass_kg": 2400.0})})
+    return builds.build_of(solve_case(config, builds.CASE), heavier, "ars.toml")
+
+
+def other_frames() -> Folder:
+    """Return the paper's build with Motorola byte order, an offset, unsigned signals and other identifiers."""
+    data = configuration.preset("paper").model_dump(mode="json")
+    motion, command = data["can"]["vehicle_motion"], data["can"]["rear_steer_command"]
+    motion["byte_order"], command["byte_order"] = "motorola", "motorola"
+    motion["qualifier"]["start_bit"] = 15
+    for message, starts in ((motion, (23, 39, 55)), (command, (23, 39))):
+        names = [name for name, signal in message.items() if isinstance(signal, dict) and "factor" in signal]
+        for name, start in zip(names, starts, strict=True):
+            message[name]["start_bit"] = start
+    command["status"]["start_bit"], command["diagnostics"]["start_bit"] = 15, 55
+    command["id"], command["data_id"] = 0x3A0, 0x1234
+    command["rear_angle"].update(signed=False, offset=-1.6)
+    config = configuration.parse(data, "test")
+    return builds.build_of(solve_case(config, builds.CASE), config, prefix="rear2")
+
+
+@functools.cache
+def placed() -> Folder:
+    """Return a build with another prefix, chosen breakpoints and tables of 16 bits."""
+    request = Request(math.radians(0.5), None, "int16", "--max-error 0.5deg/s --storage int16")
+    config = builds.config_of("tracking")
+    return builds.build_of(solve_case(config, builds.CASE), config, prefix="rear_axle", request=request)
+
+
+BUILDS = {
+    **{kind: functools.partial(builds.made, kind) for kind in builds.KINDS},
+    "uneven": functools.partial(builds.made, "pi", "uneven"),
+    "stack": functools.partial(builds.made, "tracking", "uneven", layers=True),
+    "double": functools.partial(builds.made, "pi", precision="double"),
+    "double stack": functools.partial(builds.made, "tracking", "uneven", layers=True, precision="double"),
+    "other car": other_car,
+    "other frames": other_frames,
+    "placed": placed,
+}
+NOT_RUN = {("budgets", "double"), ("budgets", "double stack"), ("proof", "double"), ("proof", "double stack")}
+"""These checks are for single precision."""
+
+
+def case(check: str, name: str) -> object:
+    is_long = check in LONG or name != "stack"
+    return pytest.param(check, name, marks=[pytest.mark.long] if is_long else [], id=f"{check}-{name}")
+
+
+@pytest.mark.parametrize(("check", "name"), [case(check, name) for check in MODULES for name in BUILDS])
+def test_nothing_is_found(check: str, name: str) -> None:
+    subject = planted.subject_of(BUILDS[name]())
+    outcome = importlib.import_module(MODULES[check]).check(subject, Effort(quick=True))
+    if (check, name) in NOT_RUN:
+        assert outcome.verdict is Verdict.NOT_RUN
+        return
+    assert outcome.findings == ()
+    assert outcome.verdict is Verdict.PASSED
+    if check == "budgets":  # what stays is where the compiler does not see that two conditions exclude each other
+        never = [place for places in outcome.figures["blocks"]["never"].values() for place in places]
+        assert len(never) <= 0.02 * outcome.figures["blocks"]["all"], never
+        assert not any(place.startswith("src/ars_can.c") for place in never)
+        # 1500 instructions are a third of a percent of 10 ms at 100 MHz and two cycles each.
+        step = outcome.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"]
+        assert step <= (1_500 if "tracking" in subject.kind else 750)
+    if check == "static-analysis":
+        assert any("rule 5.1" in limit for limit in outcome.limits) == (name == "placed")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("check", ["compiles", "processor-in-the-loop", "law"])
+def test_nothing_is_found_by_a_whole_check(check: str) -> None:
+    folder = builds.made("pi", precision="double") if check == "compiles" else builds.made("tracking")
+    outcome = importlib.import_module(MODULES[check]).check(planted.subject_of(folder), Effort())
+    assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
+    if check == "compiles":  # only a core without a double FPU needs help with doubles
+        needed = outcome.figures["needed_of_others"]
+        assert len(needed) == 7
+        assert "__aeabi_dmul" in needed["Cortex-M4F"]
+        assert "__muldf3" in needed["RV32IMAFC"]
+        assert not any("df" in name for name in needed["PowerPC, big-endian"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "law", "sanitizers", "fuzzing"])
+def test_outcomes_are_repeatable(check: str) -> None:
+    subject = planted.subject_of(builds.made("pi", "uneven"))
+    first, second = (importlib.import_module(MODULES[check]).check(subject, Effort(quick=True)) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.long
+def test_the_a2l_has_raw_tables_with_their_scales_and_the_c_no_double() -> None:
+    folder = placed()
+    text, storage = folder.files["rear_axle.a2l"].decode("ascii").replace("rear_axle", "ars"), folder.manifest["map"]["storage"]
+    for name, key in (("yaw_rate", "scale_rad_s"), ("rear_angle", "scale_rad")):
+        method = re.search(rf"COMPU_METHOD ars\.raw_{name} .* LINEAR .*\n\s+COEFFS_LINEAR (\S+) 0\n", text)
+        assert method is not None
+        assert np.float32(method[1]) == np.float32(storage[name][key])
+        table = re.search(rf"CHARACTERISTIC ars\.map\.{name} .*?ars_RAW_FUNCTION 0 (\S+) (\S+) (\S+)\n", text, re.DOTALL)
+        assert table is not None
+        assert table[1] == f"ars.raw_{name}"
+        assert float(table[3]) == pytest.approx(32767 * storage[name][key], rel=1e-6)  # printed with seven digits
+    assert re.search(r"RECORD_LAYOUT ars_RAW_FUNCTION\n\s+FNC_VALUES 1 SWORD ROW_DIR DIRECT\n", text)
+    for path, content in folder.files.items():
+        if path.startswith(("src/rear_axle_map", "src/rear_axle_calibration", "include/rear_axle_map")):
+            assert b"double" not in content

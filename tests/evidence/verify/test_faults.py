@@ -1,0 +1,274 @@
+"""Planted faults that only some cores, harnesses or searches find. tests/verify has one faulty build for each check."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from codegen.verify.budgets import check as budgets
+from codegen.verify.budgets.measure import measure_step
+from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify.compilation import check as compiles
+from codegen.verify.fuzzing import check as fuzzing
+from codegen.verify.pil import check as pil
+from codegen.verify.proof import check as proof
+from codegen.verify.sanitizers import check as sanitizers
+from codegen.verify.sanitizers import trap_build
+from tests.verify import builds, planted
+from tests.verify.test_sanitizers import MENDED
+
+PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
+QUICK = Effort(quick=True)
+
+
+def changed(unit: str, old: str, new: str, folder: builds.Folder = PI) -> Subject:
+    return Subject("planted", builds.with_text(folder, f"src/ars_{unit}.c", old, new), folder.manifest)
+
+
+# Processor in the loop: faults of single cores.
+
+CORES = {
+    "a data identifier by bytes": (
+        "PowerPC, big-endian",
+        "e2e_check",
+        "    union { uint16_t word; uint8_t bytes[2]; } unpacked = { data_id };\n"
+        "    const uint16_t id = (uint16_t)(unpacked.bytes[0] | ((uint32_t)unpacked.bytes[1] << 8));\n"
+        "    return planted_ars_e2e_check(self, id, data);",
+        "scenario step-steer, cycle 0: ",
+    ),
+    # The host has no such instruction, or gcc, which does not know the pragma; for a Cortex-M4F it is too slow for clang.
+    "a fused multiplication": (
+        "Cortex-M7",
+        "limiter_step",
+        "    float result = planted_ars_limiter_step(self, parameters, input);\n"
+        "#ifdef __clang__\n    {\n#pragma STDC FP_CONTRACT ON\n#endif\n"
+        "    result = (result * 1.0000001f) + (0.1f * self->front_angle);\n#ifdef __clang__\n    }\n#endif\n    return result;",
+        "random steps, step ",
+    ),
+    # clang for the Cortex-M7 makes a maximum of it, which returns such a NaN; a comparison and a jump do not.
+    "a signalling NaN in a comparison": (
+        "Cortex-M7",
+        "map_yaw_rate_on_road",
+        "    const float bounded = (speed > 0.5f) ? speed : 0.5f;\n"
+        "    return planted_ars_map_yaw_rate_on_road(bounded, front_angle, friction);",
+        "lookup, call ",
+    ),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("core", "function", "body", "finding"), CORES.values(), ids=CORES)
+def test_a_fault_of_some_cores_is_found_there(
+    monkeypatch: pytest.MonkeyPatch, core: str, function: str, body: str, finding: str
+) -> None:
+    monkeypatch.setattr(pil, "QUICK_STEPS", 1_500)
+    monkeypatch.setattr(pil, "_dynamics", lambda *given: {})
+    found = pil.check(planted.wrapped(PI, f"ars_{function}", body), QUICK)
+    faulty = {name for name, counts in found.figures["mismatches"].items() if any(counts.values())}
+    assert core in faulty
+    assert "Cortex-M4F" not in faulty
+    assert any(each.startswith(f"{core}: {finding}") for each in found.findings), found.findings
+
+
+# Budgets: the longest step, where it is rare.
+
+NOPS = 1_000
+"""More instructions than a step has, so that a step with them is the longest."""
+RARE = {
+    "the law starts afresh": ("    self->status = law_step(", "starts", True),
+    "a recovery ends": ("            self->good_samples = 0u;\n            self->status", "true", True),
+    "plausible again": ("        self->implausible_samples = 0u;\n", "self->implausible_samples > 0u", True),
+    "between two speeds": ("            /* between the two speeds nothing changes */\n", "true", True),
+    "a count is full, after eleven minutes": (
+        "    self->good_samples = 0u;\n    if ((self->status",
+        "self->bad_samples == UINT16_MAX",
+        False,
+    ),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("place", "condition", "goes_on"), RARE.values(), ids=RARE)
+def test_a_rare_long_step_is_found(place: str, condition: str, goes_on: bool) -> None:
+    """Where the law may follow, it is found together with nearly the longest of what else a step does."""
+    nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
+    usual = measure_step(planted.subject_of(PI), QUICK).worst
+    assert measure_step(changed("controller", place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
+
+
+@pytest.mark.long
+def test_stack_without_a_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some compilers do not report how much stack a function takes."""
+    monkeypatch.setattr("codegen.verify.budgets.counting.FLAGS", ("-O2",))
+    found = budgets.check(planted.subject_of(PI), QUICK)
+    assert [finding.split(":")[0] for finding in found.findings] == [*found.figures["stack_bytes"]]
+    assert all(": the compiler does not tell how much stack it takes" in finding for finding in found.findings)
+
+
+# Compilation, sanitizers and trap build.
+
+
+@pytest.mark.long
+def test_a_header_that_is_not_for_cxx_is_found() -> None:
+    header = "include/ars_e2e.h"
+    files = builds.with_text(PI, header, '#ifdef __cplusplus\nextern "C" {\n#endif\n', "")
+    files[header] = files[header].replace(b"#ifdef __cplusplus\n}\n#endif\n", b"")
+    outcome = compiles.check(Subject("planted", files, PI.manifest), QUICK)
+    assert 'include/: ars_e2e_crc is not declared extern "C" for C++' in outcome.findings
+    assert all("ars_e2e_" in finding and "extern" in finding for finding in outcome.findings)
+
+
+@pytest.mark.long
+def test_a_header_that_needs_another_is_found() -> None:
+    header, end = "include/ars_map.h", "\n#endif /* ARS_MAP_H */"
+    files = builds.with_text(PI, header, end, f"size_t ars_map_ready(void);{end}")
+    outcome = compiles.check(Subject("planted", files, PI.manifest), QUICK)
+    found = [finding for finding in outcome.findings if finding.startswith(f"{header}:")]
+    assert found
+    assert all("size_t" in finding for finding in found)
+
+
+TRAPS = {
+    "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": "Floating-point to integer conversion overflowed",
+    "result += input->demand / ((float)far * 0.0f);": "Division by zero, or one whose result does not fit",
+    "result += (float)(1 / (far - 6));": "Division by zero, or one whose result does not fit",
+    "result += 0.0f * parameters->opposite_phase_max[far];": "Array index out of bounds",
+    "result += 0.0f * (float)(far * 400000000);": "signed integer multiplication overflow in 'far * 400000000'",
+    "result += 0.0f * (float)(1u << (far * 6));": "Shift exponent is too large for the type",
+}
+
+
+@pytest.mark.parametrize(("statement", "why"), TRAPS.items())
+def test_undefined_behaviour_traps(monkeypatch: pytest.MonkeyPatch, statement: str, why: str) -> None:
+    monkeypatch.setattr(trap_build, "QUICK_STEPS", 1_500)
+    subject = planted.limiter(PI, f"    const int32_t far = (input->demand > 0.05f) ? 6 : 0;\n\n    {statement}")
+    line = 1 + subject.files["src/ars_limiter.c"].decode().splitlines().index(f"    {statement}")
+    (finding,) = trap_build.trapped(subject, QUICK)
+    assert finding.startswith(f"src/ars_limiter.c:{line}: {why}, on the Cortex-M4F; ")
+
+
+def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The order of the operations may be another one there; a wrong cell shows all the same."""
+    monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
+    monkeypatch.setattr(trap_build, "trapped", lambda subject, effort: ())
+    for factor, verdict in ((1.000001, Verdict.PASSED), (1.001, Verdict.FAILED)):
+        body = f"    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction) * {factor}f;"
+        old = replace(TRACKING, manifest={**TRACKING.manifest, "version": "0.0.1"})
+        assert sanitizers.check(planted.wrapped(old, "ars_map_yaw_rate_on_road", body), QUICK).verdict is verdict
+
+
+# Fuzzing: each property of a harness can fail.
+
+CALL = {
+    "e2e_protect": "planted_ars_e2e_protect(data_id, counter, data);",
+    "can_unpack_vehicle_motion": "planted_ars_can_unpack_vehicle_motion(data, signals);",
+    "can_pack_vehicle_conditions": "planted_ars_can_pack_vehicle_conditions(signals, data);",
+    "reference_model_step": "planted_ars_reference_model_step(self, input);",
+    "dynamics_linear": "ars_dynamics_state_t result = planted_ars_dynamics_linear(state, input);",
+    "controller_step": "ars_command_t result = planted_ars_controller_step(self, parameters, measurement);",
+}
+"""The call of the original at the start of a body. Bodies of other functions call it themselves."""
+SENT = "ars_rear_steer_command_t sent = *signals; {} planted_ars_can_pack_rear_steer_command(&sent, data);"
+ROAD = "return planted_ars_map_yaw_rate_on_road({}, friction);"
+UNUSED = "a frame that must not be used makes no difference"
+REFERENCE, STATUS = "result.yaw_rate_reference", "result.status"
+FAULTS = {
+    "can": [
+        ("e2e_check", MENDED, UNUSED),
+        ("e2e_check", MENDED.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
+        ("e2e_protect", "*counter += (*counter == 7u);", "counter of the command"),
+        ("task_on_can_frame", "planted_ars_task_on_can_frame(self, id, data, (length < 8u) ? 8u : length);", "src/ars_e2e.c:"),
+        ("task_10ms", "return planted_ars_task_10ms(self, data) + (data[6] == 0x21u);", "identifier of the command"),
+        (
+            "task_init",
+            "static ars_parameters_t patient; patient = *parameters; patient.degraded_samples_max += 1u;"
+            "planted_ars_task_init(self, &patient);",
+            "fail-safe after so many lost samples",
+        ),
+        ("can_pack_rear_steer_command", SENT.format("sent.rear_angle *= 1.1f;"), "rear angle "),
+        (
+            "can_pack_rear_steer_command",
+            SENT.format("sent.rear_angle = (sent.status == 3u) ? ars_can_not_available() : sent.rear_angle;"),
+            "a rear angle is commanded once it was",
+        ),
+    ],
+    "step": [
+        ("controller_step", "result.rear_angle *= 1.5f;", "rear angle "),
+        ("controller_step", "result.rear_angle /= (result.rear_angle < 0.05f) ? 1.0f : 0.0f;", "src/ars_controller.c:"),
+        ("controller_step", f"{REFERENCE} = measurement->speed * 1.0e38f;", "reference is a number"),
+        ("controller_step", f"{STATUS} = (ars_status_t)({STATUS} + ({STATUS} == 4));", "status has a name"),
+        ("controller_step", f"if ({STATUS} == 3) {STATUS} = ARS_STATUS_TRACKING;", "no control upon a signal out of range"),
+        ("controller_step", f"if ({STATUS} == 2) {STATUS} = ARS_STATUS_TRACKING;", "no control below the disabling speed"),
+        ("controller_step", f"if ({STATUS} == 4) {REFERENCE} = 0.01f;", "no reference in standby and fail-safe"),
+        ("controller_step", f"{REFERENCE} *= ({STATUS} == 3) ? 0.99f : 1.0f;", "reference is held while degraded"),
+        (
+            "limiter_step",
+            "ars_limiter_parameters_t fast = *parameters; fast.rear_rate_max *= 1.5f;"
+            "return planted_ars_limiter_step(self, &fast, input);",
+            "the limiter moves by its rate at most",
+        ),
+        ("map_yaw_rate_on_road", ROAD.format("speed, (front_angle < -0.5f) ? -0.5f : front_angle"), ""),
+        ("can_unpack_vehicle_motion", "signals->speed *= 1.001f;", "a signal comes back"),
+        ("can_pack_vehicle_conditions", "data[2] += (uint8_t)((int32_t)(signals->rear_angle * 1.0e4f) & 0);", "src/ars_can.c:"),
+        ("reference_model_step", "self->yaw_rate += 0.0f * input->friction;", "the reference model holds numbers"),
+        (
+            "dynamics_linear",
+            "result.yaw_rate /= (input->speed == input->speed) ? input->front_angle : 1.0f;",
+            "src/ars_dynamics.c:",
+        ),
+    ],
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "function", "statement", "finding"), [(name, *fault) for name, faults in FAULTS.items() for fault in faults]
+)
+def test_every_property_can_fail(
+    monkeypatch: pytest.MonkeyPatch, name: str, function: str, statement: str, finding: str
+) -> None:
+    monkeypatch.setattr(fuzzing, "HARNESSES", (name,))
+    call = CALL.get(function, "")
+    end = "return result;" if "result =" in call else ""
+    outcome = fuzzing.check(planted.wrapped(TRACKING, f"ars_{function}", f"    {call}\n    {statement}\n    {end}"), QUICK)
+    assert outcome.verdict is Verdict.FAILED
+    start = finding if finding.startswith("src/") else f"property not held: {finding}"
+    assert outcome.findings[0].startswith(f"{name}: {start}"), outcome.findings
+
+
+# Proof: the claims about the limiter and the controller.
+
+CLAIMS = [
+    ("limiter", "rear_rate_max * sampling_time", "rear_rate_max * 0.02f", "it rises by at most rear_rate_max"),
+    ("limiter", "self->speed = magnitude(input->speed);", "self->speed = input->speed;", "speed is the one given"),
+    ("limiter", "-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f", "it starts from the angle given"),
+    (
+        "limiter",
+        "            target = input->demand;",
+        "            target = 1.5f * input->demand;",
+        "it is not above its last value",
+    ),
+    (
+        "limiter",
+        "clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
+        "target;",
+        "counterexample: claim: |rear angle| is at most rear_angle_max; with ",
+    ),
+    ("controller", "if (speed < parameters->hold_speed) {", "if (speed < 10000.0f) {", "the angle is held from hold_speed on"),
+    (
+        "controller",
+        "        result = value - step;",
+        "        result = value + step;",
+        "in fail-safe |rear_angle| does not grow",
+    ),
+    ("controller", "(own < behind) ? own : behind", "behind", "tracking, it moves by at most the lower of both rates"),
+]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("unit", "old", "new", "claim"), CLAIMS)
+def test_a_broken_claim_is_not_proved(unit: str, old: str, new: str, claim: str) -> None:
+    outcome = proof.check(changed(unit, old, new), Effort())
+    assert outcome.verdict is Verdict.FAILED
+    assert any(each.startswith(f"src/ars_{unit}.c") and claim in each for each in outcome.findings), outcome.findings
