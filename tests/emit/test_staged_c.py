@@ -92,7 +92,7 @@ def test_the_casadi_machine_s_results_in_every_lane() -> None:
     stages = staged_body(function, STAGES)
     library = compiled(function, stages)
     generator = np.random.default_rng(2)
-    for _ in range(20):
+    for _ in range(5):
         values = {name: generator.uniform(0.2, 3.0, (size, LANES)) for name, size in SIZES.items()}
         # A reciprocal and a product round twice where a division rounds once; a dozen operations follow.
         np.testing.assert_allclose(evaluated(library, function, values), machine(function, values), rtol=2e-15, atol=2e-15)
