@@ -1,4 +1,4 @@
-"""FMUs under test, and one face for instances of both versions of the standard."""
+"""FMUs under test, and one interface to instances of both versions of the standard."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from codegen.export.fmu.variables import What
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, load
 from hil_sim.scenarios import find
+from tests import shared
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = {"pi": ROOT / "generated" / "4ws2", "tracking": ROOT / "generated" / "4ws2-tracking"}
@@ -53,7 +54,7 @@ def inputs(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
 
 @functools.cache
 def recorded(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
-    """What the SIL makes of it, columns RECORD_COLUMNS."""
+    """The run of the SIL, columns RECORD_COLUMNS."""
     return ClosedLoop(software(kind)).run(inputs(kind, scenario, held=held))
 
 
@@ -84,16 +85,23 @@ class Made:
         return "3" if self.description.fmiVersion.startswith("3") else "2"
 
 
-def make(folder: Path, kind: str, what: What, version: Version) -> Made:
-    return pack_at(folder, f"{kind}-{what}-{version}", make_fmu(BUILDS[kind], what, version))
+@functools.cache
+def made(what: What, version: Version, kind: str = "tracking") -> Made:
+    """The FMU of a committed build, compiled once for all workers."""
+    name = f"{kind}-{what}-{version}"
+    fmu: Fmu = shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version))
+    with shared.alone(f"unpacked fmu {name}") as folder:
+        return unpacked(folder, name, fmu)
 
 
-def pack_at(folder: Path, name: str, fmu: Fmu) -> Made:
-    """In a file of that name, and unpacked beside it."""
-    path = folder / f"{name}.fmu"
-    path.write_bytes(fmu.content)
-    unpacked = fmpy.extract(str(path), str(folder / name))
-    return Made(fmu, path, Path(unpacked), fmpy.read_model_description(str(path)))
+def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
+    """An FMU in a file of that name, and unpacked beside it."""
+    path, place = folder / f"{name}.fmu", folder / name
+    if not place.exists():
+        folder.mkdir(exist_ok=True)
+        path.write_bytes(fmu.content)
+        fmpy.extract(str(path), str(place))
+    return Made(fmu, path, place, fmpy.read_model_description(str(path)))
 
 
 class Slave:
