@@ -125,28 +125,11 @@ def test_manifest_is_readable_text() -> None:
     assert len(text.splitlines()) < 80 and max(map(len, text.splitlines())) <= 120
 
 
-PATHS = [
-    "",
-    ".",
-    "/etc/passwd",
-    "//x",
-    "../x",
-    "a/../b",
-    "a/..",
-    "./a",
-    "a//b",
-    "a/",
-    "a\\b",
-    "a\nb",
-    "a\0b",
-    "ä",
-    MANIFEST,
-    *BESIDE,
-]
+PATHS = [".", "/etc/passwd", "//x", "../x", "a/../b", "a/..", "./a", "a//b", "a/", "a\\b", "ä"]
 
 
 def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_program() -> None:
-    for path in PATHS:
+    for path in (*PATHS, "", "a\nb", "a\0b", MANIFEST, *BESIDE):
         with pytest.raises(ValueError, match="cannot be the path"):
             Folder({path: b""}, {})
     with pytest.raises(ValueError, match="'a/b'"):
@@ -183,20 +166,15 @@ def test_empty_folder_is_used_and_keeps_its_mode(tmp_path: Path, swap: str) -> N
     assert beside(place) == []
 
 
-def test_changed_build_replaces_all_and_drops_stale_verification(target: Path, swap: str) -> None:
-    for name in BESIDE:
-        (target / name).write_bytes(b"{}")
-    assert write_folder(NEW, target) is True
-    assert tree(target) == expected(NEW)
-    assert beside(target) == []
-
-
-def test_unchanged_build_touches_nothing(target: Path, swap: str) -> None:
+def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: Path, swap: str) -> None:
     for name in BESIDE:
         (target / name).write_bytes(b"{}")
     before = stamps(target.parent)
     assert write_folder(OLD, target) is False
     assert stamps(target.parent) == before
+    assert write_folder(NEW, target) is True
+    assert tree(target) == expected(NEW)  # without the stale verification
+    assert beside(target) == []
 
 
 @pytest.mark.parametrize("damage", ["edit", "edit of the same size", "missing folder"])
@@ -229,22 +207,23 @@ def plant_file(place: Path, name: str) -> None:
     (place / name).write_bytes(b"dear to its owner\n")
 
 
-FOREIGN: dict[str, Callable[[Path], object]] = {
-    ".gitignore": lambda path: path.write_bytes(b"dear to its owner\n"),
-    "src/mine.c": lambda path: path.write_bytes(b"dear to its owner\n"),
-    "a/b/c/mine.c": lambda path: (path.parent.mkdir(parents=True), path.write_bytes(b"dear to its owner\n")),
-    "src/verify.json": lambda path: path.write_bytes(b"{}"),
-    "src/manifest.json": lambda path: path.write_bytes(b"{}"),
-    "mine": Path.mkdir,
-    "src/link": lambda path: path.symlink_to(path.parents[2]),
-    "broken": lambda path: path.symlink_to("nowhere"),
+THINGS: dict[str, Callable[[Path], object]] = {
+    "file": lambda path: path.write_bytes(b"dear to its owner\n"),
+    "folder": Path.mkdir,
+    "link to a file": lambda path: path.symlink_to("../README.md"),
+    "link to a folder": lambda path: path.symlink_to(path.parent),
+    "link to itself": lambda path: path.symlink_to(path.name),
     "pipe": os.mkfifo,
 }
+NAMES = (".gitignore", "a/b/c/mine.c", "src/verify.json", "src/manifest.json")
 
 
-@pytest.mark.parametrize("name", FOREIGN)
-def test_foreign_content_is_named_and_kept(target: Path, name: str) -> None:
-    FOREIGN[name](target / name)
+@pytest.mark.parametrize(
+    ("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES), ("mine", "folder")]
+)
+def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) -> None:
+    (target / name).parent.mkdir(parents=True, exist_ok=True)
+    THINGS[thing](target / name)
     before = stamps(target.parent)
     for folder in (NEW, OLD):  # also where the build itself would change nothing
         with pytest.raises(BuildError) as caught:
@@ -254,20 +233,15 @@ def test_foreign_content_is_named_and_kept(target: Path, name: str) -> None:
     assert stamps(target.parent) == before
 
 
-INSTEAD: dict[str, Callable[[Path, Path], object]] = {
-    "link to file": lambda ours, users: ours.symlink_to(users / "ars_map.c"),
-    "folder": lambda ours, _: ours.mkdir(),
-    "link to folder": lambda ours, users: (shutil.rmtree(ours.parent), ours.parent.symlink_to(users)),
-    "pipe": lambda ours, _: os.mkfifo(ours),
-}
-
-
-@pytest.mark.parametrize("instead", INSTEAD)
-def test_a_name_of_ours_does_not_make_another_thing_ours(target: Path, tmp_path: Path, instead: str) -> None:
+@pytest.mark.parametrize("thing", [*(thing for thing in THINGS if thing != "file"), "link to a folder of files"])
+def test_a_name_of_ours_does_not_make_another_thing_ours(target: Path, tmp_path: Path, thing: str) -> None:
     plant_file(tmp_path, "user/ars_map.c")
-    ours = target / "src" / "ars_map.c"
-    ours.unlink()
-    INSTEAD[instead](ours, tmp_path / "user")
+    (target / "src" / "ars_map.c").unlink()
+    if thing == "link to a folder of files":
+        shutil.rmtree(target / "src")
+        (target / "src").symlink_to(tmp_path / "user")
+    else:
+        THINGS[thing](target / "src" / "ars_map.c")
     before = stamps(tmp_path)
     with pytest.raises(BuildError, match="holds 'src"):
         write_folder(NEW, target)
@@ -334,18 +308,12 @@ def test_a_manifest_that_is_missing_or_no_file_is_refused_without_waiting(target
             read_manifest(target)
 
 
-NO_FOLDER: dict[str, Callable[[Path], object]] = {
-    "file": lambda place: place.write_bytes(b"dear to its owner\n"),
-    "pipe": os.mkfifo,
-    "link to a file": lambda place: (plant_file(place.parent, "file"), place.symlink_to("file")),
-    "link to itself": lambda place: place.symlink_to("4ws2"),
-}
-
-
-@pytest.mark.parametrize("kind", NO_FOLDER)
-def test_target_that_is_no_folder(tmp_path: Path, kind: str) -> None:
-    place = tmp_path / "4ws2"
-    NO_FOLDER[kind](place)
+@pytest.mark.parametrize("thing", ["file", "pipe", "link to a file", "link to itself"])
+def test_target_that_is_no_folder(tmp_path: Path, thing: str) -> None:
+    place = tmp_path / "out" / "4ws2"
+    place.parent.mkdir()
+    (tmp_path / "README.md").write_bytes(b"dear to its owner\n")
+    THINGS[thing](place)
     before = stamps(tmp_path)
     for target in (place, Path("/")):
         with pytest.raises(BuildError, match="not a folder"):

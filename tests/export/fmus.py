@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import weakref
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from ctypes import c_int
 from dataclasses import dataclass
@@ -104,11 +106,24 @@ def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
     return Made(fmu, path, place, fmpy.read_model_description(str(path)))
 
 
+def text_of(made: Made, path: str = "modelDescription.xml") -> str:
+    return (made.folder / path).read_text(encoding="utf-8")
+
+
+def listed_sources(made: Made) -> list[str]:
+    """The C files that the FMU lists for a simulator to compile."""
+    if made.version == "2":
+        return [element.attrib["name"] for element in ET.fromstring(text_of(made)).iter("File")]
+    description = ET.fromstring(text_of(made, "sources/buildDescription.xml"))
+    return [element.attrib["name"] for element in description.iter("SourceFile")]
+
+
 class Slave:
-    """One instance. What it logs is in `messages`."""
+    """One instance; `messages` holds its log. It is freed with this object."""
 
     def __init__(self, made: Made, name: str = "one") -> None:
         self.messages: list[str] = []
+        messages = self.messages
         self.made = made
         self.time = 0.0
         description = made.description
@@ -123,13 +138,14 @@ class Slave:
         if made.version == "2":
             self.fmu = fmi2.FMU2Slave(**given)
             callbacks = fmi2.fmi2CallbackFunctions()
-            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *given: self.messages.append(given[-1].decode()))
+            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *given: messages.append(given[-1].decode()))
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             self.fmu.instantiate(callbacks=callbacks)
         else:
             self.fmu = fmi3.FMU3Slave(**given)
-            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: self.messages.append(given[-1].decode()))
+            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: messages.append(given[-1].decode()))
+        weakref.finalize(self, self.fmu.freeInstance)
 
     def start(self, values: Mapping[str, float] | None = None, start: float = 0.0, stop: float | None = None) -> Slave:
         """Through the initialization."""
@@ -180,9 +196,6 @@ class Slave:
 
     def free_state(self, state: Any) -> None:
         self.fmu.freeFMUState(state)
-
-    def close(self) -> None:
-        self.fmu.freeInstance()
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function of the standard as it is, without fmpy's own check of what it returns."""

@@ -332,16 +332,13 @@ class Entry:
         return self.attributes[attribute]
 
 
-def test_entries_that_lead_back_end_the_walk() -> None:
+def test_entries_and_types_that_lead_back_end_the_walk() -> None:
     below = tuple(Entry(offset) for offset in (20, 30, 40))
     assert list(children(Entry(10, below=below))) == list(below)
     with pytest.raises(ValueError, match="the entry at 40 is followed by the one at 20"):
         list(children(Entry(10, "damaged", below)))
     with pytest.raises(ValueError, match="the entry at 25"):
         list(children(Entry(25, below=below)))
-
-
-def test_types_that_name_each_other_end_the_walk() -> None:
     number = Entry(10, "DW_TAG_base_type")
     named = Entry(20, "DW_TAG_typedef", names=Entry(15, "DW_TAG_const_type", names=number))
     assert list(aliases(named)) == [named, named.names, number]

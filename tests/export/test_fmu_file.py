@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 import subprocess
-import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,7 +27,7 @@ from codegen.sil.software import RECORD_COLUMNS, Status
 from codegen.sil.toolchain import compiler_command
 from tests.cli.conftest import Answer, refused, run
 from tests.export import fmus
-from tests.export.fmus import BUILDS, OUTPUTS, STEP, Made, Slave, made
+from tests.export.fmus import BUILDS, OUTPUTS, STEP, Made, Slave, listed_sources, made, text_of
 
 __all__ = ["refused", "run"]  # fixtures
 
@@ -37,18 +36,6 @@ Run, Refused = Callable[..., Answer], Callable[..., str]
 RECORD_ORDER = [RECORD_COLUMNS.index(name) for name in OUTPUTS]
 WHATS: tuple[What, ...] = ("controller", "plant", "loop")
 each_version = pytest.mark.parametrize("version", ["2", "3"])
-
-
-def text_of(made: Made, path: str = "modelDescription.xml") -> str:
-    return (made.folder / path).read_text(encoding="utf-8")
-
-
-def listed_sources(made: Made) -> list[str]:
-    """The C files that the FMU lists for a simulator to compile."""
-    if made.version == "2":
-        return [element.attrib["name"] for element in ET.fromstring(text_of(made)).iter("File")]
-    description = ET.fromstring(text_of(made, "sources/buildDescription.xml"))
-    return [element.attrib["name"] for element in description.iter("SourceFile")]
 
 
 @pytest.mark.parametrize(("what", "version"), [("controller", "2"), ("plant", "3")])
@@ -140,7 +127,6 @@ def test_every_parameter_starts_at_the_value_of_the_build(version: Version) -> N
             assert float(described[name].min) <= start <= float(described[name].max)
     ranged = [name for name, variable in described.items() if variable.min is not None]
     assert len(ranged) == len(described)
-    slave.close()
 
 
 @each_version
@@ -171,7 +157,6 @@ def test_the_plant_says_what_follows_at_once(version: Version) -> None:
         slave.set({name: value + 0.05})
         moved = {output for output, old, new in zip(structure, before, slave.row(structure), strict=True) if old != new}
         assert moved == {output for output, depends in structure.items() if name in depends}
-    slave.close()
 
 
 def test_units_in_comments() -> None:
@@ -209,7 +194,6 @@ def test_the_sources_compile_alone(version: Version, tmp_path: Path) -> None:
     slave = Slave(compiled_again(made("loop", version), tmp_path / "again", *flags)).start()
     rows = fmus.inputs("tracking", "sine-with-dwell")[:3000]
     assert np.array_equal(fmus.drive(slave, rows, STEP), ClosedLoop(fmus.software("tracking")).run(rows)[:, RECORD_ORDER])
-    slave.close()
 
 
 @each_version

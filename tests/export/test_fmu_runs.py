@@ -51,7 +51,6 @@ def test_the_validation_of_fmpy_finds_no_fault(version: Version) -> None:
 def test_the_loop_is_the_sil_at_the_step_of_the_plant(version: Version, kind: str, scenario: str) -> None:
     slave = Slave(made("loop", version, kind)).start()
     got = fmus.drive(slave, fmus.inputs(kind, scenario), STEP)
-    slave.close()
     wanted = expected(kind, scenario)
     assert np.ptp(wanted[:, OUTPUTS.index("rear_angle_rad")]) > 0.01  # rad: the controller is at work
     assert np.array_equal(got, wanted)
@@ -83,16 +82,6 @@ def test_the_controller_gives_the_commands_of_the_sil(version: Version, kind: st
 
 @one_run
 @each_version
-def test_the_plant_moves_as_the_car_of_the_sil(version: Version, kind: str, scenario: str) -> None:
-    commands = np.repeat(column(fmus.recorded(kind, scenario), COMMANDS[0]), STEPS_PER_SAMPLE)
-    names = ("speed_m_s", "steering_wheel_command_rad", "friction", "yaw_moment_n_m", "rear_angle_command_rad")
-    rows = np.column_stack([fmus.inputs(kind, scenario)[:, [0, 1, 2, 4]], commands])
-    got = simulate(made("plant", version, kind), rows, STEP, names, MOTION)
-    assert np.array_equal(got[:-1:STEPS_PER_SAMPLE], expected(kind, scenario, MOTION))
-
-
-@one_run
-@each_version
 def test_plant_and_controller_wired_together_are_the_loop(version: Version, kind: str, scenario: str) -> None:
     """The loop holds its inputs over a longer step, as the SIL does with such inputs."""
     plant = Slave(made("plant", version, kind)).start()
@@ -110,11 +99,8 @@ def test_plant_and_controller_wired_together_are_the_loop(version: Version, kind
         plant.set({"rear_angle_command_rad": command["rear_angle_command_rad"]})
         plant.step(SAMPLE)
         seen.append([{**moved, **command}[name] for name in OUTPUTS])
-    plant.close()
-    controller.close()
     loop = Slave(made("loop", version, kind)).start()
     got = fmus.drive(loop, rows, SAMPLE)
-    loop.close()
     assert np.array_equal(seen, got)
     assert np.array_equal(got, expected(kind, scenario, held=True))
 
@@ -134,7 +120,6 @@ def test_a_parameter_tuned_in_a_run_acts_as_in_the_controller(version: Version) 
         got.append(slave.row(COMMANDS))
         command = twin.step(Measurement(*row))
         wanted.append([command.rear_angle, command.yaw_rate_reference, float(command.status)])
-    slave.close()
     assert np.array_equal(got, wanted)
     assert not np.array_equal(wanted, expected("tracking", "sine-with-dwell", COMMANDS))  # the change is seen
 
@@ -153,7 +138,6 @@ def test_a_signal_that_is_not_available_is_nan_to_the_controller(version: Versio
     command = [twin.step(Measurement(15.0, 0.03, 0.0)) for _ in range(3)][-1]
     assert slave.get("rear_angle_command_rad") == command.rear_angle
     assert slave.get("time_s") == pytest.approx(0.05, abs=1e-12)  # a sum of binary fractions
-    slave.close()
 
 
 @each_version
@@ -165,5 +149,3 @@ def test_reading_outputs_changes_nothing(version: Version, size: float) -> None:
     fmus.drive(silent, rows, size, ())
     assert read.row() == silent.row()
     assert np.ptp(wanted) > 0.0
-    read.close()
-    silent.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,17 +15,15 @@ from codegen.export.fmu.export import make_fmu
 from codegen.export.fmu.standard import Version
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import load
-from codegen.sil.toolchain import compiler_command
 from tests.export import fmus
 from tests.export import test_fmu_runs as runs
-from tests.export.test_fmu_file import RECORD_ORDER, listed_sources
+from tests.export.test_fmu_file import RECORD_ORDER
+from tests.export.test_fmu_states import misuse
 
-HERE = Path(__file__).parent
 RUNS = (
     runs.test_the_loop_is_the_sil_at_the_step_of_the_plant,
     runs.test_the_loop_as_a_simulator_runs_it,
     runs.test_the_controller_gives_the_commands_of_the_sil,
-    runs.test_the_plant_moves_as_the_car_of_the_sil,
     runs.test_plant_and_controller_wired_together_are_the_loop,
 )
 
@@ -41,17 +38,8 @@ def test_other_kinds_and_scenarios(
 
 
 @pytest.mark.parametrize("version", ["2", "3"])
-def test_a_simulator_that_does_everything_wrong(version: Version, tmp_path: Path) -> None:
-    known = fmus.made("loop", version)
-    program = tmp_path / "misuse"
-    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=c99", "-Wall", "-Werror"]
-    sources = [*listed_sources(known), str(HERE / f"misuse_fmi{version}.c")]
-    command = [*compiler_command(), *sanitizers, "-I.", *sources, "-o", str(program), "-lm"]
-    built = subprocess.run(command, cwd=known.folder / "sources", capture_output=True, text=True, check=False)
-    if built.returncode and "asan" in built.stderr:
-        pytest.skip("the compiler has no address sanitizer")
-    assert built.returncode == 0, built.stderr
-    answer = subprocess.run([program, known.fmu.token], capture_output=True, text=True, check=False)
+def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
+    answer = misuse(version, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1")
     assert answer.returncode == 0, answer.stderr
 
 
@@ -68,4 +56,3 @@ def test_another_configuration(tmp_path: Path) -> None:
     wanted = ClosedLoop(load(build)).run(rows)
     assert np.array_equal(fmus.drive(slave, rows, fmus.STEP), wanted[:, RECORD_ORDER])
     assert not np.array_equal(wanted, fmus.recorded("pi", "sine-with-dwell"))
-    slave.close()
