@@ -6,7 +6,6 @@ import errno
 import hashlib
 import json
 import os
-import resource
 import shutil
 import signal
 import stat
@@ -475,19 +474,6 @@ def test_parents_made_for_a_failed_build_go_again(tmp_path: Path, error: BaseExc
         if raised is not None:
             assert tree(tmp_path) == {"kept": None}, f"step {step}"
     assert tree(tmp_path / "kept" / "a" / "b" / "4ws2") == expected(NEW)
-
-
-def test_limit_of_the_file_size_in_the_middle_of_a_file(target: Path) -> None:
-    """A real error of the kernel, as a full disk gives it: the file is there, and cut short."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-    try:
-        with pytest.raises(BuildError, match=r"cannot be written \(File too large\)"):
-            write_folder(Folder({"a.c": b"small", "z.c": b"x" * 100_001}, {}), target)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert tree(target) == expected(OLD)
-    assert beside(target) == []
 
 
 # A build that is killed

@@ -15,9 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from codegen.cli import cli
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.write import write_folder
 from codegen.errors import BuildError
@@ -27,10 +25,12 @@ from codegen.refmap import map as refmap
 from codegen.refmap.stack import solve_stack
 from codegen.sil.toolchain import compiler_command
 from tests import builds
+from tests.cli.conftest import refused, run
+
+__all__ = ["refused", "run"]  # fixtures
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 OBJECT = re.compile(r"/begin (AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (\S+) .*?/end \1", re.DOTALL)
-EMPTY_MAIN = "int main(void) { return 0; }\n"
 KINDS = ("AXIS_PTS", "CHARACTERISTIC", "MEASUREMENT")
 REFERENCES = ("REF_CHARACTERISTIC", "REF_MEASUREMENT")
 
@@ -131,13 +131,13 @@ def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def test_every_address_and_its_bytes_are_those_of_the_program(program: Linked) -> None:
     """The program itself prints, for each object, its address and what stands there; the ELF holds the same bytes."""
     printed = subprocess.run([program.program], check=True, capture_output=True, text=True).stdout
-    said = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
-    assert said.keys() == program.objects.keys() and len(said) > 40
+    shown = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
+    assert shown.keys() == program.objects.keys() and len(shown) > 40
     for name, (kind, _, address) in program.objects.items():
-        assert address == said[name][0], name
-        assert program.filled.places[name].bytes == len(said[name][1]), name
+        assert address == shown[name][0], name
+        assert program.filled.places[name].bytes == len(shown[name][1]), name
         if kind != "MEASUREMENT":
-            assert program.elf.bytes_at(address, len(said[name][1])) == said[name][1], name
+            assert program.elf.bytes_at(address, len(shown[name][1])) == shown[name][1], name
     assert not program.filled.left_out
     assert program.filled.instance == "ecu.task"
     first, size = program.filled.segment
@@ -231,68 +231,50 @@ def test_the_orientation_of_a_map_that_is_not_symmetric(tmp_path: Path) -> None:
     assert np.array_equal(read("ars.map.yaw_rate", rows * columns).reshape(rows, columns)[inner], np.float32(numbers))
 
 
-# --- bad input ----------------------------------------------------------------------------------------------------------
+# --- other programs -----------------------------------------------------------------------------------------------------
+
+EMPTY = "int main(void) { return 0; }\n"
+TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.wrong_length || two[1].wrong_length; }\n'
+PAPER = GENERATED / "4ws2"
 
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> Linked:
-    return linked(GENERATED / "4ws2", "ars", tmp_path_factory.mktemp("paper"))
+    return linked(PAPER, "ars", tmp_path_factory.mktemp("paper"))
 
 
-def _object_file(paper: Linked, folder: Path) -> Path:
-    command = [*compiler_command(), "-g", f"-I{paper.build / 'include'}", "-c", str(paper.build / "src/ars_map.c")]
+def filled_with(folder: Path, main: str, *flags: str) -> Filled:
+    """The A2L of the paper's build and a program with this main."""
+    return fill(PAPER, Elf.read(compiled(PAPER, folder, main, *flags)))
+
+
+def _object_file(folder: Path) -> Path:
+    command = [*compiler_command(), "-g", f"-I{PAPER / 'include'}", "-c", str(PAPER / "src/ars_map.c")]
     subprocess.run([*command, "-o", str(folder / "part.o")], check=True)
     return folder / "part.o"
 
 
-def _stripped(paper: Linked, folder: Path) -> Path:
-    return compiled(paper.build, folder, EMPTY_MAIN, "-s")
+UNFIT: dict[str, Callable[[Path], Path]] = {
+    "not an ELF": lambda folder: PAPER / "README.md",
+    "no program with addresses of its own": _object_file,
+    "no symbols": lambda folder: compiled(PAPER, folder, EMPTY, "-s"),
+    "no debug information": lambda folder: compiled(PAPER, folder, EMPTY, "-g0"),
+    "no variable ars_epk": lambda folder: compiled(folder, folder, "int number = 1;\n" + EMPTY),
+    "it holds the build ": lambda folder: compiled(GENERATED / "4ws2-tracking", folder, EMPTY),
+    "several objects of ars_task_t: one, two[0], two[1]": lambda folder: compiled(PAPER, folder, TASKS),
+}
 
 
-def _text_file(_: Linked, folder: Path) -> Path:
-    (folder / "notes.elf").write_text("none")
-    return folder / "notes.elf"
+@pytest.mark.parametrize("words", UNFIT)
+def test_a_program_that_does_not_fit(tmp_path: Path, words: str) -> None:
+    with pytest.raises(BuildError) as caught:
+        fill(PAPER, Elf.read(UNFIT[words](tmp_path)))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
-def _without_debug(paper: Linked, folder: Path) -> Path:
-    return compiled(paper.build, folder, EMPTY_MAIN, "-g0")
-
-
-def _without_build(paper: Linked, folder: Path) -> Path:
-    return compiled(folder, folder, "int number = 1;\n" + EMPTY_MAIN)
-
-
-def _other_build(paper: Linked, folder: Path) -> Path:
-    return compiled(GENERATED / "4ws2-tracking", folder, EMPTY_MAIN)
-
-
-def _two_tasks(paper: Linked, folder: Path) -> Path:
-    main = (
-        '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.wrong_length || two[1].wrong_length; }\n'
-    )
-    return compiled(paper.build, folder, main)
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (_text_file, "not an ELF"),
-        (_object_file, "no program with addresses of its own"),
-        (_stripped, "no symbols"),
-        (_without_debug, "no debug information"),
-        (_without_build, "no variable ars_epk"),
-        (_other_build, "it holds the build "),
-        (_two_tasks, "several objects of ars_task_t: one, two[0], two[1]"),
-    ],
-)
-def test_a_program_that_does_not_fit(paper: Linked, tmp_path: Path, make: Callable[[Linked, Path], Path], words: str) -> None:
-    output = tmp_path / "out.a2l"
-    answer = CliRunner().invoke(
-        cli, ["a2l", "--build", str(paper.build), "--elf", str(make(paper, tmp_path)), "-o", str(output)], standalone_mode=False
-    )
-    assert words in str(answer.exception)
-    assert "\n" not in str(answer.exception)
-    assert not output.exists()
+def test_the_command_writes_nothing_for_a_program_that_does_not_fit(refused: Callable[..., str]) -> None:
+    assert "not an ELF" in refused("a2l", "--build", PAPER, "--elf", PAPER / "README.md", "-o", "out.a2l")
 
 
 def test_a_damaged_program_is_one_line(paper: Linked) -> None:
@@ -304,7 +286,7 @@ def test_a_damaged_program_is_one_line(paper: Linked) -> None:
         for place in rng.integers(len(damaged), size=0 if k % 3 == 0 else 10 * k):
             damaged[place] = rng.integers(256)
         try:
-            fill(paper.build, Elf("damaged.elf", bytes(damaged)))
+            fill(PAPER, Elf("damaged.elf", bytes(damaged)))
         except BuildError as error:
             assert "\n" not in str(error)
             refused += 1
@@ -347,7 +329,7 @@ def test_entries_and_types_that_lead_back_end_the_walk() -> None:
         list(aliases(named))
 
 
-def test_what_else_is_in_a_program_does_not_matter(paper: Linked, tmp_path: Path) -> None:
+def test_what_else_is_in_a_program_does_not_matter(tmp_path: Path) -> None:
     """Arrays without a length, a large array of structs, a task inside a function and in a union."""
     main = """
 #include "ars_task.h"
@@ -361,8 +343,7 @@ int main(void)
     return nodes[0].number + item.count + (int)inner.task.cycles;
 }
 """
-    elf = Elf.read(compiled(paper.build, tmp_path, main))
-    filled = fill(paper.build, elf)
+    filled = filled_with(tmp_path, main)
     assert filled.instance == "inner.task"
     read_strictly(filled.text, tmp_path)
 
@@ -370,22 +351,28 @@ int main(void)
 @pytest.mark.parametrize("dwarf", ["2", "5"])
 def test_versions_of_dwarf(paper: Linked, tmp_path: Path, dwarf: str) -> None:
     main = '#include "ars_task.h"\nars_task_t own;\nint main(void) { return own.wrong_length; }\n'
-    filled = fill(paper.build, Elf.read(compiled(paper.build, tmp_path, main, f"-gdwarf-{dwarf}")))
+    filled = filled_with(tmp_path, main, f"-gdwarf-{dwarf}")
     assert not filled.left_out and len(filled.places) == len(paper.objects)
 
 
-def test_two_files_with_a_task_of_the_same_name(paper: Linked, tmp_path: Path) -> None:
+def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
+    """By its path, and in front of it the file, where two files have one of the same name."""
     other = '#include "ars_task.h"\nstatic ars_task_t task;\nint other(void);\nint other(void) { return task.wrong_length; }\n'
     (tmp_path / "other.c").write_text(other)
-    main = other.replace("int other(void) {", "int main(void) { (void)other();")
-    elf = Elf.read(compiled(paper.build, tmp_path, main, str(tmp_path / "other.c")))
-    with pytest.raises(BuildError, match=r"several objects of ars_task_t: main\.c:task, other\.c:task"):
-        fill(paper.build, elf)
-    one, two = (fill(paper.build, elf, f"{name}.c:task").places["ars.integral"].address for name in ("main", "other"))
-    assert one != two
+    main = TASKS.replace("int main(void) {", "static ars_task_t task;\nint other(void);\nint main(void) { (void)other();")
+    main = main.replace("one.wrong_length", "one.wrong_length || task.wrong_length")
+    elf = Elf.read(compiled(PAPER, tmp_path, main, str(tmp_path / "other.c")))
+    with pytest.raises(
+        BuildError, match=r"several objects of ars_task_t: main\.c:task, one, other\.c:task, two\[0\], two\[1\]"
+    ):
+        fill(PAPER, elf)
+    places = {name: fill(PAPER, elf, name).places["ars.integral"] for name in ("one", "two[1]", "main.c:task", "other.c:task")}
+    assert places["two[1]"] == elf.place("two[1].controller.integral")
+    assert len({place.address for place in places.values()}) == 4
+    assert 'SYMBOL_LINK "two[1].controller.integral" 0' in fill(PAPER, elf, "two[1]").text
 
 
-def test_a_frozen_calibration_is_still_the_same_build(paper: Linked, tmp_path: Path) -> None:
+def test_a_frozen_calibration_is_still_the_same_build(paper: Linked) -> None:
     """Other numbers in the map, and its checksum with them: the program is still the one that the build was linked into."""
     content = bytearray(paper.program.read_bytes())
     place = paper.elf.place("ars_map_expected_checksum")
@@ -393,22 +380,13 @@ def test_a_frozen_calibration_is_still_the_same_build(paper: Linked, tmp_path: P
     stored = paper.elf.bytes_at(place.address, 4)
     assert stored is not None
     content = content.replace(stored, b"\x12\x34\x56\x78")  # the self-test knows it too
-    assert fill(paper.build, Elf("frozen", bytes(content))).places == paper.filled.places
-
-
-def test_one_of_several_instances_is_chosen(paper: Linked, tmp_path: Path) -> None:
-    elf = Elf.read(_two_tasks(paper, tmp_path))
-    one, last = (fill(paper.build, elf, name) for name in ("one", "two[1]"))
-    size = elf.place("two[1].controller.integral")
-    assert size is not None and last.places["ars.integral"] == size
-    assert one.places["ars.integral"] != size
-    assert 'SYMBOL_LINK "two[1].controller.integral" 0' in last.text
+    assert fill(PAPER, Elf("frozen", bytes(content))).places == paper.filled.places
 
 
 def test_a_controller_without_a_task_leaves_the_tasks_measurements_out(paper: Linked, tmp_path: Path) -> None:
     main = '#include "ars_controller.h"\nars_controller_t own;\nint main(void) { ars_controller_init(&own, 0.0f); return 0; }\n'
-    elf = Elf.read(compiled(paper.build, tmp_path, main))
-    filled = fill(paper.build, elf)
+    elf = Elf.read(compiled(PAPER, tmp_path, main))
+    filled = fill(PAPER, elf)
     assert filled.instance == "own"
     assert set(filled.left_out) == {name for name in paper.objects if ".received." in name or name.endswith("cycles")} | {
         "ars.lost_samples"
@@ -420,7 +398,7 @@ def test_a_controller_without_a_task_leaves_the_tasks_measurements_out(paper: Li
 
 def test_a_program_without_either_has_the_calibration_alone(paper: Linked, tmp_path: Path) -> None:
     main = '#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n'
-    filled = fill(paper.build, Elf.read(compiled(paper.build, tmp_path, main)))
+    filled = filled_with(tmp_path, main)
     assert filled.instance == "" and set(filled.left_out) == {
         name for name, (kind, _, _) in paper.objects.items() if kind == "MEASUREMENT"
     }
