@@ -111,7 +111,7 @@ def call(library: Library, name: str, x: npt.NDArray[Any], size_out: int = 1) ->
 
 def arguments(precision: Precision, seed: int = 5) -> npt.NDArray[Any]:
     """Numbers of ten decades and both signs, pairs of equal ones, zeros (of one sign: which zero a minimum of two takes is
-    not told by the standard)."""
+    left open by the standard)."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(2_000, 3)) * 10.0 ** rng.uniform(-5.0, 5.0, size=(2_000, 3))
     x[::10, 1] = x[::10, 0]
@@ -331,7 +331,7 @@ def test_generated_derivative_is_within_rounding_of_the_machine(
     expected = machine_derivative(paper, tyre_model, x, u)
     (bound,) = rounding_bounds(single_track(paper, tyre_model).derivative, *as_double(x, u))
     assert np.all(np.abs(generated(software, c_name(tyre_model), x, u) - expected) <= bound)
-    # The bound says something: 3e-6 of the largest rate among these points, so 1e-4 rad/s for linear tyres at walking speed and
+    # The bound is tight: 3e-6 of the largest rate among these points, so 1e-4 rad/s for linear tyres at walking speed and
     # 1e-5 rad/s for those of the Magic Formula. Half of it is reached.
     assert np.all(bound.max(axis=0) < 3e-6 * np.abs(expected).max(axis=0))
 

@@ -1,4 +1,4 @@
-"""The kinds of controller: each is whole, takes what a configuration may hold, and says what it lacks."""
+"""The kinds of controller: each is complete, accepts what a configuration may hold, and reports what it lacks."""
 
 from __future__ import annotations
 
@@ -135,9 +135,9 @@ def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
 
 def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
     config = tracking(schedule=None)
-    for ask in (law_of, schedule_of, lambda bare: builds.render(builds.paper_map(), bare)):
+    for call in (law_of, schedule_of, lambda bare: builds.render(builds.paper_map(), bare)):
         with pytest.raises(BuildError) as caught:
-            ask(config)
+            call(config)
         assert caught.value.where == "controller.tracking.schedule"
         assert "codegen tune" in str(caught.value.remedy)
     for kind in KINDS:

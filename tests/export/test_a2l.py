@@ -131,13 +131,13 @@ def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def test_every_address_and_its_bytes_are_those_of_the_program(program: Linked) -> None:
     """The program itself prints, for each object, its address and what stands there; the ELF holds the same bytes."""
     printed = subprocess.run([program.program], check=True, capture_output=True, text=True).stdout
-    shown = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
-    assert shown.keys() == program.objects.keys() and len(shown) > 40
+    read = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
+    assert read.keys() == program.objects.keys() and len(read) > 40
     for name, (kind, _, address) in program.objects.items():
-        assert address == shown[name][0], name
-        assert program.filled.places[name].bytes == len(shown[name][1]), name
+        assert address == read[name][0], name
+        assert program.filled.places[name].bytes == len(read[name][1]), name
         if kind != "MEASUREMENT":
-            assert program.elf.bytes_at(address, len(shown[name][1])) == shown[name][1], name
+            assert program.elf.bytes_at(address, len(read[name][1])) == read[name][1], name
     assert not program.filled.left_out
     assert program.filled.instance == "ecu.task"
     first, size = program.filled.segment

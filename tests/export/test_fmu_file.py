@@ -80,7 +80,7 @@ def test_each_fmu_has_its_own_token_which_follows_the_sources(tmp_path: Path) ->
     assert changed.edited == ("src/ars_controller.c",)
 
 
-# ---- what the description says ----
+# ---- the description ----
 
 
 @each_version

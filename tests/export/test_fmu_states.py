@@ -19,7 +19,7 @@ from tests.export.fmus import SAMPLE, STEP, Made, Slave, listed_sources, made
 
 each_version = pytest.mark.parametrize("version", ["2", "3"])
 OK, DISCARD, ERROR = 0, 2, 3
-"""Of fmi2Status and fmi3Status alike."""
+"""Values of fmi2Status and of fmi3Status."""
 
 TURN = {"speed_m_s": 25.0, "steering_wheel_command_rad": 0.6}
 MIDDLE = 57
