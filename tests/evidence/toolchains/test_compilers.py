@@ -17,6 +17,7 @@ __all__ = ["cross"]  # a fixture
 VARIANTS: list[tuple[Kind, Precision]] = [(kind, precision) for precision in ("single", "double") for kind in KINDS]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("optimisation", ["-O2", "-Os"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_optimised_code_needs_no_double_and_no_library(cross: Cross, kind: Kind, optimisation: str) -> None:
@@ -25,6 +26,7 @@ def test_optimised_code_needs_no_double_and_no_library(cross: Cross, kind: Kind,
     assert not any(writable_bytes(at) for at in objects.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "precision"), VARIANTS)
 def test_headers_serve_cpp(tmp_path: Path, kind: Kind, precision: Precision) -> None:
     """The headers compile as C++11, and the program links with the C objects, compiled without a warning at -O2."""

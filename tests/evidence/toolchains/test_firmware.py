@@ -62,6 +62,7 @@ def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: 
     assert 0 < found.stack < 4096
 
 
+@pytest.mark.long
 def test_a_build_with_another_prefix_runs_too(tmp_path: Path) -> None:
     """Also where its C was changed after the build: the project takes it as it is."""
     write_folder(prepare(GENERATED / "4ws2.npz", prefix="src").folder, tmp_path / "other")
@@ -139,6 +140,7 @@ def test_a_self_test_that_fails_ends_it() -> None:
     assert (found.exit_code, found.message, found.different) == (SELFTEST, "self-test failed", 1500)
 
 
+@pytest.mark.long
 def test_one_bit_of_one_frame_is_a_difference() -> None:
     text = made().folder.files["src/trace.c"].decode()
     row = re.search(r"\{ 700u, 0x102u, 8u, \{ 0x(\w\w)u", text)
@@ -151,6 +153,7 @@ def test_one_bit_of_one_frame_is_a_difference() -> None:
     assert not found.passed
 
 
+@pytest.mark.long
 def test_nothing_but_systick_begins_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image, "RUN_LIMIT", 3.0)
     with pytest.raises(CodegenError, match="did not end within 3 s"):
@@ -237,6 +240,7 @@ def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("toolchain", TOOLCHAINS)
 def test_the_command_runs_and_compares(run: Run, tmp_path: Path, toolchain: Toolchain) -> None:
     command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")

@@ -28,6 +28,7 @@ RUNS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("version", ["2", "3"])
 @pytest.mark.parametrize(("kind", "scenario"), [("pi", "step-steer"), ("pi", "sine-with-dwell"), ("tracking", "step-steer")])
 @pytest.mark.parametrize("check", RUNS, ids=lambda check: check.__name__.removeprefix("test_"))
@@ -37,12 +38,14 @@ def test_other_kinds_and_scenarios(
     check(version, kind, scenario)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("version", ["2", "3"])
 def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
     answer = misuse(version, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1")
     assert answer.returncode == 0, answer.stderr
 
 
+@pytest.mark.long
 def test_another_configuration(tmp_path: Path) -> None:
     """Double precision, another prefix, tyres with a relaxation length, and a command that acts two samples later."""
     settings, build = tmp_path / "ars.toml", tmp_path / "build"

@@ -63,6 +63,7 @@ def stretched(program: Path) -> Path:
     return other
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tools", ["cmake", "make"])
 def test_link_time_optimisation_makes_no_constant_of_a_calibrated_number(tmp_path: Path, tools: str) -> None:
     """Nor does a unity build. Changed in the finished program, the map returns another value."""
