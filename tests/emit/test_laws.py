@@ -133,6 +133,18 @@ def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
     assert max(numbers(limiter["opposite_phase_max"])) <= max(numbers(limiter["rear_angle_max"]))
 
 
+def test_bounds_from_the_car_give_the_wanted_lateral_acceleration() -> None:
+    """The steady turn of the linear car with the rear angle alone: a = v^2 angle / (l + K v^2)."""
+    data = builds.FEEDFORWARD_CONFIG.model_dump()
+    data["limiter"]["opposite_phase_max_deg"] = "from-car"
+    config, car = Config.model_validate(data), SingleTrack.from_config(builds.CONFIG)
+    limiter = {parameter.name: np.array(numbers(parameter)) for parameter in limiter_parameters(config)}
+    square, angle = limiter["opposite_phase_speed"] ** 2, limiter["opposite_phase_max"]
+    acceleration = square * angle / (car.wheelbase + car.understeer_coefficient * square)
+    assert (angle < limiter["rear_angle_max"]).all()
+    assert acceleration == pytest.approx(config.limiter.opposite_phase_lateral_acceleration_m_s2, rel=1e-12)
+
+
 def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
     config = tracking(schedule=None)
     for call in (law_of, schedule_of, lambda bare: builds.render(builds.paper_map(), bare)):
