@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -11,16 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen import config as configuration
 from codegen.config import Config, parse
-from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.casadi_c import function_body
 from codegen.emit.text import Precision, c_type, numpy_type
-from codegen.emit.write import Folder
-from codegen.refmap.solve import solve_case
 from codegen.sil.compile import Library, compile_library
-from codegen.sil.software import Software, compile_build
+from codegen.sil.software import Software
 from codegen.vehicle.dynamics import TyreModel, single_track, two_track
+from tests import builds
 
 FloatArray = npt.NDArray[np.float64]
 PRECISIONS: tuple[Precision, ...] = ("single", "double")
@@ -46,12 +41,14 @@ EXACT: dict[str, Any] = {
     "maximum": ca.fmax(A, B),
     "not": ca.logic_not(A < B),
     "choose": ca.if_else(A < B, P, B),
+    "not_of_a_number": ca.logic_not(A),
+    "choose_by_a_number": ca.if_else(A, P, B),
     "input": ca.SX(A),
     "constant": ca.SX(-0.1),
     "times_negative_constant": -1.7e-3 * A,
     "negative_of_negative": -(ca.SX(-2.5) - A),
 }
-"""Operations that IEEE 754 rounds correctly, or not at all."""
+"""Operations that IEEE 754 rounds correctly, or not at all. Any number but zero is true, negative ones too."""
 LIBRARY: dict[str, Any] = {"sine": ca.sin(A), "cosine": ca.cos(A), "arctangent": ca.atan(A)}
 
 
@@ -86,18 +83,12 @@ def compiled(functions: dict[str, Any], precision: Precision) -> Library:
 
 @pytest.fixture(scope="module")
 def paper() -> Config:
-    return configuration.preset()
+    return builds.CONFIG
 
 
 @pytest.fixture(scope="module")
-def folder(paper: Config) -> Folder:
-    """A single-precision build of the paper's car."""
-    return build(solve_case(paper, "4ws-2"), paper, BuildOptions("4ws2"), BuildInputs("4ws2.npz", "0" * 64, "map"))
-
-
-@pytest.fixture(scope="module")
-def software(folder: Folder) -> Software:
-    return compile_build(folder.files, folder.manifest)
+def software() -> Software:
+    return builds.paper().software
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +111,9 @@ def call(library: Library, name: str, x: npt.NDArray[Any], size_out: int = 1) ->
 
 def arguments(precision: Precision, seed: int = 5) -> npt.NDArray[Any]:
     """Numbers of ten decades and both signs, pairs of equal ones, zeros (of one sign: which zero a minimum of two takes is
-    not told by the standard)."""
+    left open by the standard)."""
     rng = np.random.default_rng(seed)
-    x = rng.normal(size=(4_000, 3)) * 10.0 ** rng.uniform(-5.0, 5.0, size=(4_000, 3))
+    x = rng.normal(size=(2_000, 3)) * 10.0 ** rng.uniform(-5.0, 5.0, size=(2_000, 3))
     x[::10, 1] = x[::10, 0]
     x[1::40, 0] = 0.0
     x[2::40, 1] = 0.0
@@ -171,17 +162,6 @@ def test_single_calls_the_single_function(libraries: dict[Precision, Library], n
     assert np.all(np.abs(call(libraries["single"], name, x) - expected) <= ulp)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("expression", ["not", "choose"])
-def test_any_number_but_zero_is_true(precision: Precision, expression: str) -> None:
-    """As in CasADi, negative numbers too; the models only choose by comparisons, which are 0 or 1."""
-    chosen = {"not": ca.logic_not(A), "choose": ca.if_else(A, P, B)}[expression]
-    x = arguments(precision)
-    library = compiled({"truth": function_of(chosen)}, precision)
-    expected = machine(chosen, x).astype(x.dtype)
-    assert np.array_equal(call(library, "truth", x), expected)
-
-
 def test_every_operation_of_the_models_is_tested_here(paper: Config) -> None:
     def operations(function: Any) -> set[int]:
         return {function.instruction_id(k) for k in range(function.n_instructions())}
@@ -209,32 +189,18 @@ def test_values_that_are_overwritten_and_shared_keep_their_meaning() -> None:
 
 # --- refusals ------------------------------------------------------------------------------------------------------
 
-REFUSED: dict[str, Callable[[], Any]] = {
-    "tan": lambda: ca.tan(A),
-    "asin": lambda: ca.asin(A),
-    "acos": lambda: ca.acos(A),
-    "exp": lambda: ca.exp(A),
-    "log": lambda: ca.log(A),
-    "tanh": lambda: ca.tanh(A),
-    "fabs": lambda: ca.fabs(A),
-    "sign": lambda: ca.sign(A),
-    "floor": lambda: ca.floor(A),
-    "power": lambda: P**B,
-    "constant power": lambda: P**2.5,
-    "atan2": lambda: ca.atan2(A, B),
-    "hypot": lambda: ca.hypot(A, B),
-    "fmod": lambda: ca.fmod(A, B),
-    "equal": lambda: ca.eq(A, B),
-    "not equal": lambda: ca.ne(A, B),
-    "and": lambda: ca.logic_and(A, B),
-    "or": lambda: ca.logic_or(A, B),
+REFUSED: dict[str, Any] = {
+    **{name: getattr(ca, name)(A) for name in ("tan", "asin", "acos", "exp", "log", "tanh", "fabs", "sign", "floor")},
+    **{name: getattr(ca, name)(A, B) for name in ("atan2", "hypot", "fmod", "eq", "ne", "logic_and", "logic_or")},
+    "power": P**B,
+    "constant power": P**2.5,
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_an_operation_without_a_c_form_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="no C form"):
-        function_body(function_of(REFUSED[name]()), "single")
+        function_body(function_of(REFUSED[name]), "single")
 
 
 @pytest.mark.parametrize(
@@ -243,57 +209,6 @@ def test_an_operation_without_a_c_form_is_refused(name: str) -> None:
 def test_a_constant_that_is_not_finite_is_refused(constant: float, precision: Precision) -> None:
     with pytest.raises(ValueError, match="no finite"):
         function_body(function_of(A * constant), precision)
-
-
-# --- the text of a single-precision build --------------------------------------------------------------------------
-
-_FLOATING = re.compile(r"(?<![\w.])(?:\d+\.\d*|\.\d+|\d+(?=[eE][+-]?\d))(?:[eE][+-]?\d+)?([a-zA-Z]*)")
-_DOUBLE_NAMES = re.compile(
-    r"\b(?:double|a?(?:sin|cos|tan)h?|atan2|sqrt|cbrt|f(?:abs|min|max|mod|ma|dim)|pow|exp2?|expm1|log(?:10|2|1p)?|hypot|floor|ceil"
-    r"|round|trunc|rint|nearbyint|copysign|remainder)\b"
-)
-
-
-def doubles_in(text: str) -> list[str]:
-    """Literals without the suffix f, and names of the language and of math.h that mean double, outside comments and strings."""
-    code = re.sub(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"", " ", text, flags=re.DOTALL)
-    code = re.sub(r"^\s*#.*$", " ", code, flags=re.MULTILINE)
-    literals = [match.group(0) for match in _FLOATING.finditer(code) if match.group(1) not in ("f", "F")]
-    return literals + _DOUBLE_NAMES.findall(code)
-
-
-@pytest.mark.parametrize(
-    ("planted", "found"),
-    [
-        ("y = 0.1 * x;", ["0.1"]),
-        ("y = 1e-3f + 2e5;", ["2e5"]),
-        ("y = .5 + 1.;", [".5", "1."]),
-        ("y = 1.5L;", ["1.5L"]),
-        ("y = sin(x) + sinf(x);", ["sin"]),
-        ("double t = fabs(x);", ["double", "fabs"]),
-        ("y = (float)sqrt(x);", ["sqrt"]),
-        ("/* 0.1 sin( */ y = 0x1E5u + 12u; // 0.5", []),
-        ('const char *s = "0.1";\n#define VERSION 1.5\n', []),
-        ("t1e5 = a1.b + 3.25e-07f;", []),
-    ],
-)
-def test_the_search_for_doubles_finds_planted_ones(planted: str, found: list[str]) -> None:
-    assert doubles_in(planted) == found
-
-
-def test_bodies_in_single_precision_hold_no_double(paper: Config) -> None:
-    for model in (single_track(paper, "linear"), single_track(paper, "magic-formula"), two_track(paper)):
-        for function in (model.derivative, model.jacobian):
-            body = "\n".join(function_body(function, "single"))
-            assert "f * " in body  # there are literals to look at
-            assert doubles_in(body) == []
-            assert doubles_in("\n".join(function_body(function, "double")))
-
-
-def test_single_precision_build_holds_no_double(folder: Folder) -> None:
-    for path, content in folder.files.items():
-        if path.startswith(("include/", "src/")):
-            assert doubles_in(content.decode("ascii")) == [], path
 
 
 # --- the generated dynamics ----------------------------------------------------------------------------------------
@@ -416,14 +331,14 @@ def test_generated_derivative_is_within_rounding_of_the_machine(
     expected = machine_derivative(paper, tyre_model, x, u)
     (bound,) = rounding_bounds(single_track(paper, tyre_model).derivative, *as_double(x, u))
     assert np.all(np.abs(generated(software, c_name(tyre_model), x, u) - expected) <= bound)
-    # The bound says something: 3e-6 of the largest rate among these points, so 1e-4 rad/s for linear tyres at walking speed and
+    # The bound is tight: 3e-6 of the largest rate among these points, so 1e-4 rad/s for linear tyres at walking speed and
     # 1e-5 rad/s for those of the Magic Formula. Half of it is reached.
     assert np.all(bound.max(axis=0) < 3e-6 * np.abs(expected).max(axis=0))
 
 
 @TYRE_MODELS
 def test_generated_jacobian_is_within_rounding_of_the_machine(software: Software, paper: Config, tyre_model: TyreModel) -> None:
-    x, u = dynamics_points(3_000)
+    x, u = dynamics_points(1_000)
     expected = machine_jacobian(paper, tyre_model, x, u)
     bound = by_rows(*rounding_bounds(single_track(paper, tyre_model).jacobian, *as_double(x, u)))
     assert np.all(np.abs(generated(software, f"{c_name(tyre_model)}_jacobian", x, u) - expected) <= bound)
@@ -433,9 +348,7 @@ def test_generated_jacobian_is_within_rounding_of_the_machine(software: Software
 
 @TYRE_MODELS
 def test_generated_code_in_double_has_the_bits_of_the_machine(paper: Config, tyre_model: TyreModel) -> None:
-    options = BuildOptions("4ws2", precision="double")
-    made = build(solve_case(paper, "4ws-2"), paper, options, BuildInputs("4ws2.npz", "0" * 64, "map"))
-    software = compile_build(made.files, made.manifest)
+    software = builds.paper("double").software
     x, u = as_double(*dynamics_points(500))
     name = c_name(tyre_model)
     assert same_bits(generated(software, name, x, u), machine_derivative(paper, tyre_model, x, u))

@@ -1,4 +1,4 @@
-"""The builds that are committed: what is said of them is about these very files."""
+"""The committed builds: their record of `codegen verify` describes these very files."""
 
 from __future__ import annotations
 

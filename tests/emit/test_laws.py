@@ -1,9 +1,11 @@
-"""The kinds of controller: each is whole, takes what a configuration may hold, and says what it lacks."""
+"""The kinds of controller: each is complete, accepts what a configuration may hold, and reports what it lacks."""
 
 from __future__ import annotations
 
 import math
 import re
+import subprocess
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -11,14 +13,16 @@ import pytest
 
 from codegen.config import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
-from codegen.emit.limiter_view import limiter_view
+from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import Parameter
+from codegen.emit.text import Precision
 from codegen.errors import BuildError
+from codegen.sil.toolchain import compiler_command
 from codegen.vehicle.single_track import SingleTrack
 from tests import builds
-
-KINDS: tuple[Kind, ...] = get_args(Kind)
+from tests.emit.rendered import KINDS, laid_out, rendered
 
 
 def changed(kind: Kind, **controller: Any) -> Config:
@@ -44,58 +48,50 @@ def numbers(parameter: Parameter) -> tuple[float, ...]:
 
 
 def test_every_kind_that_a_configuration_may_name_is_there_once() -> None:
-    assert set(LAWS) == set(KINDS)
+    assert set(LAWS) == set(KINDS) == set(get_args(Kind))
     assert all(law.kind == kind for kind, law in LAWS.items())
     assert len({law.title for law in LAWS.values()}) == len(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_has_its_template_with_both_functions(kind: Kind) -> None:
-    text = builds.of_kind(kind).folder.files["src/ars_controller.c"].decode("ascii")
-    for function in ("void law_init", "bool law_step"):
-        assert len(re.findall(rf"^ARS_SECTION_CODE static {function}\(", text, flags=re.MULTILINE)) == 1
-    assert f'Control law "{kind}"' in text
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_build_has_just_the_units_that_its_law_uses(kind: Kind) -> None:
-    law, files = LAWS[kind], builds.of_kind(kind).folder.files
+def test_a_build_has_just_the_units_and_state_that_its_law_uses(kind: Kind) -> None:
+    law, files = LAWS[kind], rendered(kind).files
     assert ("src/ars_reference_model.c" in files) == ("include/ars_reference_model.h" in files) == law.uses_reference_model
     assert ("ars_map_reference(" in files["include/ars_map.h"].decode("ascii")) == law.uses_rear_angle
-    assert "src/ars_limiter.c" in files
     controller = files["src/ars_controller.c"].decode("ascii")
     assert ("ars_map_reference(" in controller) == law.uses_rear_angle
     assert ("ars_reference_model_step(" in controller) == law.uses_reference_model
+    assert f'Control law "{kind}"' in controller
+    header = files["include/ars_controller.h"].decode("ascii")
+    state = header[: header.index("} ars_controller_t;")].rpartition("typedef struct {")[2]
+    fields = set(re.findall(r"(\w+);", state))
+    assert {*(field.name for field in law.state), "limiter", "status", "rear_angle"} <= fields
+    assert ("model" in fields) == law.uses_reference_model
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_step_interface_is_that_of_every_kind(kind: Kind) -> None:
-    def interface(which: Kind) -> str:
-        header = builds.of_kind(which).folder.files["include/ars_controller.h"].decode("ascii")
-        start, end = (
-            header.index("/* What the last step did."),
-            header.index("/* Everything that calibration may change beside the map."),
-        )
-        enums = re.sub(r"enum \{ ARS_SCHEDULE_POINTS = \d+ \};\s*", "", header[start:end])
-        functions = header[header.index("/* The parameters that this build was made with.") :]
+def test_the_step_interface_is_that_of_every_kind() -> None:
+    def interface(kind: Kind) -> str:
+        header = rendered(kind).files["include/ars_controller.h"].decode("ascii")
+        first, rest = header.split("/* What the last step did.")[1].split("/* Everything that calibration may change", 1)
+        functions = rest.split("/* The parameters that this build was made with.")[1]
+        enums = re.sub(r"enum \{ ARS_SCHEDULE_POINTS = \d+ \};\s*", "", first)
         return enums.strip() + re.sub(r"about\s+\*\s+\d+ table look-ups", "about so many table look-ups", functions)
 
-    assert interface(kind) == interface("pi")
+    assert len({interface(kind) for kind in KINDS}) == 1
+
+
+def selftest_passes(files: Folder, at: Path) -> bool:
+    """Whether the self-test of a build, compiled without optimisation, passes: it checks each parameter's range."""
+    folder = laid_out(files, at / "build")
+    (at / "main.c").write_text('#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n')
+    command = [*compiler_command(), "-std=c99", "-ffp-contract=off", f"-I{folder / 'include'}", str(at / "main.c")]
+    command += [*map(str, (folder / "src").iterdir()), "-o", str(at / "program"), "-lm"]
+    subprocess.run(command, check=True)
+    return subprocess.run([at / "program"], check=False).returncode == 0
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_field_of_the_state_is_in_the_c(kind: Kind) -> None:
-    software = builds.of_kind(kind).software
-    fields = set(dir(software.new("controller")))
-    assert {field.name for field in LAWS[kind].state} <= fields
-    assert ("model" in fields) == LAWS[kind].uses_reference_model
-    assert {"limiter", "status", "rear_angle"} <= fields
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_default_is_inside_its_range_in_both_precisions(kind: Kind) -> None:
-    for precision in builds.PRECISIONS:
-        assert builds.of_kind(kind, precision).software.selftest()
+def test_every_default_is_inside_its_range(kind: Kind) -> None:
     for parameter in by_name(builds.CONFIGS[kind]).values():
         if parameter.low is not None and parameter.high is not None:
             assert all(parameter.low <= value <= parameter.high for value in numbers(parameter)), parameter.name
@@ -113,53 +109,47 @@ ENDS: dict[str, tuple[float, float]] = {
 }
 
 
-@pytest.mark.parametrize("end", [0, 1])
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(end: int, precision: Any) -> None:
+@pytest.mark.parametrize(
+    ("end", "precision", "limits"),
+    [
+        (0, "single", ([1.0, 1.5, 2.0], [0.0, 0.0, 0.0], 1.0, 0.05)),
+        (1, "single", ([60.0, 499.0, 500.0], [20.0, 20.0, 20.0], 500.0, 20.0)),
+        (1, "double", ([60.0, 120.0], "off", "off", 1.0)),
+    ],
+)
+def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
+    tmp_path: Path, end: int, precision: Precision, limits: tuple[Any, ...]
+) -> None:
     """All at one end together: neither the units' factors nor the rounding to the target may lead outside."""
     speeds = ([1.0, 1.1], [400.0, 500.0])[end]
     schedule = {"speed_km_h": speeds, "proportional_gain_s": [(0.0, 10.0)[end]] * 2, "integral_gain": [(0.0, 100.0)[end]] * 2}
-    config = tracking(schedule=schedule, **{name: ends[end] for name, ends in ENDS.items()})
-    config = config.model_copy(
-        update={
-            "controller": config.controller.model_copy(
-                update={"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 1.0)[end]}
-            )
-        }
-    )
-    assert builds.make(builds.paper_map(), config, precision).software.selftest()
+    data = tracking(schedule=schedule, **{name: ends[end] for name, ends in ENDS.items()}).model_dump()
+    data["controller"] |= {"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 1.0)[end]}
+    keys = ("opposite_phase_speed_km_h", "opposite_phase_max_deg", "rear_rate_max_deg_s", "in_phase_from_front_angle_deg")
+    data["limiter"] = dict(zip(keys, limits, strict=True))
+    config = Config.model_validate(data)
+    assert selftest_passes(builds.render(builds.paper_map(), config, precision), tmp_path)
+    limiter = {parameter.name: parameter for parameter in limiter_parameters(config)}
+    assert max(numbers(limiter["opposite_phase_max"])) <= max(numbers(limiter["rear_angle_max"]))
 
 
-def test_the_limiter_takes_the_ends_of_its_configuration() -> None:
-    for speeds, angles, rate, free in (
-        ([1.0, 1.5, 2.0], [0.0, 0.0, 0.0], 1.0, 0.05),
-        ([60.0, 499.0, 500.0], [20.0, 20.0, 20.0], 500.0, 20.0),
-        ([60.0, 120.0], "off", "off", 1.0),
-    ):
-        data = builds.FEEDFORWARD_CONFIG.model_dump()
-        data["limiter"] = {
-            "rear_rate_max_deg_s": rate,
-            "opposite_phase_speed_km_h": speeds,
-            "opposite_phase_max_deg": angles,
-            "in_phase_from_front_angle_deg": free,
-        }
-        config = Config.model_validate(data)
-        assert limiter_view(config, "ars", "single", "float").points == len(speeds)
-        built = builds.make(builds.paper_map(), config)
-        assert built.software.selftest()
-        parameters = built.software.parameters()
-        assert max(parameters.limiter.opposite_phase_max) <= parameters.limiter.rear_angle_max
+def test_bounds_from_the_car_give_the_wanted_lateral_acceleration() -> None:
+    """The steady turn of the linear car with the rear angle alone: a = v^2 angle / (l + K v^2)."""
+    data = builds.FEEDFORWARD_CONFIG.model_dump()
+    data["limiter"]["opposite_phase_max_deg"] = "from-car"
+    config, car = Config.model_validate(data), SingleTrack.from_config(builds.CONFIG)
+    limiter = {parameter.name: np.array(numbers(parameter)) for parameter in limiter_parameters(config)}
+    square, angle = limiter["opposite_phase_speed"] ** 2, limiter["opposite_phase_max"]
+    acceleration = square * angle / (car.wheelbase + car.understeer_coefficient * square)
+    assert (angle < limiter["rear_angle_max"]).all()
+    assert acceleration == pytest.approx(config.limiter.opposite_phase_lateral_acceleration_m_s2, rel=1e-12)
 
 
-def test_tracking_without_a_schedule_is_told_with_the_remedy() -> None:
+def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
     config = tracking(schedule=None)
-    for ask in (
-        law_of,
-        schedule_of,
-        lambda bare: build(builds.paper_map(), bare, BuildOptions("x"), BuildInputs("x", "0", "preset")),
-    ):
+    for call in (law_of, schedule_of, lambda bare: builds.render(builds.paper_map(), bare)):
         with pytest.raises(BuildError) as caught:
-            ask(config)
+            call(config)
         assert caught.value.where == "controller.tracking.schedule"
         assert "codegen tune" in str(caught.value.remedy)
     for kind in KINDS:
@@ -214,12 +204,8 @@ def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
         assert LAWS[kind].gains(builds.CONFIGS[kind]) is None
 
 
-@pytest.mark.parametrize("prefix", ["ars", "axle2"])
-def test_no_name_of_another_prefix_is_left(prefix: str) -> None:
-    folder = build(
-        builds.paper_map(), builds.TRACKING_CONFIG, BuildOptions("x", prefix), BuildInputs("x.npz", "0" * 64, "preset")
-    )
-    other = {"ars": "axle2", "axle2": "ars"}[prefix]
-    for path, content in folder.files.items():
+def test_no_name_of_the_usual_prefix_is_left_under_another() -> None:
+    options, inputs = BuildOptions("x", "axle2"), BuildInputs("x.npz", "0" * 64, "preset")
+    for path, content in build(builds.paper_map(), builds.TRACKING_CONFIG, options, inputs).files.items():
         if path.startswith(("include/", "src/")):
-            assert not re.search(rf"\b{other}_|\b{other.upper()}_", content.decode("ascii")), path
+            assert not re.search(r"\bars_|\bARS_", content.decode("ascii")), path

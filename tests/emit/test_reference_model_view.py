@@ -24,13 +24,12 @@ from codegen.emit.reference_model_view import (
 from codegen.errors import BuildError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests import builds
-from tests.sil import units
 from tests.sil.exact_dynamics import magic_formula
 
 CONFIG = builds.TRACKING_CONFIG
 NUMBER = r"-?\d+\.?\d*(?:e[+-]?\d+)?"
-SHAPES = [(c, e) for c in (0.5, 1.0, 1.3, 1.65, 2.0, 2.5) for e in (-20.0, -3.0, -0.5, 0.0, 0.5, 0.9, 0.99, 0.999, 1.0)]
-"""Shape and curvature factors over all that a configuration may have."""
+SHAPES = [(c, e) for c in (0.5, 1.3, 2.5) for e in (-20.0, -0.5, 0.5, 0.99, 1.0)]
+"""Shape and curvature factors over the whole range of a configuration."""
 
 
 def tyre(shape_factor: float = 1.3, curvature_factor: float = -0.5) -> MagicFormulaTyre:
@@ -47,7 +46,7 @@ def interpolated(curve: Curve, x: Any) -> Any:
 
 def largest_error(curve: Curve, of: MagicFormulaTyre) -> float:
     """Found on points that lie elsewhere than those of the search: even ones, and geometric ones out to the end."""
-    x = np.concatenate([np.linspace(0.0, 40.0, 300_007), np.geomspace(1e-5, ARGUMENT_MAX, 200_003)])
+    x = np.concatenate([np.linspace(0.0, 40.0, 60_007), np.geomspace(1e-5, ARGUMENT_MAX, 40_003)])
     return float(np.abs(interpolated(curve, x) - magic_formula(of, x)).max())
 
 
@@ -65,13 +64,7 @@ def changed(**tables: dict[str, Any]) -> Config:
 def test_the_stated_error_holds_and_is_not_far_above(c: float, e: float) -> None:
     curve = tabulate(tyre(c, e))
     error = largest_error(curve, tyre(c, e))
-    assert error <= curve.error
-    assert curve.error <= 1.05 * error
-
-
-@pytest.mark.parametrize(("c", "e"), SHAPES)
-def test_the_table_holds_the_formula_s_values(c: float, e: float) -> None:
-    curve = tabulate(tyre(c, e))
+    assert error <= curve.error <= 1.05 * error
     places = np.linspace(0.0, curve.last_share, curve.values.size)
     x = curve.compression * places / (1.0 - places)
     assert x[-1] == pytest.approx(ARGUMENT_MAX, rel=1e-12)
@@ -79,7 +72,7 @@ def test_the_table_holds_the_formula_s_values(c: float, e: float) -> None:
     assert curve.values[0] == 0.0
 
 
-@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (1.65, 0.5), (0.5, 0.0), (2.5, -20.0)])
+@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (2.5, -20.0)])
 def test_no_smaller_table_would_do(c: float, e: float) -> None:
     curve = tabulate(tyre(c, e))
     assert curve.error <= CURVE_ERROR_MAX
@@ -93,24 +86,21 @@ def test_no_smaller_table_would_do(c: float, e: float) -> None:
 
 
 def test_a_curve_that_no_table_keeps_is_refused() -> None:
-    """Steeper than any tyre of a configuration: told with its place, not built."""
+    """A curve steeper than any tyre of a configuration is not built."""
     with pytest.raises(BuildError, match=r"tyre\.front: no table of 512 cells follows the tyre's curve within 0\.001"):
         tabulate(tyre(1.3, -1e6), "tyre.front")
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (0.5, 0.5), (1.0, -1.0), (1.65, 0.0)])
-def test_the_text_never_states_less_than_the_error(c: float, e: float, precision: Any) -> None:
-    view = reference_model_view(
-        changed(tyre={"front": {**CONFIG.tyre.front.model_dump(), "shape_factor_c": c, "curvature_factor_e": e}}), precision
-    )
+@pytest.mark.parametrize(("c", "e"), [(1.3, -0.5), (0.5, 0.5), (1.65, 0.0)])
+def test_the_text_never_states_less_than_the_error(c: float, e: float) -> None:
+    front = {**CONFIG.tyre.front.model_dump(), "shape_factor_c": c, "curvature_factor_e": e}
+    view = reference_model_view(changed(tyre={"front": front}), "single")
     for curve in (view.front, view.rear):
-        assert float(curve.error_text) >= curve.error
-        assert float(curve.error_text) <= 1.1 * curve.error
+        assert curve.error <= float(curve.error_text) <= 1.1 * curve.error
 
 
-def test_header_and_view_say_the_same() -> None:
-    header = units.tracking().folder.files["include/ars_reference_model.h"].decode("ascii")
+def test_the_header_states_what_the_view_holds() -> None:
+    header = builds.of_kind("tracking").folder.files["include/ars_reference_model.h"].decode("ascii")
     view = reference_model_view(CONFIG, "single")
     text = " ".join(header.replace("*", " ").split())
     (stated,) = re.findall(rf"off by at most ({NUMBER}) in front and ({NUMBER}) at the rear", text)
@@ -124,7 +114,7 @@ def test_header_and_view_say_the_same() -> None:
 
 
 def test_the_printed_table_is_the_curve() -> None:
-    source = units.tracking().folder.files["src/ars_reference_model.c"].decode("ascii")
+    source = builds.of_kind("tracking").folder.files["src/ars_reference_model.c"].decode("ascii")
     for name, of in (("front", AxleTyres.from_config(CONFIG).front), ("rear", AxleTyres.from_config(CONFIG).rear)):
         (body,) = re.findall(rf"{name}_curve\[\w+ \+ 1\] = \{{(.*?)\}};", source, flags=re.DOTALL)
         numbers = np.array([float(text) for text in re.findall(rf"({NUMBER})f", body)], dtype=np.float32)
@@ -133,28 +123,21 @@ def test_the_printed_table_is_the_curve() -> None:
         assert int(cells) == numbers.size - 1
 
 
-def test_the_slowest_speed_keeps_a_step_within_the_fastest_pole() -> None:
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.02])
+def test_the_slowest_speed_keeps_a_step_within_the_fastest_pole(period: float) -> None:
     """Poles of the linear car, found as eigenvalues: at that speed the fastest decays in about one step, where Heun's method,
     stable up to two, has room for both poles together."""
-    for period in (0.002, 0.01, 0.02):
-        config = changed(controller={"sampling_time_s": period, "enable_speed_km_h": 60.0})
-        vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
-        front, rear = 2.0 * tyres.front.cornering_stiffness, 2.0 * tyres.rear.cornering_stiffness
-        lf, lr, v = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m, speed_min(config)
-        matrix = np.array(
-            [
-                [-(front + rear) / (vehicle.mass_kg * v), (lr * rear - lf * front) / (vehicle.mass_kg * v * v) - 1.0],
-                [
-                    (lr * rear - lf * front) / vehicle.yaw_inertia_kg_m2,
-                    -(lf**2 * front + lr**2 * rear) / (vehicle.yaw_inertia_kg_m2 * v),
-                ],
-            ]
-        )
-        fastest = np.abs(np.linalg.eigvals(matrix)).max() * period
-        assert 0.8 < fastest < 1.3
+    config = changed(controller={"sampling_time_s": period, "enable_speed_km_h": 60.0})
+    vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
+    front, rear = 2.0 * tyres.front.cornering_stiffness, 2.0 * tyres.rear.cornering_stiffness
+    lf, lr, v = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m, speed_min(config)
+    m, inertia, moment = vehicle.mass_kg, vehicle.yaw_inertia_kg_m2, lr * rear - lf * front
+    matrix = [[-(front + rear) / (m * v), moment / (m * v * v) - 1.0]]
+    matrix += [[moment / inertia, -(lf**2 * front + lr**2 * rear) / (inertia * v)]]
+    assert 0.8 < np.abs(np.linalg.eigvals(matrix)).max() * period < 1.3
 
 
-def test_a_sampling_time_that_is_too_long_is_told_with_the_remedy() -> None:
+def test_a_sampling_time_that_is_too_long_is_refused_with_the_remedy() -> None:
     config = changed(controller={"sampling_time_s": 0.05})
     with pytest.raises(BuildError) as caught:
         reference_model_view(config, "single")

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from codegen.emit.text import check_prefix, comment_text, literal
 from codegen.errors import BuildError
 
 
-@given(st.text(max_size=40) | st.text(alphabet='*/\\?"\n a', max_size=40))
+@example("*\\/")
+@example("????/")
+@given(st.text(max_size=15) | st.text(alphabet='*/\\?"\n a', max_size=40))
 def test_no_text_leaves_its_comment(text: str) -> None:
     safe = comment_text(text)
     assert all(" " <= character <= "~" for character in safe)
     for dangerous in ("*/", "/*", "\\", '"', "??"):
         assert dangerous not in safe
-
-
-@pytest.mark.parametrize("text", ["x*\\ #error", "????/", "*\\/", "/\\*", "a\nb"])
-def test_what_one_replacement_would_make(text: str) -> None:
-    safe = comment_text(text)
-    assert "*/" not in safe
-    assert "/*" not in safe
-    assert "??" not in safe
-    assert "\n" not in safe
 
 
 @pytest.mark.parametrize("prefix", ["test", "all", "install", "class", "a__b", "a_", "_a", ""])

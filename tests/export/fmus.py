@@ -1,8 +1,10 @@
-"""FMUs under test, and one face for instances of both versions of the standard."""
+"""FMUs under test, and one interface to instances of both versions of the standard."""
 
 from __future__ import annotations
 
 import functools
+import weakref
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from ctypes import c_int
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from codegen.export.fmu.variables import What
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, load
 from hil_sim.scenarios import find
+from tests import shared
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = {"pi": ROOT / "generated" / "4ws2", "tracking": ROOT / "generated" / "4ws2-tracking"}
@@ -53,7 +56,7 @@ def inputs(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
 
 @functools.cache
 def recorded(kind: str, scenario: str, *, held: bool = False) -> np.ndarray:
-    """What the SIL makes of it, columns RECORD_COLUMNS."""
+    """The run of the SIL, columns RECORD_COLUMNS."""
     return ClosedLoop(software(kind)).run(inputs(kind, scenario, held=held))
 
 
@@ -84,23 +87,43 @@ class Made:
         return "3" if self.description.fmiVersion.startswith("3") else "2"
 
 
-def make(folder: Path, kind: str, what: What, version: Version) -> Made:
-    return pack_at(folder, f"{kind}-{what}-{version}", make_fmu(BUILDS[kind], what, version))
+@functools.cache
+def made(what: What, version: Version, kind: str = "tracking") -> Made:
+    """The FMU of a committed build, compiled once for all workers."""
+    name = f"{kind}-{what}-{version}"
+    fmu: Fmu = shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version))
+    with shared.alone(f"unpacked fmu {name}") as folder:
+        return unpacked(folder, name, fmu)
 
 
-def pack_at(folder: Path, name: str, fmu: Fmu) -> Made:
-    """In a file of that name, and unpacked beside it."""
-    path = folder / f"{name}.fmu"
-    path.write_bytes(fmu.content)
-    unpacked = fmpy.extract(str(path), str(folder / name))
-    return Made(fmu, path, Path(unpacked), fmpy.read_model_description(str(path)))
+def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
+    """An FMU in a file of that name, and unpacked beside it."""
+    path, place = folder / f"{name}.fmu", folder / name
+    if not place.exists():
+        folder.mkdir(exist_ok=True)
+        path.write_bytes(fmu.content)
+        fmpy.extract(str(path), str(place))
+    return Made(fmu, path, place, fmpy.read_model_description(str(path)))
+
+
+def text_of(made: Made, path: str = "modelDescription.xml") -> str:
+    return (made.folder / path).read_text(encoding="utf-8")
+
+
+def listed_sources(made: Made) -> list[str]:
+    """The C files that the FMU lists for a simulator to compile."""
+    if made.version == "2":
+        return [element.attrib["name"] for element in ET.fromstring(text_of(made)).iter("File")]
+    description = ET.fromstring(text_of(made, "sources/buildDescription.xml"))
+    return [element.attrib["name"] for element in description.iter("SourceFile")]
 
 
 class Slave:
-    """One instance. What it logs is in `messages`."""
+    """One instance; `messages` holds its log. It is freed with this object."""
 
     def __init__(self, made: Made, name: str = "one") -> None:
         self.messages: list[str] = []
+        messages = self.messages
         self.made = made
         self.time = 0.0
         description = made.description
@@ -115,13 +138,14 @@ class Slave:
         if made.version == "2":
             self.fmu = fmi2.FMU2Slave(**given)
             callbacks = fmi2.fmi2CallbackFunctions()
-            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *given: self.messages.append(given[-1].decode()))
+            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *given: messages.append(given[-1].decode()))
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             self.fmu.instantiate(callbacks=callbacks)
         else:
             self.fmu = fmi3.FMU3Slave(**given)
-            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: self.messages.append(given[-1].decode()))
+            self.fmu.instantiate(loggingOn=True, logMessage=lambda *given: messages.append(given[-1].decode()))
+        weakref.finalize(self, self.fmu.freeInstance)
 
     def start(self, values: Mapping[str, float] | None = None, start: float = 0.0, stop: float | None = None) -> Slave:
         """Through the initialization."""
@@ -172,9 +196,6 @@ class Slave:
 
     def free_state(self, state: Any) -> None:
         self.fmu.freeFMUState(state)
-
-    def close(self) -> None:
-        self.fmu.freeInstance()
 
     def call(self, name: str, *arguments: Any) -> int:
         """A function of the standard as it is, without fmpy's own check of what it returns."""

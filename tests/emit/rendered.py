@@ -1,0 +1,33 @@
+"""Generated files of the kinds of controller, not compiled; rendered once for all workers."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+from codegen.config import Kind
+from codegen.emit.folder import Folder
+from codegen.emit.text import Precision
+from codegen.emit.write import write_folder
+from tests import builds, shared
+
+KINDS: tuple[Kind, ...] = tuple(builds.CONFIGS)
+EACH_KIND_AND_DOUBLE: tuple[tuple[Kind, Precision], ...] = (*((kind, "single") for kind in KINDS), ("tracking", "double"))
+
+
+@functools.cache
+def rendered(kind: Kind, precision: Precision = "single") -> Folder:
+    """The build of a kind around the paper's map."""
+    make = functools.partial(_render, kind, precision)
+    folder: Folder = shared.once(f"rendered {kind} {precision}", make)
+    return folder
+
+
+def _render(kind: Kind, precision: Precision) -> Folder:
+    return builds.render(builds.paper_map(), builds.CONFIGS[kind], precision)
+
+
+def laid_out(folder: Folder, at: Path) -> Path:
+    """Write a folder and return where."""
+    write_folder(folder, at)
+    return at

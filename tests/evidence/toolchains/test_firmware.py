@@ -1,0 +1,270 @@
+"""The firmware in QEMU: the image sends the frames of the software in the loop, bit for bit, and reports every fault."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import os
+import re
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+from elftools.elf.elffile import ELFFile
+
+from codegen.emit.from_files import prepare
+from codegen.emit.write import write_folder
+from codegen.errors import BuildError, CodegenError
+from codegen.export.firmware import image
+from codegen.export.firmware.image import ImageRun, Toolchain, image_sizes, run_image
+from codegen.export.firmware.project import project
+from tests.cli.conftest import Answer, run
+from tests.evidence.toolchains.programs import tool
+from tests.export.test_firmware import BUILD, GENERATED, made
+
+__all__ = ["run"]  # a fixture
+
+Run = Callable[..., Answer]
+TOOLCHAINS: tuple[Toolchain, ...] = ("gcc", "zig")
+FAULT, LATE, SELFTEST = 2, 1, 3
+"""Exit codes of the image."""
+
+
+@pytest.fixture(autouse=True)
+def _tools() -> None:
+    for name in ("make", "cmp", image.QEMU, image.GCC):
+        tool(name)
+
+
+def ran(files: Mapping[str, bytes], name: str = "4ws2", toolchain: Toolchain = "gcc") -> ImageRun:
+    return run_image(files, made(name).sent, toolchain)
+
+
+def changed(path: str, old: str, new: str, files: Mapping[str, bytes] | None = None) -> dict[str, bytes]:
+    """The files of a project with one place of one of them changed."""
+    files = dict(made().folder.files if files is None else files)
+    text = files[path].decode()
+    assert text.count(old) == 1, (path, old)
+    return {**files, path: text.replace(old, new).encode()}
+
+
+@pytest.mark.parametrize("toolchain", TOOLCHAINS)
+@pytest.mark.parametrize("name", ["4ws2", "4ws2-tracking"])
+def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: Toolchain) -> None:
+    found = ran(made(name).folder.files, name, toolchain)
+    assert found.passed, found
+    assert (found.compared, found.different, found.faults, found.exit_code) == (1500, 0, 0, 0)
+    assert found.cycles == found.ticks == 1500  # one tick of SysTick began each, none was missed
+    assert found.lost_samples == 0
+    assert found.fpu
+    assert 0 < found.stack < 4096
+
+
+@pytest.mark.long
+def test_a_build_with_another_prefix_runs_too(tmp_path: Path) -> None:
+    """Also where its C was changed after the build: the project takes it as it is."""
+    write_folder(prepare(GENERATED / "4ws2.npz", prefix="src").folder, tmp_path / "other")
+    source = tmp_path / "other" / "src" / "src_controller.c"
+    source.write_text(source.read_text() + "/* mine */\n")
+    other = project(tmp_path / "other")
+    assert other.sent == made().sent
+    assert other.edited == ("src/src_controller.c",)
+    assert other.folder.files["controller/src/src_controller.c"].endswith(b"/* mine */\n")
+    assert run_image(other.folder.files, other.sent, "gcc").passed
+
+
+# --- faults ---------------------------------------------------------------------------------------------------------
+
+UNDEFINED = '__asm volatile("udf #0");'
+DEEP = """static void deep(uint32_t level)
+{
+    volatile uint32_t own[64];
+
+    own[0] = level;
+    (void)own[0];
+    if (level < 1000u) {
+        deep(level + 1u);
+        own[1] = level;
+    }
+}
+
+int main(void)
+"""
+CYCLE = "        run_cycle();"
+DIVISION = "    volatile uint32_t zero = 0u;\n\n    cycles = 1000u / zero;\n"
+# Usage faults of the Configurable Fault Status Register (ARMv7-M Architecture Reference Manual, B3.2.15): undefined
+# instruction 00010000, no coprocessor 00080000, division by zero 02000000. Exception 4 is memory management.
+FAULTS: dict[str, tuple[Callable[[], dict[str, bytes]], str]] = {
+    "undefined instruction": (
+        lambda: changed("src/main.c", CYCLE, f"        if (cycles == 100u) {{\n            {UNDEFINED}\n        }}\n{CYCLE}"),
+        r"fault: exception=6 cfsr=0x00010000 hfsr=0x00000000 pc=0x\w+",
+    ),
+    "no FPU": (lambda: changed("src/startup.c", "orr r1, r1, #0xF00000", "orr r1, r1, #0"), ".*cfsr=0x00080000.*"),
+    "division by zero": (
+        lambda: changed("src/main.c", "    for (passed =", f"{DIVISION}    for (passed ="),
+        ".*cfsr=0x02000000.*",
+    ),
+    "overflow of the stack": (
+        lambda: changed("src/main.c", CYCLE, f"        deep(0u);\n{CYCLE}", changed("src/main.c", "int main(void)\n", DEEP)),
+        "fault: exception=4 .* stack overflow",
+    ),
+    "before the board is up": (
+        lambda: changed("src/main.c", "    board_init();", f"    {UNDEFINED}\n    board_init();"),
+        ".*cfsr=0x00010000.*",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_ends_the_program_and_is_reported(fault: str) -> None:
+    plant, message = FAULTS[fault]
+    found = ran(plant())
+    assert (found.faults, found.exit_code, found.passed) == (1, FAULT, False)
+    assert re.fullmatch(message, found.message)
+    if fault == "undefined instruction":
+        assert found.different == 1500 - 99  # those before were sent
+        assert found.first_difference.startswith("cycle 99: nothing sent")
+
+
+def test_a_cycle_that_takes_too_long_is_seen() -> None:
+    wait = "for (volatile uint32_t wait = 0u; (cycles == 7u) && (wait < 400000u); wait++) {\n        }"
+    found = ran(changed("src/main.c", CYCLE, f"{CYCLE}\n        {wait}"))
+    assert (found.exit_code, found.faults, found.passed) == (LATE, 0, False)
+    assert found.ticks > found.cycles == 1500
+
+
+def test_a_self_test_that_fails_ends_it() -> None:
+    found = ran(changed("src/main.c", "healthy = ars_selftest()", "healthy = !ars_selftest()"))
+    assert (found.exit_code, found.message, found.different) == (SELFTEST, "self-test failed", 1500)
+
+
+@pytest.mark.long
+def test_one_bit_of_one_frame_is_a_difference() -> None:
+    text = made().folder.files["src/trace.c"].decode()
+    row = re.search(r"\{ 700u, 0x102u, 8u, \{ 0x(\w\w)u", text)
+    assert row is not None
+    found = ran(changed("src/trace.c", row[0], f"{row[0][:-3]}{int(row[1], 16) ^ 1:02X}u"))
+    assert found.exit_code == 0  # the program itself is well: a frame with a wrong CRC is a lost sample
+    assert found.lost_samples == 1
+    assert found.different >= 1
+    assert found.first_difference.startswith("cycle 700: 201#")
+    assert not found.passed
+
+
+@pytest.mark.long
+def test_nothing_but_systick_begins_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(image, "RUN_LIMIT", 3.0)
+    with pytest.raises(CodegenError, match="did not end within 3 s"):
+        ran(changed("src/board_mps2_an386.c", "SYSTICK->control = 7u", "SYSTICK->control = 5u"))
+
+
+def test_c_that_does_not_compile_is_one_line() -> None:
+    with pytest.raises(BuildError, match=r"src/main\.c:\d+: the C does not compile"):
+        ran(changed("src/main.c", "    board_init();", "    int unused = 1.5f;\n    board_init();"))
+
+
+# --- the image and its Makefile -------------------------------------------------------------------------------------
+
+
+@functools.cache
+def elf(toolchain: Toolchain) -> bytes:
+    """An image."""
+    kept: list[bytes] = []
+
+    def keep(data: bytes) -> None:
+        kept.append(data)
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(image, "image_sizes", keep)
+        with pytest.raises(KeyboardInterrupt):
+            run_image(made().folder.files, (), toolchain)
+    return kept[0]
+
+
+@pytest.mark.parametrize("toolchain", TOOLCHAINS)
+def test_vectors_stacks_sections_and_symbols_of_the_image(toolchain: Toolchain) -> None:
+    file = ELFFile(io.BytesIO(elf(toolchain)))
+    symbols = {symbol.name: symbol["st_value"] for symbol in file.get_section_by_name(".symtab").iter_symbols()}
+    table = file.get_section_by_name(".vectors")
+    words = [int.from_bytes(table.data()[at : at + 4], "little") for at in range(0, table["sh_size"], 4)]
+    assert (table["sh_addr"], len(words)) == (0, 16)
+    assert words[0] % 8 == 0
+    assert words[0] == symbols["handler_stack"] + 1024
+    assert words[1] == symbols["reset_handler"] == file.header["e_entry"]
+    assert words[2:7] == [symbols["fault_handler"]] * 5
+    assert words[15] == symbols["systick_handler"]
+    assert all(word % 2 for word in words[1:] if word)  # Thumb
+    assert (symbols["thread_stack_bottom"], symbols["thread_stack_top"]) == (0x2000_0000, 0x2000_1100)
+    assert symbols["calibration_start"] <= symbols["ars_parameters_default"] < symbols["calibration_end"]
+    assert not symbols.keys() & {"malloc", "free", "_sbrk", "sbrk", "__aeabi_dadd", "__aeabi_dmul", "__aeabi_f2d"}
+    assert "ars_task_10ms" in symbols
+    assert "ars_can_pack_vehicle_motion" not in symbols  # the car's side: --gc-sections
+    assert file.header["e_flags"] & 0x400  # EF_ARM_ABI_FLOAT_HARD
+    sections = [section for section in file.iter_sections() if section["sh_flags"] & 2]
+    flash = sum(section["sh_size"] for section in sections if section["sh_type"] != "SHT_NOBITS")
+    ram = sum(section["sh_size"] for section in sections if section["sh_addr"] >= 0x2000_0000)
+    assert image_sizes(elf(toolchain)) == image.Sizes(flash, ram)
+
+
+def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
+    """In a folder whose name has blanks; with another compiler in `CC` and the objects elsewhere."""
+    folder = tmp_path / "a firmware"
+    write_folder(made().folder, folder)
+    environment = {name: value for name, value in os.environ.items() if name not in image.VARIABLES_OF_MAKE}
+
+    def make(*arguments: str, code: int = 0) -> str:
+        result = subprocess.run(["make", *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        assert bool(result.returncode) == bool(code), result.stdout + result.stderr
+        return result.stdout + (result.stderr if code else "")
+
+    make()
+    assert "thread_stack" in (folder / "build" / "gcc" / "firmware.map").read_text()
+    text, data, bss = (int(word) for word in make("-s", "size").splitlines()[1].split()[:3])
+    sizes = image_sizes((folder / "build" / "gcc" / "firmware.elf").read_bytes())
+    assert (text + data, data + bss) == (sizes.flash, sizes.ram)
+    lines = make("-s", "run").splitlines()
+    assert tuple(lines[:-1]) == made().sent
+    assert lines[-1].startswith("end: cycles=1500 ticks=1500 lost_samples=0 fpu=1 stack=")
+    assert make("-s", "check").splitlines() == lines[-1:]
+    expected = folder / "expected.txt"
+    expected.write_bytes(expected.read_bytes().replace(b"201#", b"202#", 1))
+    assert "differ" in make("check", code=2)
+    make("clean")
+    assert not (folder / "build").exists()
+    assert "-ffp-contract=off" in make("-n", f"CC={image.GCC} -DMORE", "BUILD=out")
+
+
+# --- the command ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("toolchain", TOOLCHAINS)
+def test_the_command_runs_and_compares(run: Run, tmp_path: Path, toolchain: Toolchain) -> None:
+    command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")
+    answer = run(*command, "--json", "--toolchain", toolchain)
+    assert (answer.code, answer.err) == (0, "")
+    found = json.loads(answer.out)["run"]
+    assert (found["compared"], found["different"], found["faults"], found["passed"]) == (1500, 0, 0, True)
+    assert found["sizes"]["flash"] > 40_000
+    assert found["toolchain"] == toolchain
+    assert not (tmp_path / "fw" / "build").exists()  # made elsewhere
+    rows = run(*command).out.splitlines()
+    figures = {row.rpartition("  ")[0].strip(): row.split()[-1] for row in rows[3:]}
+    assert figures["frames compared with the SIL"] == "1500"
+    assert figures["different"] == figures["faults"] == "0"
+
+
+def test_a_difference_ends_with_1(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def planted(files: Mapping[str, bytes], expected: Sequence[str], toolchain: Toolchain) -> ImageRun:
+        return run_image(files, ["201#0000000000000000", *expected[1:]], toolchain)
+
+    monkeypatch.setattr(image, "run_image", planted)
+    answer = run("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")
+    assert answer.code == 1
+    assert answer.err.splitlines() == [
+        f"error: {tmp_path / 'fw'}: 1 of 1500 frames differ from the SIL's, first in cycle 0: 201#DB00000000000000 sent, "
+        "201#0000000000000000 expected"
+    ]

@@ -1,0 +1,61 @@
+"""FMUs of the other kind and scenario, of another configuration, and of a simulator that does everything wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+from codegen.emit.from_files import prepare
+from codegen.emit.write import write_folder
+from codegen.export.fmu.export import make_fmu
+from codegen.export.fmu.standard import Version
+from codegen.sil.closed_loop import ClosedLoop
+from codegen.sil.software import load
+from tests.export import fmus
+from tests.export import test_fmu_runs as runs
+from tests.export.test_fmu_file import RECORD_ORDER
+from tests.export.test_fmu_states import misuse
+
+RUNS = (
+    runs.test_the_loop_is_the_sil_at_the_step_of_the_plant,
+    runs.test_the_loop_as_a_simulator_runs_it,
+    runs.test_the_controller_gives_the_commands_of_the_sil,
+    runs.test_plant_and_controller_wired_together_are_the_loop,
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("version", ["2", "3"])
+@pytest.mark.parametrize(("kind", "scenario"), [("pi", "step-steer"), ("pi", "sine-with-dwell"), ("tracking", "step-steer")])
+@pytest.mark.parametrize("check", RUNS, ids=lambda check: check.__name__.removeprefix("test_"))
+def test_other_kinds_and_scenarios(
+    check: Callable[[Version, str, str], None], kind: str, scenario: str, version: Version
+) -> None:
+    check(version, kind, scenario)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("version", ["2", "3"])
+def test_misuse_under_sanitizers(version: Version, tmp_path: Path) -> None:
+    answer = misuse(version, tmp_path, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1")
+    assert answer.returncode == 0, answer.stderr
+
+
+@pytest.mark.long
+def test_another_configuration(tmp_path: Path) -> None:
+    """Double precision, another prefix, tyres with a relaxation length, and a command that acts two samples later."""
+    settings, build = tmp_path / "ars.toml", tmp_path / "build"
+    plant = "[plant]\ncommand_delay_samples = 2\nrelaxation_length_m = 0.3\n"
+    settings.write_text(f'[controller]\nkind = "pi"\n{plant}', encoding="utf-8")
+    write_folder(prepare(fmus.ROOT / "generated" / "4ws2.npz", settings, build, "rear", "double").folder, build)
+    known = fmus.unpacked(tmp_path / "fmu", "other", make_fmu(build, "loop", "3"))
+    assert validate_fmu(str(known.path)) == []
+    slave = fmus.Slave(known).start()
+    rows = fmus.inputs("pi", "sine-with-dwell")
+    wanted = ClosedLoop(load(build)).run(rows)
+    assert np.array_equal(fmus.drive(slave, rows, fmus.STEP), wanted[:, RECORD_ORDER])
+    assert not np.array_equal(wanted, fmus.recorded("pi", "sine-with-dwell"))
