@@ -1,6 +1,7 @@
 """Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
 
-    python -m tests.can.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady] -- COMMAND...
+    python -m tests.evidence.vcan.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady]
+        -- COMMAND...
 
 native: this kernel has SocketCAN; the command gets a network namespace of its own with lo and vcan0, or, where it may not have
         one, the vcan0 that is there.
@@ -29,9 +30,9 @@ from typing import NoReturn
 
 from codegen.errors import CodegenError
 from codegen.sil.cache import cache_folder
-from tests.can import uml
-from tests.can.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
-from tests.can.uml import Unavailable
+from tests.evidence.vcan import uml
+from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
+from tests.evidence.vcan.uml import Unavailable
 
 TIMEOUT, DIED, UNAVAILABLE, CANNOT_RUN = 124, 125, 69, 127
 SECONDS_TO_END = 3.0

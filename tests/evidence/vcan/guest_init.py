@@ -1,7 +1,7 @@
 """Process 1 of the User Mode Linux guest: prepares it, runs the job, tells how it ended, powers off.
 
-`python -m tests.can.guest_init FOLDER`; FOLDER, of the host, holds `job.json` (see `Job`), and gets `booted` when the command
-starts and `status`, its exit code. No `status`: the guest died. Whatever goes wrong is printed in one line.
+`python -m tests.evidence.vcan.guest_init FOLDER`. FOLDER, on the host, holds `job.json` (see `Job`). It gets `booted` when the
+command starts, and `status` with its exit code. Without `status` the guest died. Errors are printed in one line.
 
 The guest's root is the host's, read-only; /dev, /run and /dev/shm are its own.
 """
@@ -18,7 +18,7 @@ import termios
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tests.can.interfaces import INTERFACE, add_vcan, set_loopback_up
+from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, set_loopback_up
 
 TEMPORARY = "/run/tmp"
 CANNOT_RUN = 127

@@ -13,12 +13,11 @@ from pathlib import Path
 import pytest
 
 from codegen.sil.cache import cache_folder
-from tests.can import uml, vcan_run
-from tests.can.interfaces import is_up, set_interface
-from tests.can.uml import Unavailable, modules_in_load_order
-from tests.can.vcan_run import CANNOT_RUN, DIED, TIMEOUT, UNAVAILABLE
+from tests.evidence.vcan import uml, vcan_run
+from tests.evidence.vcan.uml import Unavailable, modules_in_load_order
+from tests.evidence.vcan.vcan_run import CANNOT_RUN, DIED, TIMEOUT, UNAVAILABLE
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 # Where a command in a guest is told to wait for the test: long enough for a slow machine, and an end for a lost guest.
 LONG = "300"
@@ -45,7 +44,7 @@ def start(
     options = ["--backend", "uml", "--timeout", timeout, *(["--writable", str(writable)] if writable else [])]
     options += ["--steady"] if steady else []
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.can.vcan_run", *options, "--", *command],
+        [sys.executable, "-m", "tests.evidence.vcan.vcan_run", *options, "--", *command],
         cwd=ROOT,
         env=os.environ | {"ARS_CACHE": str(cache)},
         stdout=subprocess.PIPE,
@@ -83,20 +82,6 @@ def test_output_arguments_and_exit_code_come_through(cache: Path) -> None:
     assert left_behind(cache) == []
 
 
-def test_files_of_the_host_are_read_only_but_for_the_folders_named(cache: Path, tmp_path: Path) -> None:
-    (tmp_path / "writable").mkdir()
-    script = f"""
-    touch {tmp_path}/forbidden 2>/dev/null && echo "written outside"
-    cat {tmp_path}/greeting > {tmp_path}/writable/copy
-    touch "$TMPDIR/own" && test ! -e {tmp_path}/own && kill -9 $$
-    """
-    (tmp_path / "greeting").write_text("hello")
-    code, output, errors = finish(start(cache, "sh", "-c", script, writable=tmp_path / "writable"))
-    assert (code, output, errors) == (128 + signal.SIGKILL, "", "")
-    assert not (tmp_path / "forbidden").exists()
-    assert (tmp_path / "writable" / "copy").read_text() == "hello"
-
-
 def test_a_timeout_ends_the_guest(cache: Path) -> None:
     # The seconds count from before the guest boots, which takes a busy host longer than a short timeout.
     for seconds in ("4", "16", "64"):
@@ -125,37 +110,6 @@ def test_a_guest_that_dies_and_a_command_that_is_not_there_are_told_apart(cache:
     code, _, errors = finish(dying)
     assert code == DIED
     assert errors.endswith("vcan_run: the guest died (exit code 0)\n")
-
-
-# Sends a frame, waits until the other guest has sent one, then tells whose frames it has heard.
-TWO_GUESTS = """
-import pathlib, socket, struct, sys, time
-folder, own, other = pathlib.Path(sys.argv[1]), *map(int, sys.argv[2:])
-sender, listener = (socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) for _ in range(2))
-for bus in (sender, listener):
-    bus.bind(("vcan0",))
-sender.send(struct.pack("=IB11x", own, 0))
-(folder / str(own)).touch()
-while not (folder / str(other)).exists():
-    time.sleep(0.01)
-listener.setblocking(False)
-try:
-    while True:
-        print(struct.unpack_from("=I", listener.recv(16))[0])
-except BlockingIOError:
-    pass
-"""
-
-
-def test_two_guests_at_once_have_a_bus_each(cache: Path, tmp_path: Path) -> None:
-    shared = tmp_path / "shared"
-    shared.mkdir()
-    first, second = (
-        start(cache, sys.executable, "-c", TWO_GUESTS, str(shared), own, other, writable=shared)
-        for own, other in (("1", "2"), ("2", "1"))
-    )
-    assert finish(first) == (0, "1\n", "")
-    assert finish(second) == (0, "2\n", "")
 
 
 # Cycles of 10 ms by absolute deadlines; the largest lateness [s].
@@ -235,31 +189,8 @@ def test_the_kernel_is_used_where_it_has_socketcan(
     assert choice.way == way
 
 
-def test_native_alone_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    Choice(monkeypatch, socketcan=False, own_network=True, interface_up=False)
-    with pytest.raises(Unavailable, match=r"^this kernel has no SocketCAN$"):
-        vcan_run.run(["true"], "native", None, [])
-    Choice(monkeypatch, socketcan=True, own_network=False, interface_up=False)
-    with pytest.raises(Unavailable, match=r"^no right to a network of one's own, and there is no vcan0$"):
-        vcan_run.run(["true"], "native", None, [])
-
-
-def test_the_socket_and_the_interface_are_asked_for_in_the_kernel() -> None:
-    assert is_up("lo")
-    assert not is_up("no-such-if")
-    with pytest.raises(OSError, match="No such device"):
-        set_interface("no-such-if", up=True)
-
-
 def test_modules_come_after_what_they_need(tmp_path: Path) -> None:
     for name, needs in {"vcan": "can-dev", "can-dev": "can", "can": "", "can-raw": "can"}.items():
         (tmp_path / f"{name}.ko").write_bytes(b"license=GPL\0depends=" + needs.encode() + b"\0name=x\0")
     found = [Path(file).stem for file in modules_in_load_order(tmp_path, ["can_raw", "built_in", "vcan"])]
     assert found == ["can", "can-raw", "can-dev", "vcan"]
-
-
-def test_where_there_is_no_way_the_reason_is_one_line() -> None:
-    with pytest.raises(Unavailable, match=r"^no-such-apt is missing, and user-mode-linux is not installed$"):
-        uml._call(["no-such-apt"])
-    with pytest.raises(Unavailable, match=r"^sh -c 'echo first >&2; echo last >&2; exit 3': last; install user-mode-linux, or"):
-        uml._call(["sh", "-c", "echo first >&2; echo last >&2; exit 3"])

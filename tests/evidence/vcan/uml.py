@@ -18,10 +18,10 @@ from pathlib import Path
 
 from codegen.sil.cache import cache_folder
 from codegen.sil.toolchain import compiler_command
-from tests.can.guest_init import TEMPORARY, Job
+from tests.evidence.vcan.guest_init import TEMPORARY, Job
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
+ROOT = HERE.parents[2]
 XSTATE, CLOCK = HERE / "uml-xstate.c", HERE / "uml-clock.c"
 PACKAGE = "user-mode-linux"
 MODULES = ("can_raw", "can_bcm", "vcan")
@@ -121,7 +121,7 @@ def write_job(folder: Path, kernel: Kernel, command: Sequence[str], writable: Se
     job = Job(list(command), str(Path.cwd()), theirs | own, [str(path.resolve()) for path in writable], modules)
     job.save(folder / "job.json")
     init = folder / "init"
-    python = shlex.join([sys.executable, "-m", "tests.can.guest_init", str(folder)])
+    python = shlex.join([sys.executable, "-m", "tests.evidence.vcan.guest_init", str(folder)])
     init.write_text(f"#!/bin/sh\ncd {shlex.quote(str(ROOT))} && exec {python}\n", encoding="utf-8")
     init.chmod(0o755)
 
