@@ -1,4 +1,4 @@
-"""`vcan_run` on this machine: guests that behave like the command in them, and that leave nothing behind."""
+"""`vcan_run` on this machine: guests behave like the command in them and leave nothing behind."""
 
 from __future__ import annotations
 
@@ -12,39 +12,27 @@ from pathlib import Path
 
 import pytest
 
-from codegen.sil.cache import cache_folder
 from tests.evidence.vcan import uml, vcan_run
-from tests.evidence.vcan.uml import Unavailable, modules_in_load_order
 from tests.evidence.vcan.vcan_run import CANNOT_RUN, DIED, TIMEOUT, UNAVAILABLE
 
 ROOT = Path(__file__).resolve().parents[3]
-
-# Where a command in a guest is told to wait for the test: long enough for a slow machine, and an end for a lost guest.
 LONG = "300"
+"""s: a guest's command waits so long at most for the test."""
 
 
 @pytest.fixture
 def cache(tmp_path: Path) -> Path:
-    """A cache of the test's own, so that what a guest leaves can be seen; the kernel in it is the shared one."""
+    """A cache of the test's own, where the guest's files can be seen."""
     try:
         uml.find_kernel()
-    except Unavailable as error:
+    except uml.Unavailable as error:
         pytest.skip(str(error))
-    folder = tmp_path / "cache"
-    folder.mkdir()
-    if (cache_folder() / uml.PACKAGE).exists():
-        (folder / uml.PACKAGE).symlink_to(cache_folder() / uml.PACKAGE)
-    return folder
+    return tmp_path
 
 
-def start(
-    cache: Path, *command: str, timeout: str = LONG, writable: Path | None = None, steady: bool = False
-) -> subprocess.Popen[str]:
-    """In a guest; the output can be read while it runs."""
-    options = ["--backend", "uml", "--timeout", timeout, *(["--writable", str(writable)] if writable else [])]
-    options += ["--steady"] if steady else []
+def start(cache: Path, *command: str, options: Sequence[str] = ("--timeout", LONG)) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.evidence.vcan.vcan_run", *options, "--", *command],
+        [sys.executable, "-m", "tests.evidence.vcan.vcan_run", "--backend", "uml", *options, "--", *command],
         cwd=ROOT,
         env=os.environ | {"ARS_CACHE": str(cache)},
         stdout=subprocess.PIPE,
@@ -53,17 +41,19 @@ def start(
     )
 
 
-def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+def finish(process: subprocess.Popen[str], cache: Path) -> tuple[int, str, str]:
+    """Return exit code, output and errors, after a check that no folder or process of the guest is left."""
     output, errors = process.communicate()
     if process.returncode == UNAVAILABLE:
         pytest.skip(errors.strip())
-    # Where /dev/shm cannot hold the guest's memory, its kernel says so.
-    told = [line for line in errors.splitlines(keepends=True) if not line.startswith("Warning: tempdir")]
-    return process.returncode, output, "".join(told)
+    assert left_behind(cache) == []
+    # The kernel warns where /dev/shm cannot hold the guest's memory.
+    lines = [line for line in errors.splitlines(keepends=True) if not line.startswith("Warning: tempdir")]
+    return process.returncode, output, "".join(lines)
 
 
 def left_behind(cache: Path) -> list[str]:
-    """Folders, and the command lines of processes, of guests that had this cache."""
+    """Return the folders of guests with this cache, and the command lines of their processes."""
     found = [str(path) for path in cache.glob("guest-*")]
     for process in Path("/proc").glob("[0-9]*/cmdline"):
         try:
@@ -75,39 +65,43 @@ def left_behind(cache: Path) -> list[str]:
     return found
 
 
-def test_output_arguments_and_exit_code_come_through(cache: Path) -> None:
-    script = 'printf "%s|" "$@"; echo; echo "to stderr" >&2; exit 7'
-    code, output, errors = finish(start(cache, "sh", "-c", script, "sh", "two words", "'quoted'", "$HOME", "a\nb", ""))
-    assert (code, output, errors) == (7, "two words|'quoted'|$HOME|a\nb||\n", "to stderr\n")
-    assert left_behind(cache) == []
+def test_output_arguments_files_and_exit_code(cache: Path) -> None:
+    writable = cache / "writable"
+    writable.mkdir()
+    script = f'printf "%s|" "$@"; echo; touch {writable}/there; touch {cache}/forbidden 2>/dev/null; echo "errors" >&2; exit 7'
+    arguments = ("two words", "'quoted'", "$HOME", "a\nb", "")
+    guest = start(cache, "sh", "-c", script, "sh", *arguments, options=["--writable", str(writable)])
+    assert finish(guest, cache) == (7, "two words|'quoted'|$HOME|a\nb||\n", "errors\n")
+    assert (writable / "there").exists() and not (cache / "forbidden").exists()
 
 
+@pytest.mark.long
 def test_a_timeout_ends_the_guest(cache: Path) -> None:
-    # The seconds count from before the guest boots, which takes a busy host longer than a short timeout.
+    # The seconds include the boot, which may take a busy host longer than a short timeout.
     for seconds in ("4", "16", "64"):
-        code, output, errors = finish(start(cache, "sh", "-c", "echo begun; sleep 600", timeout=seconds))
+        guest = start(cache, "sh", "-c", "echo begun; sleep 600", options=["--timeout", seconds])
+        code, output, errors = finish(guest, cache)
         assert (code, errors) == (TIMEOUT, f"vcan_run: timeout after {seconds} s\n")
-        assert left_behind(cache) == []
         if output:
             break
     assert output == "begun\n"
 
 
+@pytest.mark.long
 def test_an_interrupt_ends_the_guest(cache: Path) -> None:
     process = start(cache, "sh", "-c", f"echo begun; sleep {LONG}")
     assert process.stdout is not None
     if process.stdout.readline() == "begun\n":
-        assert len(left_behind(cache)) > 1  # the folder and its processes: it can be seen
+        assert len(left_behind(cache)) > 1  # the folder and its processes: the check can see them
         process.send_signal(signal.SIGINT)
-    assert finish(process) == (128 + signal.SIGINT, "", "")
-    assert left_behind(cache) == []
+    assert finish(process, cache) == (128 + signal.SIGINT, "", "")
 
 
-def test_a_guest_that_dies_and_a_command_that_is_not_there_are_told_apart(cache: Path) -> None:
-    dying = start(cache, "sh", "-c", f"echo o > /proc/sysrq-trigger; sleep {LONG}")  # o: off
-    missing = start(cache, "no-such-command")
-    assert finish(missing) == (CANNOT_RUN, "", "vcan_run: [Errno 2] No such file or directory: 'no-such-command'\n")
-    code, _, errors = finish(dying)
+@pytest.mark.long
+def test_a_dead_guest_and_a_missing_command_differ(cache: Path) -> None:
+    missing = "vcan_run: [Errno 2] No such file or directory: 'no-such-command'\n"
+    assert finish(start(cache, "no-such-command"), cache) == (CANNOT_RUN, "", missing)
+    code, _, errors = finish(start(cache, "sh", "-c", f"echo o > /proc/sysrq-trigger; sleep {LONG}"), cache)  # o: off
     assert code == DIED
     assert errors.endswith("vcan_run: the guest died (exit code 0)\n")
 
@@ -123,74 +117,55 @@ for _ in range(200):
     late = max(late, time.monotonic() - deadline)
 print(late)
 """
-HELD_UP = 0.5
+PAUSE = 0.5
 """s."""
 
 
-def largest_lateness(cache: Path, *, steady: bool) -> float:
-    """Of a guest that is held up twice in its two seconds."""
-    process = start(cache, sys.executable, "-c", CYCLES, steady=steady)
+@pytest.mark.long
+@pytest.mark.parametrize("steady", [True, False])
+def test_a_steady_clock_does_not_count_pauses(cache: Path, steady: bool) -> None:
+    """The guest is stopped twice in its two seconds."""
+    process = start(cache, sys.executable, "-c", CYCLES, options=["--steady"] if steady else [])
     assert process.stdout is not None
     if process.stdout.readline() == "begun\n":
         (kernel,) = map(int, Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
         for _ in range(2):
             os.kill(kernel, signal.SIGSTOP)
-            time.sleep(HELD_UP)
+            time.sleep(PAUSE)
             os.kill(kernel, signal.SIGCONT)
             time.sleep(0.1)
-    code, output, errors = finish(process)
+    code, output, errors = finish(process, cache)
     assert (code, errors) == (0, "")
-    return float(output)
-
-
-def test_a_steady_clock_does_not_count_what_the_host_takes_away(cache: Path) -> None:
-    assert largest_lateness(cache, steady=True) < 0.01  # no cycle lost
-    assert largest_lateness(cache, steady=False) > 0.9 * HELD_UP
-
-
-class Choice:
-    """`vcan_run.run` on a machine that the test describes; which way it has gone is in `way`."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, socketcan: bool, own_network: bool, interface_up: bool) -> None:
-        self.own_network = own_network
-        self.way = ""
-        monkeypatch.setattr(vcan_run, "has_socketcan", lambda: socketcan)
-        monkeypatch.setattr(vcan_run, "is_up", lambda name: interface_up)
-        monkeypatch.setattr(vcan_run, "_start", self.start)
-        monkeypatch.setattr(vcan_run, "_finish", lambda process, timeout: 5)
-        monkeypatch.setattr(vcan_run, "_run_in_guest", self.run_in_guest)
-
-    def start(self, command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None) -> None:
-        assert environment["VCAN_RUN"] == "native"
-        if prepare and not self.own_network:
-            raise subprocess.SubprocessError
-        self.way = "own network" if prepare else "the interface that is there"
-
-    def run_in_guest(self, command: Sequence[str], timeout: float | None, writable: Sequence[Path], steady: bool) -> int:
-        self.way = "guest"
-        return 5
+    assert float(output) < 0.01 if steady else float(output) > 0.9 * PAUSE  # no cycle lost
 
 
 @pytest.mark.parametrize(
     ("socketcan", "own_network", "interface_up", "way"),
     [
-        (True, True, False, "own network"),
         (True, True, True, "own network"),
-        (True, False, True, "the interface that is there"),
+        (True, False, True, "the existing interface"),
         (True, False, False, "guest"),
         (False, True, False, "guest"),
     ],
 )
-def test_the_kernel_is_used_where_it_has_socketcan(
+def test_the_choice_of_the_backend(
     monkeypatch: pytest.MonkeyPatch, socketcan: bool, own_network: bool, interface_up: bool, way: str
 ) -> None:
-    choice = Choice(monkeypatch, socketcan, own_network, interface_up)
+    chosen: list[str] = []
+
+    def start(command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None) -> None:
+        assert environment["VCAN_RUN"] == "native"
+        if prepare and not own_network:
+            raise subprocess.SubprocessError
+        chosen.append("own network" if prepare else "the existing interface")
+
+    monkeypatch.setattr(vcan_run, "has_socketcan", lambda: socketcan)
+    monkeypatch.setattr(vcan_run, "is_up", lambda name: interface_up)
+    monkeypatch.setattr(vcan_run, "_start", start)
+    monkeypatch.setattr(vcan_run, "_finish", lambda process, timeout: 5)
+    monkeypatch.setattr(vcan_run, "_run_in_guest", lambda *arguments: chosen.append("guest") or 5)
     assert vcan_run.run(["true"], None, None, []) == 5
-    assert choice.way == way
-
-
-def test_modules_come_after_what_they_need(tmp_path: Path) -> None:
-    for name, needs in {"vcan": "can-dev", "can-dev": "can", "can": "", "can-raw": "can"}.items():
-        (tmp_path / f"{name}.ko").write_bytes(b"license=GPL\0depends=" + needs.encode() + b"\0name=x\0")
-    found = [Path(file).stem for file in modules_in_load_order(tmp_path, ["can_raw", "built_in", "vcan"])]
-    assert found == ["can", "can-raw", "can-dev", "vcan"]
+    assert chosen == [way]
+    if way == "guest":
+        with pytest.raises(uml.Unavailable, match=r"no SocketCAN$|no right to a network of one's own"):
+            vcan_run.run(["true"], "native", None, [])
