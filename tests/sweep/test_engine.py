@@ -30,12 +30,10 @@ class Future:
 class Client:
     """The part of Dask's client that the engine uses."""
 
-    status = "running"
-    loop = None
+    status, loop, threads = "running", None, 1
 
     def __init__(self) -> None:
         self.keys: list[str] = []
-        self.threads = 1
 
     @property
     def chunks(self) -> int:
@@ -51,27 +49,18 @@ class Client:
         return Future(lambda: function(*(one.result() if isinstance(one, Future) else one for one in arguments)))
 
 
-class Completed:
+class Completed(deque[Future]):
     """Futures in the order of submission."""
 
-    def __init__(self, loop: None) -> None:
-        self.waiting: deque[Future] = deque()
-
-    def add(self, future: Future) -> None:
-        self.waiting.append(future)
-
-    def __next__(self) -> Future:
-        return self.waiting.popleft()
-
-
-class Killed(Exception):
-    """A stand-in for distributed's exception."""
+    add = deque.append
+    __next__ = deque.popleft
 
 
 def engine_of(client: Client) -> Dask:
     engine = Dask.__new__(Dask)
     engine.address = "tcp://scheduler:1"
-    engine._client, engine._as_completed, engine._killed = client, Completed, Killed
+    engine._client, engine._killed = client, KeyError  # in place of distributed's exception
+    engine._as_completed = lambda loop: Completed()
     return engine
 
 

@@ -7,19 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.config import Config
 from codegen.report.html.blocks import Gallery, Table, Text
 from codegen.report.html.robust import DRIVEN_HEADER, region_blocks
 from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
 from tests import builds
 
 SHAPE = (len(MASSES_PERCENT), len(FRICTIONS), len(SPEEDS_KM_H))
-
-
-def with_integral_gain(factor: float) -> Config:
-    controller = builds.CONFIG.controller
-    changed = controller.model_copy(update={"integral_gain": factor * controller.integral_gain})
-    return builds.CONFIG.model_copy(update={"controller": changed})
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +37,7 @@ def test_the_papers_loop_is_unstable_at_high_speed(driven: Region, linear: Regio
     assert not driven.contradicted.any()
     assert driven.undecided.sum() < 0.05 * driven.stable.size
     assert (driven.gain_margin_db[~driven.stable] == 0.0).all()
-
-
-def test_mass_and_low_friction_reduce_stability(linear: Region) -> None:
-    stable = linear.stable.sum(axis=2)  # speeds
+    stable = linear.stable.sum(axis=2)  # mass and low friction reduce the number of stable speeds
     assert (np.diff(stable, axis=0) <= 0).all()
     assert (np.diff(stable, axis=1) >= 0).all()
 
@@ -55,7 +45,9 @@ def test_mass_and_low_friction_reduce_stability(linear: Region) -> None:
 def test_drives_of_another_controller_contradict(linear: Region) -> None:
     """A fault in either of the two is found: here the linearisation uses other gains than the build."""
     folder = builds.paper().folder
-    other = region(with_integral_gain(2.0))
+    controller = builds.CONFIG.controller
+    changed = controller.model_copy(update={"integral_gain": 2.0 * controller.integral_gain})
+    other = region(builds.CONFIG.model_copy(update={"controller": changed}))
     assert other is not None
     assert confirm(other, folder.files, folder.manifest).contradicted.sum() > 20
 
@@ -101,27 +93,21 @@ def test_the_report_counts_what_was_driven(driven: Region, linear: Region) -> No
     assert int(near) + int(agreed) == driven.stable.size
     assert what == "gain margin, at 0.9 and 1.1 times"
     assert [int(cell) for cell in margin] == [driven.margin_sample.sum(), 0, driven.margin_sample.sum(), 0]
-    assert any(
-        block.rows == [("pi", "not driven", "0", "-", "-", "-")]
-        for block in region_blocks({"pi": linear})
-        if isinstance(block, Table)
-    )
-
-
-def test_a_kind_without_feedback_has_no_region() -> None:
-    assert region(builds.FEEDFORWARD_CONFIG) is None
+    tables = [block.rows for block in region_blocks({"pi": linear}) if isinstance(block, Table)]
+    assert [("pi", "not driven", "0", "-", "-", "-")] in tables
 
 
 def test_kinds_without_feedback_are_reported_as_the_car_alone(linear: Region) -> None:
     """An oversteering car has a critical speed; its loop is unstable at other speeds."""
+    assert region(builds.FEEDFORWARD_CONFIG) is None
     config = builds.CONFIG
     car = config.vehicle.model_copy(update={"cg_to_front_axle_m": 1.8, "cg_to_rear_axle_m": 1.2})
     alone = region(config.model_copy(update={"vehicle": car}))
     assert alone is not None
     assert (~alone.without).any()
     blocks = list(region_blocks({"pi": alone}))
-    (said,) = (block.text for block in blocks if isinstance(block, Text) and "Kinds without feedback" in block.text)
-    assert "(feedforward, proportional)" in said
+    (text,) = (block.text for block in blocks if isinstance(block, Text) and "Kinds without feedback" in block.text)
+    assert "(feedforward, proportional)" in text
     rows = next(block for block in blocks if isinstance(block, Table)).rows
     assert [row[0] for row in rows] == ["pi"] * len(MASSES_PERCENT) + ["without feedback"] * len(MASSES_PERCENT)
     for mass, row in enumerate(rows[len(MASSES_PERCENT) :]):

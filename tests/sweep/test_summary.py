@@ -185,22 +185,23 @@ def entries(axes: Axes) -> list[str]:
     return [text.get_text().replace("\n", " ") for text in legend.get_texts()]
 
 
-@pytest.mark.parametrize("where", ["some", "all"])
-def test_a_controller_of_which_all_runs_spin_keeps_its_entry(summary: Summary, where: str) -> None:
+@pytest.mark.parametrize("gone", [{"tracking"}, {"pi", "tracking", "passive"}])
+def test_a_controller_of_which_all_runs_spin_keeps_its_entry(summary: Summary, gone: set[str]) -> None:
     """It has no figures, and still has its entry."""
-    gone = {key: where == "all" or key[1] == "tracking" for key in summary.outcomes if key[0] == "sine-with-dwell"}
     outcomes = dict(summary.outcomes)
-    outcomes.update({key: Outcome(outcomes[key].runs, outcomes[key].runs) for key in gone if gone[key]})
+    for name in gone:
+        runs = outcomes["sine-with-dwell", name].runs
+        outcomes["sine-with-dwell", name] = Outcome(runs, runs)
     (panel,) = [
         axes
         for name, picture in pictures(replace(summary, outcomes=outcomes))
         for axes in picture.axes
         if name == "sideslip" and axes.get_title(loc="left") == "sine-with-dwell"
     ]
-    for (_, controller), entry in zip(gone, entries(panel), strict=True):
-        assert entry.startswith(controller)
-        assert entry.endswith(", 100 % spun") == gone["sine-with-dwell", controller]
-    assert ("all runs spin" in [text.get_text() for text in panel.texts]) == (where == "all")
+    for name, entry in zip(("pi", "tracking", "passive"), entries(panel), strict=True):
+        assert entry.startswith(name)
+        assert entry.endswith(", 100 % spun") == (name in gone)
+    assert ("all runs spin" in [text.get_text() for text in panel.texts]) == (len(gone) == 3)
 
 
 def test_names_of_any_length_and_letter_fit_into_the_pictures(summary: Summary) -> None:
