@@ -51,7 +51,7 @@ def test_every_run_has_its_row(plan: Plan, whole: Path) -> None:
     assert table.friction.nunique() == SAMPLES
 
 
-def test_what_a_run_does_not_have_is_null(whole: Path) -> None:
+def test_missing_figures_are_null(whole: Path) -> None:
     table = pq.read_table(whole).to_pandas()
     dwell, spun = table.scenario == "sine-with-dwell", table.spun_at_s.notna()
     assert table[dwell].settled.isna().all() and table[dwell].overshoot_percent.isna().all()
@@ -80,16 +80,16 @@ def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(plan
         if number == 1:
             raise KeyboardInterrupt
 
-    folder, again, told = tmp_path / "out", Recording(), []
+    folder, again, progress = tmp_path / "out", Recording(), []
     with pytest.raises(KeyboardInterrupt, match="2 of 3 chunks are kept; the same command goes on"):
         run_campaign(plan, folder, Recording(interrupt))
     part_path(folder, 0).write_bytes(part_path(folder, 0).read_bytes()[:1000])
     (folder / "parts" / ".00000002.parquet.x.tmp").write_bytes(b"left by a kill")
-    made = run_campaign(plan, folder, again, lambda done, total: told.append((done, total)))
+    made = run_campaign(plan, folder, again, lambda done, total: progress.append((done, total)))
     assert made.read_bytes() == whole.read_bytes()
     assert again.driven == [0, 2]
     first, last = (6 * len(plan.samples_of(chunk)) for chunk in (1, 2))
-    assert told == [(first, 1200), (2 * first, 1200), (2 * first + last, 1200)]
+    assert progress == [(first, 1200), (2 * first, 1200), (2 * first + last, 1200)]
     assert not (folder / "parts").exists()
 
 

@@ -36,7 +36,7 @@ def test_a_factorial_design_counts_its_combinations() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "message"),
     [
         ({"sampels": 5}, "sampels: unknown key; did you mean 'samples'?"),
         ({"samples": 0}, "samples: 0 is no whole number from 1 to 100000000; give one"),
@@ -86,11 +86,11 @@ def test_a_factorial_design_counts_its_combinations() -> None:
         ),
     ],
 )
-def test_invalid_tables(tables: dict[str, Any], told: str) -> None:
+def test_invalid_tables(tables: dict[str, Any], message: str) -> None:
     data = {key: value for key, value in changed(**tables).items() if value is not None}
     with pytest.raises(ConfigError) as caught:
         parse(data, "sweep.toml")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith("sweep.toml")
     assert "\n" not in str(caught.value)
 

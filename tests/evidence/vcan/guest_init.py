@@ -1,4 +1,4 @@
-"""Process 1 of the User Mode Linux guest: prepares it, runs the job, tells how it ended, powers off.
+"""Process 1 of the User Mode Linux guest: prepares it, runs the job, stores its exit code, powers off.
 
 `python -m tests.evidence.vcan.guest_init FOLDER`. FOLDER, on the host, holds `job.json` (see `Job`). It gets `booted` when the
 command starts, and `status` with its exit code. Without `status` the guest died. Errors are printed in one line.
@@ -23,7 +23,7 @@ from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, set_loopback_up
 TEMPORARY = "/run/tmp"
 CANNOT_RUN = 127
 RECEIVE_BUFFER = 4 << 20
-"""Of each socket [B]."""
+"""Receive buffer of each socket, in bytes."""
 
 # From the kernel's headers: linux/mount.h, linux/reboot.h, asm/unistd_64.h.
 MS_NOSUID, MS_NODEV = 2, 4
@@ -35,7 +35,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Job:
-    """What the guest does: load `modules` (.ko files, in order), let `writable` folders be written, run `command`."""
+    """The guest's job: load `modules` (.ko files, in order), make the `writable` folders writable, run `command`."""
 
     command: list[str]
     folder: str

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.vcan
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 FOLDER = GENERATED / "4ws2"
 RATE_LIMIT_DEG_S = 30.0
-"""Of the paper's actuator."""
+"""Rate limit of the paper's actuator."""
 SYNC_FRAMES_MAX = 2
 """Frames that prove the counter after a silence: the first, and sync_counter_init = 1 more."""
 CAUSES_OF_TIME = 1 << 12 | 1 << 13 | 1 << 15

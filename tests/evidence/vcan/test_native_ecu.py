@@ -209,8 +209,8 @@ def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None
         counts = native.counters(ecu.stop())
     elapsed = time.monotonic() - begun
     answers += iter(lambda: wire.receive(0.0), None)
-    told = [(answer.id, answer.data[1] & 0x0F) for answer in answers if answer is not None]
-    assert told == [(COMMAND, number % 15) for number in range(len(answers))]
+    found = [(answer.id, answer.data[1] & 0x0F) for answer in answers if answer is not None]
+    assert found == [(COMMAND, number % 15) for number in range(len(answers))]
     assert counts["cycles"] == counts["sent"] == len(answers)
     # One run at the start of each period, and one more where the phase was set.
     assert counts["cycles"] <= elapsed / PERIOD + 2

@@ -21,7 +21,7 @@ from pyxcp.config import PyXCP, create_application_from_config, reset_applicatio
 from pyxcp.cpp_ext.cpp_ext import DaqList
 from pyxcp.daq_stim import DaqOnlinePolicy
 from pyxcp.master import Master
-from pyxcp.types import XcpResponseError, XcpTimeoutError
+from pyxcp.types import XcpTimeoutError
 
 from codegen.export.a2l.elf import Elf, Place
 from codegen.sil.software import RECORD_COLUMNS, Software, Status, load
@@ -167,13 +167,6 @@ def number(value: float) -> bytes:
     return struct.pack("<f", value)
 
 
-def error_of(call: Callable[..., Any], *arguments: Any) -> str:
-    """Return the name of the error that the slave answers."""
-    with pytest.raises(XcpResponseError) as caught:
-        call(*arguments)
-    return str(caught.value.get_error_code()).rpartition("ERR_")[2]
-
-
 def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame], list[dict[str, Any]]]:
     """Run the task in this process, with another gain from `CHANGED_AT` on.
 
@@ -252,26 +245,6 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
     assert changed[:CHANGED_AT] == unchanged[:CHANGED_AT]
     assert changed[CHANGED_AT] != unchanged[CHANGED_AT]
     assert changed == simulate(software, gain=STRONGER)[0]
-
-
-@pytest.mark.long
-def test_pages_are_switched_in_the_loop(vcan: str, ecu: EcuProcess, software: Software, program: Program) -> None:
-    """The working page is edited while the reference page is in use, activated at one sample, and left again."""
-    with connected(vcan) as master:
-
-        def switch(cycle: int) -> None:
-            if cycle == 0:
-                master.setCalPage(1, 0, 1)
-            if cycle == 50:
-                write(master, program(GAIN).address, number(math.nan))
-                assert error_of(master.setCalPage, 1, 0, 0) == "PAGE_NOT_VALID"
-                write(master, program(GAIN).address, number(STRONGER))
-            if cycle == CHANGED_AT:
-                master.setCalPage(1, 0, 0)
-
-        assert drive(vcan, software, switch) == simulate(software, gain=STRONGER)[0]
-        master.setCalPage(3, 0, 1)
-        assert read(master, program, GAIN) == number(software.parameters().proportional_gain)
 
 
 def test_a_slave_without_a_session_changes_no_frame(vcan: str, software: Software) -> None:
