@@ -102,6 +102,8 @@ def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None) -> Non
         path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"sweep\.toml"):
         load(path)
+    with pytest.raises(ConfigError, match="not a file"):
+        load(tmp_path)
 
 
 def test_the_order_of_keys_does_not_count() -> None:
