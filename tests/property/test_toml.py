@@ -1,5 +1,7 @@
-"""The loaders of TOML (`ars.toml`, scenario files) against texts that are changed again and again: one line of error, or a
-configuration that is whole."""
+"""The loaders of TOML (`ars.toml`, scenario files) against texts that change again and again.
+
+The result is one line of error or a complete configuration. With more examples: tests/evidence/drives/test_properties.py.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +10,24 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from codegen import config as configuration
 from codegen.errors import CodegenError
 from hil_sim import scenario_files
-from tests.property.guard import bounded
+from tests.property.guard import bounded, examples
 
 SCENARIO = """name = "wet-lane-change"
 base = "sine-with-dwell"
 speed_km_h = 70.0
-friction = 0.6
-
-[[faults]]
-kind = "drop"
-start_s = 1.5
-duration_s = 0.2
-message = "VehicleMotion"
 
 [[faults]]
 kind = "delay"
 start_s = 2.5
 duration_s = 0.2
+message = "VehicleMotion"
 cycles = 2
 """
 CONFIGURATIONS = (configuration.preset_text("paper"), configuration.preset_text("recommended"))
@@ -72,7 +68,7 @@ KEYS = st.sampled_from(
 )
 LINES = st.builds("{} = {}".format, KEYS, VALUES) | st.builds("[{}]".format, KEYS) | st.builds("[[{}]]".format, KEYS)
 ANYTHING = st.text(max_size=30)
-"""Control characters and parts of other planes among them; what is not UTF-8 is tried on the bytes."""
+"""Includes control characters and characters of other planes. `check_changes` covers what is not UTF-8."""
 
 
 class ChangedText(RuleBasedStateMachine):
@@ -97,23 +93,15 @@ class ChangedText(RuleBasedStateMachine):
             k = settable[place % len(settable)]
             self.lines[k] = f"{self.lines[k].partition('=')[0]}= {value}"
 
-    @rule(place=st.integers(0, 10**4), line=LINES | ANYTHING)
-    def insert(self, place: int, line: str) -> None:
-        self.lines.insert(self.at(place), line)
+    @rule(place=st.integers(0, 10**4), removed=st.integers(0, 5), line=LINES | ANYTHING)
+    def replace(self, place: int, removed: int, line: str) -> None:
+        self.lines[self.at(place) : self.at(place) + removed] = [line]
 
-    @rule(place=st.integers(0, 10**4), count=st.integers(1, 5))
-    def remove(self, place: int, count: int) -> None:
-        del self.lines[self.at(place) : self.at(place) + count]
-
-    @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4))
-    def repeat(self, place: int, to: int) -> None:
+    @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4), cut=st.integers(0, 60), more=ANYTHING)
+    def repeat(self, place: int, to: int, cut: int, more: str) -> None:
         if self.lines:
-            self.lines.insert(self.at(to), self.lines[self.at(place)])
-
-    @rule(place=st.integers(0, 10**4), cut=st.integers(0, 60), more=ANYTHING)
-    def cut_a_line(self, place: int, cut: int, more: str) -> None:
-        if self.lines:
-            self.lines[self.at(place)] = self.lines[self.at(place)][:cut] + more
+            line = self.lines[self.at(place)]
+            self.lines.insert(self.at(to), line if cut > 40 else line[:cut] + more)
 
     @invariant()
     def is_read_or_refused(self) -> None:
@@ -121,17 +109,21 @@ class ChangedText(RuleBasedStateMachine):
             check(self.path, "\n".join(self.lines).encode("utf-8", errors="surrogatepass"), self.load)
 
 
-def test_changed_texts(tmp_path: Path) -> None:
+def check_changed_texts(tmp_path: Path, count: int) -> None:
     ChangedText.path = tmp_path / "fuzz.toml"
     changed = ChangedText.TestCase()
-    changed.settings = settings(max_examples=60, stateful_step_count=8, deadline=None)
+    changed.settings = settings(max_examples=count, stateful_step_count=8, deadline=None)
     changed.runTest()
 
 
-@pytest.mark.parametrize("name", sorted(LOADERS))
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(changes=st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=3), st.integers(0, 3)), max_size=5))
-def test_changed_bytes(name: str, tmp_path: Path, changes: list[tuple[float, bytes, int]]) -> None:
+def test_changed_texts(tmp_path: Path) -> None:
+    check_changed_texts(tmp_path, 12)
+
+
+Change = tuple[float, bytes, int]
+
+
+def check_changes(name: str, tmp_path: Path, changes: list[Change]) -> None:
     load, texts = LOADERS[name]
     content = bytearray(texts[0].encode())
     for place, new, removed in changes:
@@ -140,11 +132,16 @@ def test_changed_bytes(name: str, tmp_path: Path, changes: list[tuple[float, byt
     check(tmp_path / "fuzz.toml", bytes(content), load)
 
 
-@pytest.mark.parametrize("name", sorted(LOADERS))
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(content=st.binary(max_size=300) | st.text(max_size=200).map(str.encode))
-def test_anything(name: str, tmp_path: Path, content: bytes) -> None:
+def check_anything(name: str, tmp_path: Path, content: bytes) -> None:
     check(tmp_path / "fuzz.toml", content, LOADERS[name][0])
+
+
+CHANGES = st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=3), st.integers(0, 3))
+CHANGE_INPUTS = {"changes": st.lists(CHANGES, max_size=5)}
+ANY_INPUTS = {"content": st.binary(max_size=300) | st.text(max_size=200).map(str.encode)}
+by_loader = pytest.mark.parametrize("name", sorted(LOADERS))
+test_changed_bytes = by_loader(examples(check_changes, 30, **CHANGE_INPUTS))
+test_anything = by_loader(examples(check_anything, 25, **ANY_INPUTS))
 
 
 LARGE = {
@@ -157,13 +154,13 @@ LARGE = {
     "very many of them": "speed_km_h = 0x" + "f" * 900_000,
     "binary digits": "[[faults]]\ncycles = 0b" + "1" * 50_000,
     "decimal digits": "speed_km_h = " + "9" * 900_000,
-    "tables": "[[a]]\n" * 150_000,
+    "tables": "[[a]]\n" * 20_000,
     "text": "name = '" + "x" * 1_000_000 + "'",
 }
-"""Of lengths that the limit on the file lets through."""
+"""Texts below the size limit of a file."""
 
 
-@pytest.mark.parametrize("name", sorted(LOADERS))
+@by_loader
 @pytest.mark.parametrize("what", LARGE)
-def test_what_is_large(name: str, what: str, tmp_path: Path) -> None:
+def test_large_values(name: str, what: str, tmp_path: Path) -> None:
     check(tmp_path / "fuzz.toml", LARGE[what].encode(), LOADERS[name][0])

@@ -1,14 +1,20 @@
-"""A small campaign: three chunks, two scenarios, three controllers."""
+"""A small campaign, driven once for all workers: three chunks, two scenarios, three controllers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
 
 from codegen.sweep import plan as planning
+from codegen.sweep import store
+from codegen.sweep.campaign import run_campaign
+from codegen.sweep.engine import Threads
 from codegen.sweep.plan import Plan
+from tests import shared
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,7 +39,7 @@ yaw_rate_noise_deg_s = 0.1
 delay_samples = [0, 1, 2]
 """
 SAMPLES = 200
-"""Of six runs each: three chunks, the last one short."""
+"""Each of six runs: three chunks, the last one short."""
 
 
 def write_spec(at: Path, samples: int = SAMPLES, more: str = "") -> Path:
@@ -51,11 +57,36 @@ def damage(path: Path, column: int) -> None:
     path.write_bytes(content)
 
 
-@pytest.fixture(scope="session")
-def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spec(tmp_path_factory.mktemp("spec"))
+class Recording(Threads):
+    """One thread that notes its chunks and calls `after` when a chunk is stored."""
+
+    def __init__(self, after: Callable[[int], object] = lambda number: None) -> None:
+        super().__init__(1)
+        self.driven: list[int] = []
+        self._after = after
+
+    def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+        for number, table in super().run(work, numbers):
+            self.driven.append(number)
+            yield number, table
+            self._after(number)
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _several_groups() -> Iterator[None]:
+    """Store several groups of rows in a file, as long campaigns do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "ROWS_PER_GROUP", 400)
+        yield
 
 
 @pytest.fixture(scope="session")
-def plan(spec: Path) -> Plan:
-    return planning.read(spec)
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    return planning.read(write_spec(tmp_path_factory.mktemp("spec")))
+
+
+@pytest.fixture(scope="package")
+def whole(plan: Plan) -> Path:
+    """The file of the campaign. Tests must not change its folder."""
+    with shared.alone("sweep campaign") as folder:
+        return run_campaign(plan, folder, Threads(1))

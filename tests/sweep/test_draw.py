@@ -1,21 +1,34 @@
-"""The samples of a campaign."""
+"""The samples of a campaign, and the cars that they describe."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pytest
 
+from codegen.config import Config
+from codegen.errors import ConfigError
 from codegen.sweep.draw import BLOCK, draw, noise
+from codegen.sweep.lanes import cars
 from codegen.sweep.spec import Spec, parse
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, plant_parameters
+from hil_sim.suite import plants
+from tests import builds
+
+ROUNDING = 1e-13
+"""Relative: a few roundings of double precision, in another order."""
+FRICTION = {"friction": {"uniform": [0.4, 0.9]}}
+MIXED = {**FRICTION, "mass_percent": {"normal": [5.0, 10.0], "within": [-10.0, 20.0]}, "delay_samples": [0, 1, 3]}
 
 
 def spec(**tables: Any) -> Spec:
     return parse({"samples": 1000, "seed": 3, "controllers": {"pi": "a"}, **tables}, "sweep.toml")
 
 
-def test_factorial_has_every_combination_once_whatever_the_chunks() -> None:
+def test_a_factorial_design_has_every_combination_once_in_any_chunks() -> None:
     factors = {"friction": [0.4, 0.6, 0.9], "mass_percent": [0, 10], "speed_km_h": [60, 80]}
     made = parse({"design": "factorial", "controllers": {"pi": "a"}, "factors": factors}, "sweep.toml")
     parts = [draw(made, range(5 * chunk, min(5 * chunk + 5, 12))) for chunk in range(3)]
@@ -23,61 +36,36 @@ def test_factorial_has_every_combination_once_whatever_the_chunks() -> None:
     assert rows == list(itertools.product(*factors.values()))
 
 
-def test_a_factor_more_leaves_the_others_as_they_were() -> None:
-    few = draw(spec(factors={"friction": {"uniform": [0.4, 0.9]}}), range(100))
-    more = draw(
-        spec(factors={"mass_percent": {"uniform": [0, 9]}, "friction": {"uniform": [0.4, 0.9]}, "speed_km_h": [50, 60]}),
-        range(100),
-    )
-    assert np.array_equal(few["friction"], more["friction"])
-
-
-def test_blocks_and_seeds_differ() -> None:
-    made = spec(factors={"friction": {"uniform": [0.4, 0.9]}})
-    one, other = draw(made, range(BLOCK))["friction"], draw(made, range(BLOCK, 2 * BLOCK))["friction"]
-    assert not np.intersect1d(one, other).size
-    assert np.array_equal(one, draw(made, range(BLOCK))["friction"])
-    assert not np.array_equal(one, draw(spec(seed=4, factors={"friction": {"uniform": [0.4, 0.9]}}), range(BLOCK))["friction"])
-
-
-def test_a_sample_is_the_same_in_whatever_chunk() -> None:
-    made = spec(
-        factors={
-            "friction": {"uniform": [0.4, 0.9]},
-            "mass_percent": {"normal": [0, 10], "within": [-20, 20]},
-            "delay_samples": [0, 1, 2],
-        }
-    )
-    count = 2 * BLOCK + 100
+def test_a_sample_depends_on_its_number_and_the_seed_alone() -> None:
+    """It is the same in every chunk and with more factors; other blocks and seeds have other samples."""
+    made, count = spec(factors=MIXED), 2 * BLOCK + 100
     whole, whole_noise = draw(made, range(count)), noise(made, range(count), 0, 5)
-    for size in (1, 85, 256, BLOCK, BLOCK + 1):
-        first = count - count % size - size  # across the border of two blocks, for the larger ones
+    for size in (1, 85, BLOCK, BLOCK + 1):
+        first = count - count % size - size  # the larger chunks span two blocks
         part = range(first, first + size)
         assert all(np.array_equal(values, whole[key][first : first + size]) for key, values in draw(made, part).items())
         assert np.array_equal(noise(made, part, 0, 5), whole_noise[:, :, first : first + size])
+    friction = draw(spec(factors=FRICTION), range(BLOCK))["friction"]
+    assert np.array_equal(friction, whole["friction"][:BLOCK])
+    assert not np.intersect1d(friction, whole["friction"][BLOCK : 2 * BLOCK]).size
+    assert not np.array_equal(friction, draw(spec(seed=4, factors=FRICTION), range(BLOCK))["friction"])
 
 
-def test_distributions_are_what_they_say() -> None:
-    factors = {
-        "friction": {"uniform": [0.4, 0.9]},
-        "mass_percent": {"normal": [5.0, 10.0], "within": [-10.0, 20.0]},
-        "delay_samples": [0, 1, 3],
-    }
-    drawn = draw(spec(factors=factors), range(100_000))
-    # Bounds: five standard errors of 100,000 draws.
-    assert drawn["friction"].min() >= 0.4
-    assert drawn["friction"].max() <= 0.9
-    assert abs(drawn["friction"].mean() - 0.65) < 5 * 0.5 / 12**0.5 / 100_000**0.5
-    assert drawn["mass_percent"].min() >= -10.0
-    assert drawn["mass_percent"].max() <= 20.0
-    # Symmetric truncation leaves the mean where it was.
-    assert abs(drawn["mass_percent"].mean() - 5.0) < 5 * 10.0 / 100_000**0.5
+def test_distributions() -> None:
+    """Tolerances: five standard errors of 100,000 draws."""
+    drawn, count = draw(spec(factors=MIXED), range(100_000)), 100_000
+    assert (drawn["friction"].min() >= 0.4, drawn["friction"].max() <= 0.9) == (True, True)
+    assert abs(drawn["friction"].mean() - 0.65) < 5 * 0.5 / 12**0.5 / count**0.5
+    assert (drawn["mass_percent"].min() >= -10.0, drawn["mass_percent"].max() <= 20.0) == (True, True)
+    assert abs(drawn["mass_percent"].mean() - 5.0) < 5 * 10.0 / count**0.5  # symmetric truncation keeps the mean
     values, counts = np.unique(drawn["delay_samples"], return_counts=True)
     assert values.tolist() == [0.0, 1.0, 3.0]
-    assert np.all(np.abs(counts - 100_000 / 3) < 5 * (100_000 * 2 / 9) ** 0.5)
+    assert np.all(np.abs(counts - count / 3) < 5 * (count * 2 / 9) ** 0.5)
+    narrow = draw(spec(factors={"mass_percent": {"normal": [0, 1], "within": [3.999, 3.9990001]}}), range(100))
+    assert ((narrow["mass_percent"] >= 3.999) & (narrow["mass_percent"] <= 3.9990001)).all()
 
 
-def test_noise_is_standard_normal_and_each_scenario_has_its_own() -> None:
+def test_noise_is_standard_normal_and_independent() -> None:
     one, other = noise(spec(), range(50), 0, 400), noise(spec(), range(50), 1, 400)
     assert one.shape == (400, 3, 50)
     assert abs(one.std() - 1.0) < 5.0 / (2 * one.size) ** 0.5
@@ -85,7 +73,38 @@ def test_noise_is_standard_normal_and_each_scenario_has_its_own() -> None:
     assert not np.array_equal(one[:, :, 0], one[:, :, 1])
 
 
-def test_a_narrow_window_far_out_is_drawn_at_once() -> None:
-    drawn = draw(spec(factors={"mass_percent": {"normal": [0, 1], "within": [3.999, 3.9990001]}}), range(100))["mass_percent"]
-    assert drawn.min() >= 3.999
-    assert drawn.max() <= 3.9990001
+def shifted(config: Config) -> Config:
+    """The centre of gravity 0.1 m further ahead, with the same tyre slopes."""
+    vehicle = config.vehicle
+    arms = {"cg_to_front_axle_m": vehicle.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": vehicle.cg_to_rear_axle_m + 0.1}
+    return plants.changed(plants.stiffness(0.0, 0.0)(config), {"vehicle": arms})
+
+
+def inert(config: Config) -> Config:
+    return plants.changed(config, {"vehicle": {"yaw_inertia_kg_m2": 1.3 * config.vehicle.yaw_inertia_kg_m2}})
+
+
+@pytest.mark.parametrize(
+    ("factors", "change"),
+    [
+        ({}, plants.unchanged),
+        ({"yaw_inertia_percent": 30.0}, inert),
+        ({"cg_shift_m": 0.1}, shifted),
+        ({"front_stiffness_percent": -20.0, "rear_stiffness_percent": 15.0}, plants.stiffness(-20.0, 15.0)),
+        ({"rear_lag_s": 0.1}, plants.actuator_lag(0.1)),
+        (
+            {"mass_percent": 20.0, "front_stiffness_percent": -20.0, "tyre_peak_percent": -10.0},
+            plants.together(plants.mass(20.0), plants.stiffness(-20.0, 0.0), plants.peak(-10.0)),
+        ),
+    ],
+)
+def test_cars_are_those_of_the_changed_configuration(factors: Mapping[str, float], change: Callable[[Config], Config]) -> None:
+    (found,) = cars(builds.CONFIG, {key: np.array([value]) for key, value in factors.items()}, 1)
+    wanted = plant_parameters(change(builds.CONFIG))
+    for name, one, other in zip(PLANT_PARAMETERS, found, wanted, strict=True):
+        assert one == pytest.approx(other, rel=ROUNDING), name
+
+
+def test_a_centre_of_gravity_beyond_an_axle_is_refused() -> None:
+    with pytest.raises(ConfigError, match="cg_shift_m"):
+        cars(builds.CONFIG, {"cg_shift_m": np.array([0.0, 1.5])}, 2)

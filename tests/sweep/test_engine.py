@@ -1,7 +1,10 @@
-"""The Dask engine with a client that is played: what it asks of a cluster, and when."""
+"""The Dask engine with a fake client: what it submits to a cluster, and when; addresses without a scheduler."""
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +16,7 @@ from codegen.sweep.engine import AHEAD, Dask
 
 
 class Future:
-    """Of work that is done when its result is asked for."""
+    """A future whose work is done when its result is requested."""
 
     status = "finished"
 
@@ -25,18 +28,16 @@ class Future:
 
 
 class Client:
-    """As much of Dask's client as the engine uses."""
+    """The part of Dask's client that the engine uses."""
 
-    status = "running"
-    loop = None
+    status, loop, threads = "running", None, 1
 
     def __init__(self) -> None:
         self.keys: list[str] = []
-        self.threads = 1
 
     @property
     def chunks(self) -> int:
-        """Chunks that were ever asked for."""
+        """Number of chunks that were submitted."""
         return sum(key.startswith("chunk-") for key in self.keys)
 
     def nthreads(self) -> dict[str, int]:
@@ -48,27 +49,18 @@ class Client:
         return Future(lambda: function(*(one.result() if isinstance(one, Future) else one for one in arguments)))
 
 
-class Completed:
-    """In the order in which they were asked for."""
+class Completed(deque[Future]):
+    """Futures in the order of submission."""
 
-    def __init__(self, loop: None) -> None:
-        self.waiting: deque[Future] = deque()
-
-    def add(self, future: Future) -> None:
-        self.waiting.append(future)
-
-    def __next__(self) -> Future:
-        return self.waiting.popleft()
+    add = deque.append
+    __next__ = deque.popleft
 
 
-class Killed(Exception):
-    """In the place of distributed's."""
-
-
-def played(client: Client) -> Dask:
+def engine_of(client: Client) -> Dask:
     engine = Dask.__new__(Dask)
     engine.address = "tcp://scheduler:1"
-    engine._client, engine._as_completed, engine._killed = client, Completed, Killed
+    engine._client, engine._killed = client, KeyError  # in place of distributed's exception
+    engine._as_completed = lambda loop: Completed()
     return engine
 
 
@@ -78,15 +70,15 @@ def double(number: int) -> int:
 
 def test_no_two_runs_share_a_key() -> None:
     client = Client()
-    engine = played(client)
+    engine = engine_of(client)
     for _ in range(2):
         assert list(engine.run(double, range(3))) == [(0, 0), (1, 2), (2, 4)]
     assert len(set(client.keys)) == len(client.keys) == 2 * (1 + 3)
 
 
-def test_workers_that_come_get_work_and_those_that_go_leave_none_waiting() -> None:
+def test_the_number_of_chunks_ahead_follows_the_workers() -> None:
     client = Client()
-    results = played(client).run(double, range(100))
+    results = engine_of(client).run(double, range(100))
     seen = [next(results)]
     assert client.chunks == AHEAD
     client.threads = 5
@@ -99,18 +91,43 @@ def test_workers_that_come_get_work_and_those_that_go_leave_none_waiting() -> No
     assert client.chunks == 100
 
 
-def test_a_cluster_that_is_lost_with_work_left_is_told() -> None:
+def test_a_cluster_that_is_lost_is_reported_while_work_is_left() -> None:
     client = Client()
-    results = played(client).run(double, range(AHEAD + 1))
+    results = engine_of(client).run(double, range(AHEAD + 1))
     next(results)
     client.status = "closed"
     with pytest.raises(CodegenError, match="tcp://scheduler:1: the Dask scheduler went away"):
         next(results)
-
-
-def test_a_cluster_that_is_lost_after_its_last_chunk_is_not_missed() -> None:
     client = Client()
-    results = played(client).run(double, [7])
+    results = engine_of(client).run(double, [7])
     assert next(results) == (7, 14)
     client.status = "closed"
     assert list(results) == []
+
+
+def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.1)
+    with pytest.raises(CodegenError, match="no Dask scheduler answers"):
+        Dask("tcp://127.0.0.1:9")
+    with pytest.raises(CodegenError, match="is no address"):
+        Dask("tcp://127.0.0.1:99999")
+
+
+@pytest.mark.parametrize("greeting", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_another_program_at_the_address(greeting: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that waits for a request, as Dask's client does too, and one whose first bytes look like a size."""
+    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.3)
+    connections: list[socket.socket] = []
+
+    def listen() -> None:
+        with contextlib.suppress(OSError):  # closed
+            while True:
+                connections.append(listener.accept()[0])
+                connections[-1].sendall(greeting)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=listen, daemon=True).start()
+        with pytest.raises(CodegenError, match=r"no Dask scheduler answers \(what answers is another program\)"):
+            Dask(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
+    for connection in connections:
+        connection.close()

@@ -1,8 +1,9 @@
-"""What a campaign depends on, and what of a spec and its scenarios cannot be driven."""
+"""The facts that identify a campaign, and the specs and scenarios that cannot be driven."""
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -35,10 +36,15 @@ def with_own(at: Path, *lines: str, base: str = "step-steer", length: str = "len
     return edited(at, (TWO, '["own.toml"]'), ("length_s = 3.9", length))
 
 
+def refused(folder: Path, plan: Plan, what: str) -> None:
+    for check in (store.open_folder, store.check_same):
+        with pytest.raises(CodegenError, match=f"it holds another campaign: {what} has changed since"):
+            check(folder, plan)
+
+
 @pytest.mark.parametrize(
     ("base", "one", "other"),
     [
-        ("step-steer", "steering_wheel_angle_deg = 60.0", "steering_wheel_angle_deg = 120.0"),
         ("low-friction", "steering_wheel_angle_deg = 60.0", ""),
         ("step-steer", "speed_km_h = 50.0", "speed_km_h = 60.0"),
         ("step-steer", "friction = 0.5", "friction = 0.6"),
@@ -46,21 +52,20 @@ def with_own(at: Path, *lines: str, base: str = "step-steer", length: str = "len
     ],
 )
 def test_an_edited_scenario_is_another_campaign(tmp_path: Path, base: str, one: str, other: str) -> None:
-    folder, length = tmp_path / "out", ""
-    plan = planning.read(with_own(tmp_path, one, base=base, length=length))
+    def read(line: str) -> Plan:
+        return planning.read(with_own(tmp_path, line, base=base, length=""))
+
+    folder, plan = tmp_path / "out", read(one)
     store.prepare(folder)
     store.open_folder(folder, plan)
-    changed = planning.read(with_own(tmp_path, other, base=base, length=length))
-    for refuse in (store.open_folder, store.check_same):
-        with pytest.raises(CodegenError, match="it holds another campaign: scenarios has changed since"):
-            refuse(folder, changed)
-    store.check_same(folder, planning.read(with_own(tmp_path, one, base=base, length=length)))
+    refused(folder, read(other), "scenarios")
+    store.check_same(folder, read(one))
 
 
-def test_a_scenario_file_that_says_what_its_base_has_is_the_same(tmp_path: Path) -> None:
-    said = planning.read(with_own(tmp_path, "friction = 0.5", base="low-friction"))
-    unsaid = planning.read(with_own(tmp_path, base="low-friction"))
-    assert said.profiles[0].digest == unsaid.profiles[0].digest
+def test_a_scenario_that_repeats_a_value_of_its_base_is_the_same(tmp_path: Path) -> None:
+    explicit = planning.read(with_own(tmp_path, "friction = 0.5", base="low-friction"))
+    inherited = planning.read(with_own(tmp_path, base="low-friction"))
+    assert explicit.profiles[0].digest == inherited.profiles[0].digest
 
 
 def test_builds_and_scenario_files_may_move(plan: Plan, tmp_path: Path) -> None:
@@ -69,50 +74,40 @@ def test_builds_and_scenario_files_may_move(plan: Plan, tmp_path: Path) -> None:
     assert store.facts_text(planning.read(path)) == store.facts_text(plan)
 
 
-def test_the_order_of_controllers_is_told(plan: Plan, tmp_path: Path) -> None:
+def test_the_order_of_controllers_matters(plan: Plan, tmp_path: Path) -> None:
     store.prepare(tmp_path / "out")
     store.open_folder(tmp_path / "out", plan)
     passive = 'passive = ""\n'
     path = edited(tmp_path, (passive, ""), ("[controllers]\n", f"[controllers]\n{passive}"), samples=SAMPLES)
-    with pytest.raises(CodegenError, match="it holds another campaign: controllers has changed since"):
-        store.check_same(tmp_path / "out", planning.read(path))
+    refused(tmp_path / "out", planning.read(path), "controllers")
 
 
-def test_versions_belong_to_it(plan: Plan) -> None:
+def test_versions_are_facts(plan: Plan) -> None:
     tools = json.loads(store.facts_text(plan))["tools"]
     assert list(tools) == ["codegen", "numpy", "scipy", "casadi"]
     assert tools["casadi"] == casadi.__version__
 
 
-def test_what_is_driven_is_long_enough_whoever_says_how_long(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
-        planning.read(with_own(tmp_path, "duration_s = 11.5", length=""))
-    assert str(caught.value).endswith(
-        "sweep.toml: scenarios: 1.5 s are too short for the figures of own; raise its duration_s by 0.5 s or more"
-    )
-    with pytest.raises(
-        ConfigError, match=r"length_s: own ends 2\.1 s after the driver begins, before 3\.9 s; give 2\.1 s or less"
+def test_profiles_must_be_long_enough(tmp_path: Path) -> None:
+    for lines, length, message in (
+        ("duration_s = 11.5", "", "1.5 s are too short for the figures of own; raise its duration_s by 0.5 s or more"),
+        ("duration_s = 12.1", "length_s = 3.9", "ends 2.1 s after the driver begins, before 3.9 s; give 2.1 s or less"),
     ):
-        planning.read(with_own(tmp_path, "duration_s = 12.1"))
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            planning.read(with_own(tmp_path, lines, length=length))
     planning.read(with_own(tmp_path, "duration_s = 12.1", length="length_s = 2.1"))
     planning.read(with_own(tmp_path, "duration_s = 12.0", length=""))
 
 
-def test_an_estimate_of_the_scenario_s_does_not_go_with_another_friction(tmp_path: Path) -> None:
+def test_an_estimate_of_a_scenario_needs_its_own_friction(tmp_path: Path) -> None:
     own = (TWO, '["low-friction-estimated"]')
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=r"factors\.friction: low-friction-estimated .*0\.5, .*give friction_estimate_e"):
         planning.read(edited(tmp_path, own))
-    assert str(caught.value).endswith(
-        "sweep.toml: factors.friction: low-friction-estimated tells the controller a friction of 0.5, whatever that of the "
-        "road is; give friction_estimate_error, 0 for a controller that knows it"
-    )
     planning.read(edited(tmp_path, own, ("[factors]", "[factors]\nfriction_estimate_error = 0.0")))
     planning.read(edited(tmp_path, own, ("friction = {", "tyre_peak_percent = {"), ("0.4, 1.0", "-20, 10")))
 
 
-def test_the_guide_says_from_what_size_a_campaign_has_more_than_one_chunk(tmp_path: Path) -> None:
+def test_the_guide_gives_the_size_of_a_chunk(tmp_path: Path) -> None:
     assert f"make up to {planning.RUNS_PER_CHUNK} runs" in (ROOT / "docs/sweep.md").read_text(encoding="utf-8")
-    runs_per_sample = 6
-    most = planning.RUNS_PER_CHUNK // runs_per_sample
-    assert planning.read(write_spec(tmp_path, samples=most)).chunk_count == 1
-    assert planning.read(write_spec(tmp_path, samples=most + 1)).chunk_count == 2
+    most = planning.RUNS_PER_CHUNK // 6
+    assert [planning.read(write_spec(tmp_path, samples=samples)).chunk_count for samples in (most, most + 1)] == [1, 2]

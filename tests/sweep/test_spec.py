@@ -1,4 +1,4 @@
-"""`sweep.toml`: what is taken, and one clear line for what is not."""
+"""`sweep.toml`: valid tables, and one line of error for each invalid one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from codegen.errors import ConfigError
-from codegen.sweep.spec import FACTORS, load, parse
+from codegen.sweep.spec import load, parse
 
 GOOD: dict[str, Any] = {"samples": 10, "controllers": {"pi": "build"}}
 
@@ -18,23 +18,14 @@ def changed(**tables: Any) -> dict[str, Any]:
     return {**GOOD, **tables}
 
 
-def test_a_small_one_is_enough() -> None:
+def test_runs_are_samples_by_scenarios_by_controllers() -> None:
     spec = parse(GOOD, "sweep.toml")
     assert (spec.design, spec.seed, spec.scenarios, spec.sample_count, spec.run_count) == (
-        "monte-carlo",
-        0,
-        ["step-steer"],
-        10,
-        10,
+        *("monte-carlo", 0, ["step-steer"]),
+        *(10, 10),
     )
-
-
-def test_runs_are_samples_by_scenarios_by_controllers() -> None:
-    spec = parse(
-        changed(scenarios=["step-steer", "sine-with-dwell"], controllers={"pi": "a", "tracking": "b", "passive": ""}),
-        "sweep.toml",
-    )
-    assert spec.run_count == 10 * 2 * 3
+    controllers = {"pi": "a", "tracking": "b", "passive": ""}
+    assert parse(changed(scenarios=["step-steer", "sine-with-dwell"], controllers=controllers), "x").run_count == 10 * 2 * 3
 
 
 def test_a_factorial_design_counts_its_combinations() -> None:
@@ -45,7 +36,7 @@ def test_a_factorial_design_counts_its_combinations() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "message"),
     [
         ({"sampels": 5}, "sampels: unknown key; did you mean 'samples'?"),
         ({"samples": 0}, "samples: 0 is no whole number from 1 to 100000000; give one"),
@@ -95,27 +86,24 @@ def test_a_factorial_design_counts_its_combinations() -> None:
         ),
     ],
 )
-def test_what_is_refused(tables: dict[str, Any], told: str) -> None:
+def test_invalid_tables(tables: dict[str, Any], message: str) -> None:
     data = {key: value for key, value in changed(**tables).items() if value is not None}
     with pytest.raises(ConfigError) as caught:
         parse(data, "sweep.toml")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith("sweep.toml")
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe", b"samples = ", b"a" * 2_000_000])
-def test_files_that_are_none(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"samples = ", b"a" * 2_000_000, None])
+def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "sweep.toml"
-    path.write_bytes(content)
+    if content is not None:
+        path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"sweep\.toml"):
         load(path)
-
-
-def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
-    for path in (tmp_path, tmp_path / "none.toml"):
-        with pytest.raises(ConfigError, match=path.name):
-            load(path)
+    with pytest.raises(ConfigError, match="not a file"):
+        load(tmp_path)
 
 
 def test_the_order_of_keys_does_not_count() -> None:
@@ -123,7 +111,3 @@ def test_the_order_of_keys_does_not_count() -> None:
     other = parse({"controllers": {"pi": "a"}, "samples": 3}, "x")
     assert one.digest() == other.digest()
     assert one.digest() != parse({"samples": 4, "controllers": {"pi": "a"}}, "x").digest()
-
-
-def test_every_factor_says_what_it_is() -> None:
-    assert all(factor.what and factor.low < factor.high for factor in FACTORS.values())

@@ -1,4 +1,4 @@
-"""The folder of a campaign: nothing is removed before what replaces it is on the disk, what is damaged is told."""
+"""The folder of a campaign: parts are removed only when the file is on the disk, and damage is reported."""
 
 from __future__ import annotations
 
@@ -18,15 +18,10 @@ from codegen.sweep.plan import Plan
 from tests.sweep.conftest import damage
 
 
-def merged(folder: Path, plan: Plan) -> Path:
-    """A finished campaign whose runs nobody drove."""
+def stored_parts(folder: Path, plan: Plan) -> None:
+    """Store the parts of a campaign that nobody drove."""
     store.prepare(folder)
     store.open_folder(folder, plan)
-    save_parts(folder, plan)
-    return store.merge(folder, plan)
-
-
-def save_parts(folder: Path, plan: Plan) -> None:
     for chunk in range(plan.chunk_count):
         samples = np.array(plan.samples_of(chunk))
         none = np.zeros(samples.size, dtype=int)
@@ -35,9 +30,7 @@ def save_parts(folder: Path, plan: Plan) -> None:
 
 
 def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store.prepare(tmp_path)
-    store.open_folder(tmp_path, plan)
-    save_parts(tmp_path, plan)
+    stored_parts(tmp_path, plan)
     happened: list[str] = []
     synced: list[int] = []
     fsync, replace, remove = os.fsync, os.replace, shutil.rmtree
@@ -65,15 +58,16 @@ def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path,
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe{}", b"{", b"[" * 1_000_000])
-def test_facts_that_are_no_text_or_no_json_are_another_campaign(plan: Plan, tmp_path: Path, content: bytes) -> None:
+def test_unreadable_facts_are_another_campaign(plan: Plan, tmp_path: Path, content: bytes) -> None:
     (tmp_path / store.FACTS).write_bytes(content)
     for refuse in (store.open_folder, store.check_same):
         with pytest.raises(CodegenError, match=r"it holds another campaign: campaign\.json has been changed since"):
             refuse(tmp_path, plan)
 
 
-def test_a_damaged_page_is_told(plan: Plan, tmp_path: Path) -> None:
-    path = merged(tmp_path / "out", plan)
+def test_a_damaged_page_is_reported(plan: Plan, tmp_path: Path) -> None:
+    stored_parts(tmp_path / "out", plan)
+    path = store.merge(tmp_path / "out", plan)
     content, metadata = path.read_bytes(), pq.read_metadata(path)
     assert len(list(store.read_batches(path))) == metadata.num_row_groups == 1
     for place in range(metadata.num_columns):

@@ -1,6 +1,7 @@
-"""What holds for any packets: no crash, no write where none is allowed, nothing invalid for the controller to run on.
+"""Random packets to the slave, for invariants that hold for any packets.
 
-`Slave` looks after each packet; here are the packets. Both need a fault that they find: see the tests.
+There is no crash and no write outside the calibration, and the controller always runs on valid parameters: `Slave` checks this
+after each packet.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ Random = np.random.Generator
 
 
 def _address(rng: Random, places: dict[str, int]) -> int:
-    """Inside, at the edges, just beyond them, or anywhere."""
+    """Return an address inside, at the edges, just beyond them, or anywhere."""
     base, size = [(CALIBRATION, places["size"]), (MEASUREMENTS, places["measurements"])][rng.integers(2)]
     near = (rng.integers(-8, 9), size + rng.integers(-8, 9), rng.integers(size), rng.integers(2**32) - base)
     return int(base + near[rng.integers(4)]) % 2**32
 
 
 def _shaped(rng: Random, places: dict[str, int], name: str) -> bytes:
-    """A command with arguments that mean something, or nearly."""
+    """Return a command whose arguments are valid or nearly valid."""
     small = [int(value) for value in rng.choice([0, 0, 0, 1, 1, 2, 3, 7, 8, 255], 7)]
     if name in ("SET_MTA", "SHORT_UPLOAD"):
         return packet(name, int(rng.integers(9)), 0, int(rng.random() < 0.05), dword(_address(rng, places)))
@@ -48,7 +49,7 @@ def _shaped(rng: Random, places: dict[str, int], name: str) -> bytes:
 
 
 def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
-    """The whole way to a list of measurements that runs."""
+    """Return the packets that set up and start a list of measurements."""
     stamped = bool(rng.integers(2))
     lists, odts, entries = (int(rng.choice([2, 2, 2, 2, 2, more])) for more in (9, 33, 8))
     packets = [packet("FREE_DAQ"), packet("ALLOC_DAQ", 0, word(lists)), packet("ALLOC_ODT", 0, word(0), odts)]
@@ -67,7 +68,7 @@ def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
 
 
 def _calibration(rng: Random, places: dict[str, int]) -> list[bytes]:
-    """Numbers written where they matter, on the page in use or beside it, and pages switched."""
+    """Return packets that write parameters on the active page or the other, and that switch pages."""
     packets = [packet("SET_CAL_PAGE", int(rng.integers(1, 4)), 0, int(rng.integers(2)))]
     for _ in range(3):
         at = CALIBRATION + places[str(rng.choice(CALIBRATED))]
@@ -80,7 +81,7 @@ def _calibration(rng: Random, places: dict[str, int]) -> list[bytes]:
 
 
 def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
-    """A few packets in a row; None: a run of the task."""
+    """Return a few packets in a row; None is a run of the task."""
     kind, names = rng.random(), list(COMMANDS)
     if kind < 0.25:
         return [rng.bytes(int(rng.integers(13)))]
@@ -97,13 +98,13 @@ def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
 
 
 def run_random_packets(program: Path, count: int = 10_000, seed: int = 1) -> tuple[Counter[str], int]:
-    """So many packets to a connected slave.
+    """Send `count` packets to a connected slave.
 
     Returns:
-        How often each command was answered positively and each error given, by name; packets of measurements that came.
+        The number of positive answers of each command and of each error, by name, and the number of packets of measurements.
 
     Raises:
-        AssertionError: what must never be was.
+        AssertionError: an invariant does not hold.
     """
     rng, seen, measured, sent = np.random.default_rng(seed), Counter[str](), 0, 0
     names = {code: name for name, code in COMMANDS.items()}

@@ -1,4 +1,4 @@
-"""One build, compiled once for this folder."""
+"""The committed build, compiled once for this folder."""
 
 from __future__ import annotations
 
@@ -7,25 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from tests import builds
 from tests.xcp.slave import Objects, Slave
 
 
 @pytest.fixture(scope="package")
 def objects(tmp_path_factory: pytest.TempPathFactory) -> Objects:
-    """The paper's build without its slave."""
-    return Objects(builds.render(builds.paper_map(), builds.CONFIG), tmp_path_factory.mktemp("xcp"))
+    """The committed build without its slave."""
+    return Objects(tmp_path_factory.mktemp("xcp"))
 
 
 @pytest.fixture(scope="package")
 def program(objects: Objects) -> Path:
-    """The slave as it is generated."""
+    """The generated slave."""
     return objects.program()
 
 
 @pytest.fixture
 def slave(program: Path) -> Iterator[Slave]:
-    """Connected."""
+    """A connected slave."""
     with Slave(program) as slave:
         slave.positive("CONNECT", 0)
         yield slave

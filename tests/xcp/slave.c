@@ -1,10 +1,10 @@
 /*
- * The XCP slave alone, for tests: records on standard input, what became of each on standard output.
+ * The XCP slave alone, for tests. It reads records from standard input and writes a result for each to standard output.
  *
- * 'C' length bytes: a packet of the master. Told: answered, length and eight bytes of the answer.
- * 'E':              the task has run; the measurements' first byte counts the runs. Told: a count, then so many packets as above.
+ * 'C' length bytes: a packet of the master. Result: answered, length and eight bytes of the answer.
+ * 'E':              a run of the task; the measurements' first byte counts the runs. Result: a count, and packets as above.
  *
- * Behind each: what is not as it must be, bit by bit (see `broken`). The first line, in text, says what lies where.
+ * Each result ends with the broken invariants, bit by bit (see `broken`). The first line of output is text with the offsets.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -134,7 +134,7 @@ static unsigned int broken(void)
     return result;
 }
 
-static void tell_packet(const ars_xcp_packet_t *packet)
+static void put_packet(const ars_xcp_packet_t *packet)
 {
     (void)putchar(packet->length);
     (void)fwrite(packet->data, 1u, sizeof packet->data, stdout);
@@ -151,7 +151,7 @@ static void on_command(void)
     }
     answered = ars_xcp_command(slave, in, (uint8_t)length, answer);
     (void)putchar(answered ? 1 : 0);
-    tell_packet(answer);
+    put_packet(answer);
     free(in);
 }
 
@@ -165,7 +165,7 @@ static void on_event(void)
     count = ars_xcp_event(slave, packets);
     (void)putchar(count);
     for (k = 0u; k < count; k++) {
-        tell_packet(&packets[k]);
+        put_packet(&packets[k]);
     }
 }
 

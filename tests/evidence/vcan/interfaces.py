@@ -25,7 +25,7 @@ _ROUTE = struct.Struct("=8BI")
 
 
 def has_socketcan() -> bool:
-    """Whether this kernel has raw CAN sockets; asking makes it load its modules, where it may."""
+    """Whether this kernel has raw CAN sockets; the check loads its modules where allowed."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError):  # AttributeError: not Linux
@@ -42,7 +42,7 @@ def is_up(name: str) -> bool:
 
 
 def set_interface(name: str, up: bool) -> None:
-    """Set an interface up or down. Raises OSError: there is none, or one who is not root asks."""
+    """Set an interface up or down. Raises OSError: there is none, or this is not root."""
     flags = _flags(name)
     _ioctl(SIOCSIFFLAGS, name, flags | IFF_UP if up else flags & ~IFF_UP)
 

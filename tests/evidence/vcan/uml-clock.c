@@ -1,8 +1,8 @@
 /* Preloaded into linux.uml (and into nothing that runs inside it): the guest's clock does not count what the host takes away.
  *
  * A busy host holds the guest up for milliseconds to seconds, between any two instructions. Programs in the guest see that as
- * time that has passed without them, and what waits for a frame every 10 ms tells a fault. A hypervisor calls such time stolen
- * and can tell its guests of it; User Mode Linux cannot. So here the guest's clock advances with the host's, but
+ * time that has passed without them, and what waits for a frame every 10 ms reports a fault. A hypervisor calls such time
+ * stolen and can report it to its guests; User Mode Linux cannot. So here the guest's clock advances with the host's, but
  *
  * - while the guest works, by STEP at most from one look at the clock to the next. A working kernel looks many times in a
  *   millisecond: what lies longer between two looks was a hold-up, or a program that computes, which then merely looks fast;

@@ -1,14 +1,16 @@
 """Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
 
-    python -m tests.can.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady] -- COMMAND...
+    python -m tests.evidence.vcan.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady]
+        -- COMMAND...
 
-native: this kernel has SocketCAN; the command gets a network namespace of its own with lo and vcan0, or, where it may not have
-        one, the vcan0 that is there.
-uml:    it has not; a User Mode Linux guest whose root is the host's, read-only, but for the current folder and --writable ones.
+native: this kernel has SocketCAN. The command gets a network namespace of its own with lo and vcan0. Where that is not allowed,
+        it gets the existing vcan0.
+uml:    a User Mode Linux guest runs the command. Its root is the host's, read-only except for the current folder and those of
+        --writable.
 
---steady: in a guest, the clock does not count what a busy host takes away from it; for tests, never for measurements.
+--steady: in a guest, the clock does not count pauses by a busy host; for tests, never for measurements.
 
-Standard input is closed. Exit codes of its own: 124 timeout, 125 the guest died, 69 neither of the two is possible here.
+Standard input is closed. Exit codes: 124 timeout, 125 the guest died, 69 neither backend is possible here.
 """
 
 from __future__ import annotations
@@ -29,9 +31,9 @@ from typing import NoReturn
 
 from codegen.errors import CodegenError
 from codegen.sil.cache import cache_folder
-from tests.can import uml
-from tests.can.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
-from tests.can.uml import Unavailable
+from tests.evidence.vcan import uml
+from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
+from tests.evidence.vcan.uml import Unavailable
 
 TIMEOUT, DIED, UNAVAILABLE, CANNOT_RUN = 124, 125, 69, 127
 SECONDS_TO_END = 3.0
@@ -42,7 +44,13 @@ PR_SET_PDEATHSIG = 1
 
 
 def main() -> int:
-    options = _parser().parse_args()
+    parser = argparse.ArgumentParser(prog="vcan_run", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--backend", choices=["native", "uml"], help="default: native, else uml")
+    parser.add_argument("--timeout", type=float, metavar="SECONDS")
+    parser.add_argument("--writable", type=Path, action="append", default=[], metavar="FOLDER")
+    parser.add_argument("--steady", action="store_true")
+    parser.add_argument("command", nargs="+")
+    options = parser.parse_args()
     for number in SIGNALS:
         signal.signal(number, _stop)
     if sys.platform == "linux":  # a guest does not outlive a pytest that is killed
@@ -52,22 +60,12 @@ def main() -> int:
     except (Unavailable, CodegenError) as error:
         print(f"vcan_run: {error}", file=sys.stderr)
         return UNAVAILABLE
-    except OSError as error:
+    except OSError as error:  # of the command
         print(f"vcan_run: {error}", file=sys.stderr)
         return CANNOT_RUN
     except subprocess.TimeoutExpired:
         print(f"vcan_run: timeout after {options.timeout:g} s", file=sys.stderr)
         return TIMEOUT
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vcan_run", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--backend", choices=["native", "uml"], help="default: native, else uml")
-    parser.add_argument("--timeout", type=float, metavar="SECONDS")
-    parser.add_argument("--writable", type=Path, action="append", default=[], metavar="FOLDER")
-    parser.add_argument("--steady", action="store_true")
-    parser.add_argument("command", nargs="+")
-    return parser
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
@@ -79,7 +77,7 @@ def _stop(number: int, frame: FrameType | None) -> NoReturn:
 def run(
     command: Sequence[str], backend: str | None, timeout: float | None, writable: Sequence[Path], *, steady: bool = False
 ) -> int:
-    """The command's exit code, or DIED. Raises Unavailable, OSError, subprocess.TimeoutExpired."""
+    """Return the command's exit code, or DIED. Raises Unavailable, OSError, subprocess.TimeoutExpired."""
     if backend != "uml":
         try:
             return _run_native(command, timeout)
@@ -104,7 +102,7 @@ def _run_native(command: Sequence[str], timeout: float | None) -> int:
 
 
 def _enter_own_network() -> None:
-    """Nothing of it is seen outside, and it goes with the last process in it. Who is not root becomes root of it."""
+    """Enter a network that ends with its last process. A user who is not root becomes root in it."""
     user, group = os.getuid(), os.getgid()
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(CLONE_NEWNET) != 0:
@@ -117,13 +115,13 @@ def _enter_own_network() -> None:
 
 
 def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Sequence[Path], steady: bool) -> int:
-    kernel = uml.find_kernel()
-    # Not below TMPDIR: that may be in /run or /dev/shm, which the guest has its own of.
+    uml.find_kernel()
+    # Not below TMPDIR: the guest has its own /run and /dev/shm.
     folder = Path(tempfile.mkdtemp(prefix="guest-", dir=cache_folder()))
     try:
-        uml.write_job(folder, kernel, command, [Path.cwd(), *writable])
+        uml.write_job(folder, command, [Path.cwd(), *writable])
         try:
-            process = _start(uml.kernel_command(folder, kernel), uml.kernel_environment(steady=steady))
+            process = _start(uml.kernel_command(folder), uml.kernel_environment(steady=steady))
         except OSError as error:
             raise Unavailable(str(error)) from error
         code = _finish(process, timeout)
@@ -144,7 +142,7 @@ def _start(
 
 
 def _finish(process: subprocess.Popen[bytes], timeout: float | None) -> int:
-    """Wait for it; whatever happens meanwhile, nothing of it is left."""
+    """Wait for a process and return its exit code. In any case, end all processes of its session."""
     try:
         return process.wait(timeout)
     finally:

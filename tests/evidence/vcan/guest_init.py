@@ -1,7 +1,7 @@
-"""Process 1 of the User Mode Linux guest: prepares it, runs the job, tells how it ended, powers off.
+"""Process 1 of the User Mode Linux guest: prepares it, runs the job, stores its exit code, powers off.
 
-`python -m tests.can.guest_init FOLDER`; FOLDER, of the host, holds `job.json` (see `Job`), and gets `booted` when the command
-starts and `status`, its exit code. No `status`: the guest died. Whatever goes wrong is printed in one line.
+`python -m tests.evidence.vcan.guest_init FOLDER`. FOLDER, on the host, holds `job.json` (see `Job`). It gets `booted` when the
+command starts, and `status` with its exit code. Without `status` the guest died. Errors are printed in one line.
 
 The guest's root is the host's, read-only; /dev, /run and /dev/shm are its own.
 """
@@ -18,12 +18,12 @@ import termios
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tests.can.interfaces import INTERFACE, add_vcan, set_loopback_up
+from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, set_loopback_up
 
 TEMPORARY = "/run/tmp"
 CANNOT_RUN = 127
 RECEIVE_BUFFER = 4 << 20
-"""Of each socket [B]."""
+"""Receive buffer of each socket, in bytes."""
 
 # From the kernel's headers: linux/mount.h, linux/reboot.h, asm/unistd_64.h.
 MS_NOSUID, MS_NODEV = 2, 4
@@ -35,7 +35,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class Job:
-    """What the guest does: load `modules` (.ko files, in order), let `writable` folders be written, run `command`."""
+    """The guest's job: load `modules` (.ko files, in order), make the `writable` folders writable, run `command`."""
 
     command: list[str]
     folder: str

@@ -1,0 +1,249 @@
+"""Campaigns on a Dask cluster and after a kill: the same bytes, and no finished chunk is lost. Memory of long campaigns."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from codegen import __version__
+from codegen.errors import BuildError, CodegenError
+from codegen.sweep import plan as planning
+from codegen.sweep import store
+from codegen.sweep.campaign import run_campaign
+from codegen.sweep.chunk import Table, Work, run_chunk
+from codegen.sweep.engine import Dask, Threads
+from codegen.sweep.plan import Plan
+from codegen.sweep.store import RUNS, part_path
+from codegen.sweep.summary import summarise
+from tests.sweep.conftest import ROOT, Recording, write_spec
+
+RUNS_PER_SAMPLE = 6
+PATIENCE = 600.0
+"""s: only a failure waits so long."""
+
+
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spec(tmp_path_factory.mktemp("spec"))
+
+
+@pytest.fixture(scope="module")
+def plan(spec: Path) -> Plan:
+    return planning.read(spec)
+
+
+@pytest.fixture(scope="module")
+def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of the campaign, driven by one thread."""
+    return run_campaign(plan, tmp_path_factory.mktemp("campaign") / "one", Threads(1))
+
+
+def check_resumption(plan: Plan, folder: Path, whole: Path) -> None:
+    """Finish an interrupted campaign: the same bytes, without driving a stored chunk again."""
+    stored, engine = {path.name for path in (folder / "parts").iterdir()}, Recording()
+    assert part_path(folder, 0).name in stored
+    assert run_campaign(plan, folder, engine).read_bytes() == whole.read_bytes()
+    assert {part_path(folder, number).name for number in engine.driven}.isdisjoint(stored)
+    assert not (folder / "parts").exists()
+
+
+@dataclass(frozen=True)
+class DiesOnce:
+    """Work whose process ends in the middle of a chunk, the first time."""
+
+    work: Work
+    mark: Path
+
+    def __call__(self, number: int) -> Table:
+        table = self.work(number)
+        if number == 1 and not self.mark.exists():
+            self.mark.touch()
+            os._exit(1)
+        return table
+
+
+@dataclass(frozen=True)
+class Dying:
+    """An engine whose work dies once."""
+
+    engine: Dask
+    mark: Path
+
+    def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+        return self.engine.run(DiesOnce(work, self.mark), numbers)
+
+
+def lacking_instructions(_number: int) -> None:
+    raise BuildError("no such instructions", where="--isa", remedy="take others")
+
+
+def test_a_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import dask
+    from distributed import LocalCluster
+
+    with (
+        dask.config.set({"distributed.worker.daemon": False}),
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+    ):
+        engine = Dask(cluster.scheduler_address)
+        try:
+            assert run_campaign(plan, tmp_path / "dask", engine).read_bytes() == whole.read_bytes()
+            died = tmp_path / "died"
+            again = run_campaign(plan, tmp_path / "dying", Dying(engine, died))
+            with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
+                list(engine.run(lacking_instructions, [0]))
+            monkeypatch.setattr("codegen.sweep.engine.versions", lambda: {"codegen": __version__, "numpy": "0.1"})
+            message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign numpy 0\.1; install the same"
+            with pytest.raises(BuildError, match=message):
+                list(engine.run(Work(plan), [0]))
+        finally:
+            engine.close()
+    assert died.exists()
+    assert again.read_bytes() == whole.read_bytes()
+
+
+@dataclass(frozen=True)
+class Losing:
+    """An engine whose scheduler is killed after each chunk."""
+
+    engine: Dask
+    scheduler: subprocess.Popen[str]
+
+    def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
+        for number, table in self.engine.run(work, numbers):
+            yield number, table
+            self.scheduler.kill()
+            self.scheduler.wait()
+
+
+@contextlib.contextmanager
+def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "dask", *arguments, "--no-dashboard"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def address_of(scheduler: subprocess.Popen[str]) -> str:
+    assert scheduler.stderr is not None
+    return next(found[0] for line in scheduler.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+
+
+def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
+    plan: Plan, whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("distributed", "distributed.client"):  # the library sets handlers of its own
+        monkeypatch.setattr(logging.getLogger(name), "handlers", [caplog.handler])
+    folder = tmp_path / "lost"
+    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        address = address_of(scheduler)
+        with dask_process("worker", address, "--nthreads", "1", "--no-nanny", "--death-timeout", "60"):
+            engine = Dask(address)
+            try:
+                with pytest.raises(CodegenError, match="the Dask scheduler went away") as caught:
+                    run_campaign(plan, folder, Losing(engine, scheduler))
+            finally:
+                engine.close()
+    assert caught.value.exit_code == 2
+    assert str(caught.value).startswith(address)
+    assert "run the same command again" in str(caught.value)
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
+    check_resumption(plan, folder, whole)
+
+
+def test_a_client_that_closes_itself_meanwhile_is_closed() -> None:
+    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        engine = Dask(address_of(scheduler))
+        client, reasons = engine._client, []
+
+        def expiring(reason: str) -> None:
+            """Raise, once, as a connection does whose timeout expires until the event loop has run again."""
+            reasons.append(reason)
+            if len(reasons) == 1:
+                raise RuntimeError("Cannot change state of expiring Timeout")
+
+        client.rpc._connecting["tcp://127.0.0.1:9"].add(expiring)
+        engine.close()
+    assert len(reasons) == 2
+    assert client.status == "closed"
+
+
+def test_a_killed_campaign_resumes(plan: Plan, spec: Path, whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "codegen", "sweep", "--spec", str(spec), "-o", str(folder), "--workers", "1"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        end = time.monotonic() + PATIENCE
+        while not part_path(folder, 0).exists() and process.poll() is None and time.monotonic() < end:
+            time.sleep(0.001)
+        process.send_signal(signal.SIGKILL)
+    assert not (folder / RUNS).exists()
+    check_resumption(plan, folder, whole)
+
+
+@dataclass(frozen=True)
+class Inventing:
+    """An engine that repeats one chunk, with other numbers and figures, instead of driving."""
+
+    plan: Plan
+    pattern: Table
+
+    def run(self, work: object, numbers: Iterable[int]) -> Iterator[tuple[int, Table]]:
+        for number in numbers:
+            samples = self.plan.samples_of(number)
+            run = np.arange(RUNS_PER_SAMPLE * samples.start, RUNS_PER_SAMPLE * samples.stop)
+            table = {name: np.resize(values, run.size) for name, values in self.pattern.items()}
+            random = np.random.default_rng(number)
+            for name in table.keys() - {*store.WHOLE, *store.NAMES, *store.YES_NO}:
+                table[name] = table[name] + random.random(run.size)
+            yield number, {**table, "run": run, "sample": run // RUNS_PER_SAMPLE}
+
+
+def memory_peaks(plan: Plan, pattern: Table, folder: Path, samples: int) -> list[int]:
+    """Peaks in bytes while the samples are stored and summarised: pyarrow writing, pyarrow reading, Python with NumPy."""
+    longer = replace(plan, spec=plan.spec.model_copy(update={"samples": samples}))
+    pool = pa.default_memory_pool()
+    writing = pa.proxy_memory_pool(pool)  # counts from here on
+    tracemalloc.start()
+    try:
+        pa.set_memory_pool(writing)
+        path = run_campaign(longer, folder, Inventing(longer, pattern))
+        pa.set_memory_pool(pool)
+        assert summarise(path, longer).runs == RUNS_PER_SAMPLE * samples
+        traced = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+        pa.set_memory_pool(pool)
+    assert pq.read_metadata(path).num_rows == RUNS_PER_SAMPLE * samples
+    # The buffers of a file come from the default pool in any case.
+    reading = max(pool.bytes_allocated() for _ in store.read_batches(path))
+    return [writing.max_memory(), reading, traced]
+
+
+@pytest.mark.long
+def test_memory_does_not_grow_with_the_runs(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pattern = run_chunk(plan, 0)
+    monkeypatch.setattr(planning, "RUNS_PER_CHUNK", 2048)  # fewer parts, or the disk would take most of the time
+    memory_peaks(plan, pattern, tmp_path / "first", 100)  # modules and caches do not count
+    few, many = (memory_peaks(plan, pattern, tmp_path / str(samples), samples) for samples in (4_000, 12_000))
+    # A batch that has rows of two groups holds more than one of a single group; thrice the runs would be far beyond that.
+    assert all(more <= 1.2 * less for less, more in zip(few, many, strict=True)), (few, many)

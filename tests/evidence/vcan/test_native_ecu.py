@@ -1,0 +1,436 @@
+"""The native ECU on SocketCAN: the answers of the generated task, in lock-step and in real time, and recovery from failures."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import socket
+import statistics
+import struct
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from codegen.sil.software import Status, load
+from hil_sim import native
+from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.e2e import next_counter, protect
+from hil_sim.ecu_process import EcuProcess
+from hil_sim.frames import Frame
+from tests import builds
+from tests.evidence.vcan.interfaces import add_vcan, set_interface
+
+pytestmark = pytest.mark.vcan
+
+FOLDER = Path(__file__).resolve().parents[3] / "generated/4ws2"
+CONFIG = builds.CONFIG
+MOTION, CONDITIONS, COMMAND = (
+    message.id for message in (CONFIG.can.vehicle_motion, CONFIG.can.vehicle_conditions, CONFIG.can.rear_steer_command)
+)
+PERIOD = CONFIG.controller.sampling_time_s
+EXTENDED, REMOTE = 0x80000000, 0x40000000  # linux/can.h: CAN_EFF_FLAG, CAN_RTR_FLAG
+PATIENCE = 10.0
+"""s: far longer than anything here takes; only a failure waits so long."""
+GOOD = (Status.TRACKING, Status.LIMITED, Status.STANDBY)
+STEADY_TURN, STRAIGHT_REAR = VehicleMotion(speed=15.0, front_angle=0.02, yaw_rate=0.1), VehicleConditions(rear_angle=0.0)
+TASK_EARLY, WRONG_LENGTH, TIMEOUT = 1 << 13, 1 << 14, 1 << 15
+
+
+class Wire:
+    """A raw socket on the bus, with the kernel's frames as they are. It does not hear itself."""
+
+    layout = struct.Struct("=IB3x8s")
+
+    def __init__(self, interface: str) -> None:
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self._socket.bind((interface,))
+
+    def send(self, *frames: tuple[int, bytes]) -> None:
+        for identifier, data in frames:
+            self._socket.send(self.layout.pack(identifier, len(data), data))
+
+    def receive(self, timeout: float = PATIENCE) -> Frame | None:
+        """Return the next frame, or None at the timeout."""
+        self._socket.settimeout(max(timeout, 1e-6))
+        try:
+            identifier, length, data = self.layout.unpack(self._socket.recv(self.layout.size))
+        except TimeoutError:
+            return None
+        return Frame(identifier, data[:length])
+
+    def __enter__(self) -> Wire:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+
+@dataclass
+class Car:
+    """Frames of a car in a steady turn. The counters continue from set to set."""
+
+    counters: list[int] = field(default_factory=lambda: [0, 0])
+
+    def frames(
+        self,
+        motion: VehicleMotion = STEADY_TURN,
+        conditions: VehicleConditions = STRAIGHT_REAR,
+    ) -> list[tuple[int, bytes]]:
+        codec, result = Codec(CONFIG.can), []
+        codes = ((MOTION, codec.encode(motion)), (CONDITIONS, codec.encode(conditions)))
+        for index, (identifier, data) in enumerate(codes):
+            result.append((identifier, protect(identifier, self.counters[index], data)))
+            self.counters[index] = next_counter(self.counters[index])
+        return result
+
+    def command(self, frame: Frame | None) -> RearSteerCommand:
+        """Decode an answer."""
+        assert frame is not None, "no answer"
+        decoded = Codec(CONFIG.can).decode(frame.id, frame.data)
+        assert isinstance(decoded, RearSteerCommand)
+        return decoded
+
+    def takes_control(self, wire: Wire) -> bool:
+        """Send a set for each command, until a command is that of an active controller."""
+        limit = time.monotonic() + PATIENCE
+        while time.monotonic() < limit:
+            wire.send(*self.frames())
+            frame = wire.receive(2.0 * PERIOD)
+            if frame is not None and self.command(frame).status in GOOD and not np.isnan(self.command(frame).rear_angle):
+                return True
+        return False
+
+
+@pytest.fixture
+def wire(vcan: str) -> Iterator[Wire]:
+    with Wire(vcan) as wire:
+        yield wire
+
+
+@contextmanager
+def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
+    """A process with pipes, killed at the end."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture(params=[True, False], ids=["lock-step", "real-time"])
+def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[subprocess.Popen[str]]:
+    with started(native.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
+
+
+def end(ecu: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
+    """End an ECU by a signal, and return its line of counters or its error."""
+    ecu.send_signal(number)
+    return ecu.communicate(timeout=PATIENCE)[1]
+
+
+# --- lock-step -----------------------------------------------------------------------------------------------------
+
+
+def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
+    """Frames that an ECU must ignore: other nodes' frames, other kinds of frames, a command of another sender."""
+    data = rng.bytes(8)
+    frames = [
+        (int(rng.integers(0x100)), data),
+        (0x7FF, b""),
+        *((identifier | EXTENDED, data) for identifier in (MOTION, CONDITIONS, COMMAND, 0x18FEF100)),
+        (MOTION | REMOTE, bytes(8)),
+        (CONDITIONS | REMOTE, b""),
+        (COMMAND, data),
+    ]
+    return [frames[index] for index in rng.permutation(len(frames))[:3]]
+
+
+def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
+    """Both frames, some with a missing signal or a flipped bit, some after conditions that open no set or a wrong length."""
+    motion = VehicleMotion(rng.uniform(-2.0, 40.0), rng.uniform(-0.3, 0.3), rng.uniform(-0.8, 0.8))
+    if rng.random() < 0.05:
+        motion = VehicleMotion(motion.speed, motion.front_angle, float("nan"))
+    conditions = VehicleConditions(rng.uniform(-0.05, 0.05), float(rng.choice([0.3, 0.9, np.nan])), bool(rng.random() < 0.1))
+    frames = car.frames(motion, conditions)
+    if rng.random() < 0.05:
+        identifier, data = frames[0]
+        frames[0] = (identifier, data[:3] + bytes((data[3] ^ 0x10,)) + data[4:])
+    if rng.random() < 0.2:
+        frames.insert(0, frames[1])
+    if rng.random() < 0.1:
+        frames.insert(0, (int(rng.choice([MOTION, CONDITIONS])), rng.bytes(int(rng.integers(8)))))
+    return frames
+
+
+def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wire) -> None:
+    rng, car, sets, seen = np.random.default_rng(1), Car(), 500, 0
+    task = load(FOLDER).task()
+    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())) as ecu:
+        for number in range(sets):
+            for identifier, data in random_set(rng, car):
+                wire.send(*foreign_frames(rng), (identifier, data))
+                task.on_can_frame(identifier, data)
+            assert task.is_complete
+            answer = Frame(*task.run())
+            assert wire.receive() == answer, number
+            seen |= car.command(answer).diagnostics
+        wire.send(car.frames()[0])  # half a set is not answered
+        assert wire.receive(0.05) is None
+        counts = native.counters(ecu.stop())
+    assert (counts["cycles"], counts["sent"], counts["send_errors"], counts["late"]) == (sets, sets, 0, 0)
+    assert (counts["late_samples"], counts["early_samples"]) == (task.counters()["late_cycles"], 0)
+    assert counts["lost_samples"] == task.counters()["lost_samples"] > 0  # the flipped bits
+    assert seen & WRONG_LENGTH
+
+
+# --- real time -----------------------------------------------------------------------------------------------------
+
+
+def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None:
+    """Before the first frames every signal is `not available`."""
+    begun, car = time.monotonic(), Car()
+    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
+        answers = [wire.receive() for _ in range(8)]
+        for command in map(car.command, answers):
+            assert np.isnan(command.rear_angle) and np.isnan(command.yaw_rate_reference) and command.diagnostics & TASK_EARLY
+        while len(answers) < 100:
+            wire.send(*car.frames())
+            answers.append(wire.receive())
+        counts = native.counters(ecu.stop())
+    elapsed = time.monotonic() - begun
+    answers += iter(lambda: wire.receive(0.0), None)
+    found = [(answer.id, answer.data[1] & 0x0F) for answer in answers if answer is not None]
+    assert found == [(COMMAND, number % 15) for number in range(len(answers))]
+    assert counts["cycles"] == counts["sent"] == len(answers)
+    # One run at the start of each period, and one more where the phase was set.
+    assert counts["cycles"] <= elapsed / PERIOD + 2
+
+
+def test_silence_degrades_then_fails_safe_and_ends(wire: Wire, vcan: str) -> None:
+    car = Car()
+    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
+        assert car.takes_control(wire)
+        commands = [car.command(wire.receive()) for _ in range(12)]
+        statuses = [command.status for command in commands]
+        while any(status in GOOD for status in statuses):  # the last set may still have been under way
+            del statuses[0]
+        tolerated = CONFIG.controller.fail_safe.degraded_samples_max
+        assert statuses[:tolerated] == [Status.DEGRADED] * tolerated
+        assert set(statuses[tolerated:]) == {Status.FAIL_SAFE}
+        assert commands[-1].diagnostics & TIMEOUT
+        assert commands[-1].diagnostics & TASK_EARLY
+        assert car.takes_control(wire)
+
+
+def response_times(wire: Wire, car: Car, cycles: int) -> list[float]:
+    """Send sets at absolute deadlines, and return the time from each deadline to the first answer of its cycle."""
+    responses, begun = [], time.monotonic()
+    for cycle in range(cycles):
+        wire.send(*car.frames())
+        answers = []
+        while (left := begun + (cycle + 1) * PERIOD - time.monotonic()) > 0.0:
+            if wire.receive(left) is not None:
+                answers.append(time.monotonic() - begun - cycle * PERIOD)
+        responses += answers[:1]
+    return responses
+
+
+@pytest.mark.long
+def test_the_phase_is_half_a_period_after_the_frames_and_set_again_after_silence(wire: Wire, vcan: str) -> None:
+    """Each time the car begins right after a run of the timer: with an unchanged phase the answers come a whole period later.
+
+    Frames of others do not end the silence. A first set that comes late, as on a busy machine, defers the phase to the next
+    silence: one phase in eight must be right, and a timer that keeps its own phase has none.
+    """
+    car, medians = Car(), []
+    with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())):
+        for _ in range(8):
+            for _ in range(6):  # silence for longer than four periods
+                wire.send((MOTION | EXTENDED, bytes(8)), (CONDITIONS | REMOTE, bytes(8)))
+                assert wire.receive() is not None
+            while wire.receive(0.0) is not None:
+                pass
+            assert wire.receive() is not None
+            medians.append(statistics.median(response_times(wire, car, 25)))
+            if 0.2 * PERIOD < medians[-1] < 0.8 * PERIOD:
+                return
+    pytest.fail(f"the answers came after {medians} s; half of {PERIOD} s is required")
+
+
+@contextmanager
+def stopped(ecu: subprocess.Popen[str], wire: Wire, silence: float) -> Iterator[None]:
+    """The ECU gets no processor until the block ends; before the block the bus is silent for `silence` seconds."""
+    ecu.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, ecu.pid, os.WSTOPPED)
+    while wire.receive(silence) is not None:
+        pass
+    yield
+    ecu.send_signal(signal.SIGCONT)
+
+
+@pytest.mark.long
+def test_frames_that_came_before_a_late_run_are_in_its_answer(wire: Wire, vcan: str) -> None:
+    """Bus and timer wake the ECU at once. If the timer came first, the first answer would not use the frames.
+
+    On a busy machine the pause may be too long for frames to be used: one of ten must be short enough.
+    """
+    for _ in range(10):
+        car = Car()
+        with started(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
+            assert car.command(wire.receive()).diagnostics & TASK_EARLY
+            with stopped(ecu, wire, 1.5 * PERIOD):
+                wire.send(*car.frames())
+            answer = car.command(wire.receive())
+        if not np.isnan(answer.rear_angle) and answer.diagnostics == 0:
+            return
+    pytest.fail("no first answer used the frames")
+
+
+def test_a_pause_is_counted_not_made_up_for_and_its_frames_are_discarded(wire: Wire, vcan: str) -> None:
+    """Thirty samples in sequence come while the ECU has no processor. They are old when it wakes."""
+    car, begun = Car(), time.monotonic()
+    with started(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
+        assert car.takes_control(wire)
+        before = car.command(wire.receive())
+        with stopped(ecu, wire, 20.0 * PERIOD):
+            for _ in range(30):
+                wire.send(*car.frames(VehicleMotion(speed=15.0, front_angle=-0.05, yaw_rate=-0.2)))
+        answers = [car.command(wire.receive()) for _ in range(8)]
+        counts = native.counters(end(ecu))
+    elapsed = time.monotonic() - begun
+    assert before.yaw_rate_reference > 0.0
+    assert all(answer.yaw_rate_reference >= 0.0 for answer in answers)  # the thirty turn right
+    assert answers[-1].status == Status.FAIL_SAFE
+    assert counts["discarded"] == 60
+    assert counts["late"] >= 1
+    assert counts["lateness_max_us"] >= 19 * PERIOD * 1e6
+    assert counts["cycles"] <= elapsed / PERIOD - 18
+
+
+# --- the bus fails -------------------------------------------------------------------------------------------------
+
+
+def wait_for_runs(ecu: int, count: int) -> None:
+    """Wait until a process has slept `count` times more: an ECU sleeps after each run and each look for the bus."""
+
+    def sleeps() -> int:
+        (line,) = (line for line in Path(f"/proc/{ecu}/status").read_text().splitlines() if line.startswith("voluntary_ctxt"))
+        return int(line.split()[1])
+
+    wanted, limit = sleeps() + count, time.monotonic() + PATIENCE
+    while sleeps() < wanted:
+        assert time.monotonic() < limit, "it no longer runs"
+        time.sleep(PERIOD / 2.0)
+
+
+def remove_interface(name: str) -> None:
+    """Remove an interface, as `ip link delete` does: linux/rtnetlink.h, RTM_DELLINK."""
+    request = struct.pack("=IHHII BxHiII", 32, 17, 0x1 | 0x4, 1, 0, socket.AF_UNSPEC, 0, socket.if_nametoindex(name), 0, 0)
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
+        kernel.send(request)
+        (error,) = struct.unpack_from("=i", kernel.recv(4096), 16)
+    assert error == 0, os.strerror(-error)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("fail", "repair"),
+    [(lambda name: set_interface(name, up=False), lambda name: set_interface(name, up=True)), (remove_interface, add_vcan)],
+    ids=["down", "removed"],
+)
+def test_it_recovers_when_the_interface_is_back(
+    vcan: str,
+    running: subprocess.Popen[str],
+    request: pytest.FixtureRequest,
+    fail: Callable[[str], None],
+    repair: Callable[[str], None],
+) -> None:
+    car, in_real_time = Car(), "real-time" in request.node.name
+    with Wire(vcan) as wire:
+        assert car.takes_control(wire)
+    fail(vcan)
+    try:
+        wait_for_runs(running.pid, 10)
+    finally:
+        repair(vcan)
+    with Wire(vcan) as wire:
+        assert car.takes_control(wire)
+    counts = native.counters(end(running))
+    assert (counts["send_errors"] > 0) == in_real_time  # in lock-step there was nothing to answer
+    assert counts["cycles"] == counts["sent"] + counts["send_errors"]
+
+
+def test_an_interface_that_is_down_is_waited_for_and_no_set_after_it_is_missed(vcan: str) -> None:
+    car = Car()
+    set_interface(vcan, up=False)
+    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())):
+        set_interface(vcan, up=True)
+        with Wire(vcan) as wire:
+            assert car.takes_control(wire)
+        for _ in range(3):
+            set_interface(vcan, up=False)
+            set_interface(vcan, up=True)
+            with Wire(vcan) as wire:
+                wire.send(*car.frames())
+                assert car.command(wire.receive()).status in GOOD
+
+
+# --- start and end -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_with_its_counters(running: subprocess.Popen[str], number: signal.Signals) -> None:
+    names = "cycles late late_samples early_samples lost_samples discarded sent send_errors lateness_mean_us lateness_max_us"
+    assert list(native.counters(end(running, number))) == names.split()
+    assert running.returncode == 0
+
+
+def test_it_ends_with_its_parent(vcan: str) -> None:
+    """A shell that is killed cannot end its children: they must notice it themselves."""
+    script = f"{shlex.join(native.command(FOLDER, vcan, lock_step=True))} --parent $$ & wait"
+    with started(["sh", "-c", script]) as shell:
+        assert shell.stdout is not None
+        assert shell.stdout.readline() == "ready\n"
+        shell.kill()
+        _, errors = shell.communicate(timeout=PATIENCE)  # until the last process that holds the pipes has ended
+    assert native.counters(errors)["cycles"] == 0
+
+
+@pytest.mark.parametrize(
+    ("interface", "message"),
+    [
+        (
+            "vcan77",
+            "vcan77: no such CAN interface; make one: sudo ip link add dev vcan77 type vcan && sudo ip link set up vcan77",
+        ),
+        ("lo", "lo: not a CAN interface"),
+    ],
+)
+def test_an_interface_that_cannot_be_used_is_named(interface: str, message: str) -> None:
+    result = subprocess.run(native.command(FOLDER, interface), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {message}\n")
+
+
+def test_priority_is_taken_or_refused(vcan: str) -> None:
+    with started([*native.command(FOLDER, vcan, lock_step=True, parent=os.getpid()), "--priority", "7"]) as ecu:
+        assert ecu.stdout is not None
+        if ecu.stdout.readline() == "ready\n":
+            assert os.sched_getscheduler(ecu.pid) == os.SCHED_FIFO
+            assert os.sched_getparam(ecu.pid).sched_priority == 7
+            assert "VmLck:\t       0 kB" not in Path(f"/proc/{ecu.pid}/status").read_text()
+            assert native.counters(end(ecu))["cycles"] == 0
+        else:
+            assert end(ecu) == (
+                "error: --priority: Operation not permitted; "
+                "run it as root, or with the capabilities cap_sys_nice and cap_ipc_lock\n"
+            )

@@ -1,0 +1,319 @@
+"""XCP on SocketCAN: pyxcp is the master of the native ECU in the loop. The reference is the same task in this process."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from pyxcp.config import PyXCP, create_application_from_config, reset_application, set_application
+from pyxcp.cpp_ext.cpp_ext import DaqList
+from pyxcp.daq_stim import DaqOnlinePolicy
+from pyxcp.master import Master
+from pyxcp.types import XcpTimeoutError
+
+from codegen.export.a2l.elf import Elf, Place
+from codegen.sil.software import RECORD_COLUMNS, Software, Status, load
+from hil_sim import manoeuvres, native
+from hil_sim.bench import Cycle
+from hil_sim.bus import Bus, BusAddress
+from hil_sim.codec import Codec, RearSteerCommand
+from hil_sim.ecu_process import EcuProcess
+from hil_sim.frames import Frame
+from hil_sim.plant_node import PlantNode
+from hil_sim.runs import run_through_can
+from hil_sim.scenarios import find
+from hil_sim.session import Setup, run_plant
+from tests import builds
+
+pytestmark = pytest.mark.vcan
+
+FOLDER = Path(__file__).resolve().parents[3] / "generated/4ws2"
+CAN = builds.CONFIG.can
+PATIENCE = 10.0
+"""s: far longer than anything here takes; only a failure waits so long."""
+GAIN = "ars_parameters_default.proportional_gain"
+MEASURED = {
+    "yaw_rate_reference": ("ecu.task.controller.yaw_rate_reference", "F32"),
+    "integral": ("ecu.task.controller.integral", "F32"),
+    "rear_angle": ("ecu.task.controller.rear_angle", "F32"),
+    "status": ("ecu.task.controller.status", "U32"),
+}
+CHANGED_AT = 130
+"""Cycle, in the turn-in of the scenario."""
+STRONGER = 0.2
+"""s; twenty times the preset's gain."""
+KEPT: list[Any] = []
+"""Objects that pyxcp's listening thread may still call from C++ after a session: they live as long as this process."""
+
+
+@pytest.fixture(scope="module")
+def software() -> Software:
+    return load(FOLDER)
+
+
+Program = Callable[[str], Place]
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    """Return the place of an object of the native ECU by its name."""
+    elf = Elf.read(native.compile_ecu(FOLDER))
+
+    def place(name: str) -> Place:
+        found = elf.place(name)
+        assert found is not None
+        return found
+
+    return place
+
+
+@pytest.fixture
+def ecu(vcan: str) -> Iterator[EcuProcess]:
+    """An ECU in lock-step, which must still run after the test."""
+    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
+        yield ecu
+        assert ecu.alive
+
+
+SHORT = replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0))
+"""A turn-in after a second."""
+
+
+class Rows(DaqOnlinePolicy):  # type: ignore[misc]
+    """The values of one list of measurements, run by run, as pyxcp decodes them."""
+
+    def __init__(self, program: Program) -> None:
+        measured = [(name, program(path).address, 0, kind) for name, (path, kind) in MEASURED.items()]
+        super().__init__([DaqList("task", 0, False, True, measured, 0, 1)])
+        self.rows: list[dict[str, Any]] = []
+        self.stamps: list[int] = []
+        self._came = threading.Condition()
+
+    def initialize(self) -> None:
+        """Required by pyxcp."""
+
+    def finalize(self) -> None:
+        """Required by pyxcp."""
+
+    def on_daq_list(self, _number: int, _received: int, stamp: int, values: list[Any]) -> None:
+        """Keep a sample."""
+        names = [header[0] for header in self.daq_lists[0].headers]
+        with self._came:
+            self.rows.append(dict(zip(names, values, strict=True)))
+            self.stamps.append(stamp)
+            self._came.notify_all()
+
+    def wait_for(self, count: int) -> None:
+        """Wait until `count` samples have come."""
+        with self._came:
+            assert self._came.wait_for(lambda: len(self.rows) >= count, PATIENCE), f"{len(self.rows)} of {count} samples came"
+
+
+def application(interface: str) -> PyXCP:
+    """pyxcp's settings, without a file."""
+    settings = {
+        "interface": "socketcan",
+        "channel": interface,
+        "can_id_master": CAN.xcp_receive_id,
+        "can_id_slave": CAN.xcp_transmit_id,
+    }
+    made = create_application_from_config({"Transport": {"CAN": settings}}, log_level=logging.WARNING)
+    made.transport.layer = "CAN"
+    made.general.disable_error_handling = True  # no retries: an error is the slave's answer
+    return made
+
+
+@contextmanager
+def connected(interface: str, policy: Any = None) -> Iterator[Master]:
+    """A master with a session."""
+    with Master("can", config=application(interface), policy=policy) as master:
+        KEPT.extend((master, policy))
+        master.connect()
+        yield master
+        master.disconnect()
+
+
+@pytest.fixture(autouse=True)
+def settings(vcan: str) -> Iterator[None]:
+    """Set pyxcp's settings of this process, which its lists of measurements read."""
+    set_application(application(vcan))
+    yield
+    reset_application()
+
+
+def read(master: Master, program: Program, name: str) -> bytes:
+    place = program(name)
+    return bytes(master.shortUpload(place.size, place.address))
+
+
+def write(master: Master, address: int, data: bytes) -> None:
+    master.setMta(address)
+    master.download(data)
+
+
+def number(value: float) -> bytes:
+    return struct.pack("<f", value)
+
+
+def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame], list[dict[str, Any]]]:
+    """Run the task in this process, with another gain from `CHANGED_AT` on.
+
+    Returns:
+        The ECU's frames, and the measured state after each run.
+    """
+    frames, states, node, parameters = [], [], PlantNode(software.config, SHORT), software.parameters()
+    task = software.task(parameters)
+    for cycle in range(node.cycles):
+        if cycle == CHANGED_AT and gain is not None:
+            parameters.proportional_gain = gain
+        for frame in node.outgoing(cycle):
+            task.on_can_frame(frame.id, frame.data)
+        frames.append(Frame(*task.run()))
+        node.receive(frames[-1])
+        node.finish(cycle)
+        states.append({name: getattr(task.state.controller, name) for name in MEASURED})
+    return frames, states
+
+
+def drive(interface: str, software: Software, before: Callable[[int], None] = lambda cycle: None) -> list[Frame]:
+    """Drive the ECU on the bus in lock-step, call `before` ahead of each cycle, and return the ECU's frames."""
+    frames, node = [], PlantNode(software.config, SHORT)
+    with Bus(BusAddress("socketcan", interface)) as bus:
+        for cycle in range(node.cycles):
+            before(cycle)
+            for frame in node.outgoing(cycle):
+                assert bus.send(frame)
+            frames.append(next(frame for frame in iter(lambda: bus.receive(PATIENCE), None) if node.receive(frame)))
+            node.finish(cycle)
+    return frames
+
+
+def check_command(frame: Frame, row: dict[str, Any]) -> None:
+    """Compare a command with the measured state of the same run: half a step, and a tenth of a thousandth for rounding."""
+    command, step = Codec(CAN).decode(frame.id, frame.data), CAN.rear_steer_command
+    assert isinstance(command, RearSteerCommand)
+    assert command.status == row["status"]
+    assert math.isnan(command.rear_angle) or abs(command.rear_angle - row["rear_angle"]) <= 0.5001 * step.rear_angle.factor
+    reference = command.yaw_rate_reference
+    assert math.isnan(reference) or abs(reference - row["yaw_rate_reference"]) <= 0.5001 * step.yaw_rate_reference.factor
+
+
+def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software: Software, program: Program) -> None:
+    rows = Rows(program)
+    with connected(vcan, rows) as master:
+        rows.setup()
+        rows.start()
+        frames = drive(vcan, software, rows.wait_for)
+        rows.wait_for(len(frames))
+        rows.stop()
+        uploaded = read(master, program, MEASURED["yaw_rate_reference"][0])
+    expected, states = simulate(software)
+    assert max(state["yaw_rate_reference"] for state in states) > 0.1
+    assert frames == expected
+    assert rows.rows == states  # bit for bit: no number is NaN
+    assert struct.unpack("<f", uploaded) == (states[-1]["yaw_rate_reference"],)
+    assert {later - earlier for earlier, later in pairwise(rows.stamps)} == {10_000_000}  # ns
+    for frame, row in zip(frames, rows.rows, strict=True):
+        check_command(frame, row)
+
+
+def test_a_gain_changed_in_the_loop_changes_the_response(
+    vcan: str, ecu: EcuProcess, software: Software, program: Program
+) -> None:
+    """The frames are those of the task in this process with that gain from that sample on, bit for bit."""
+    with connected(vcan) as master:
+
+        def change(cycle: int) -> None:
+            if cycle == CHANGED_AT:
+                write(master, program(GAIN).address, number(STRONGER))
+
+        changed = drive(vcan, software, change)
+        assert read(master, program, GAIN) == number(STRONGER)
+    unchanged, _ = simulate(software)
+    assert changed[:CHANGED_AT] == unchanged[:CHANGED_AT]
+    assert changed[CHANGED_AT] != unchanged[CHANGED_AT]
+    assert changed == simulate(software, gain=STRONGER)[0]
+
+
+def test_a_slave_without_a_session_changes_no_frame(vcan: str, software: Software) -> None:
+    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
+        frames = drive(vcan, software)
+        counts = native.counters(ecu.stop())
+    assert frames == simulate(software)[0]
+    assert counts["lost_packets"] == 0
+
+
+def test_measurements_in_real_time(vcan: str, software: Software, program: Program) -> None:
+    """The list's sample of the same run follows each command. While commands are in time, the run is that of lock-step."""
+    seen: list[can.Message] = []
+    rows, address = Rows(program), BusAddress("socketcan", vcan)
+    wanted = run_through_can(software, SHORT).record
+    ids = (CAN.rear_steer_command.id, CAN.xcp_transmit_id)
+    filters = [{"can_id": identifier, "can_mask": 0x7FF, "extended": False} for identifier in ids]
+
+    def listen(_cycle: Cycle | None = None) -> None:
+        seen.extend(iter(lambda: listener.recv(0.0), None))
+
+    with (
+        EcuProcess(native.command(FOLDER, vcan, parent=os.getpid(), xcp=True)) as ecu,
+        can.Bus(interface="socketcan", channel=vcan, can_filters=filters) as listener,
+    ):
+        with connected(vcan, rows) as master:
+            rows.setup()
+            rows.start()
+            result = run_plant(Setup(software.config, SHORT, address), ecu, listen)
+            rows.stop()
+            assert not master.getStatus().sessionStatus.daqRunning
+        listen()
+        counters = native.counters(ecu.stop())
+    assert (result.send_errors, counters["send_errors"], counters["lost_packets"]) == (0, 0, 0)
+    sent = [message.data[1] & 0xF for message in seen if message.arbitration_id == ids[0]]
+    assert {(later - earlier) % 15 for earlier, later in pairwise(sent)} == {1}  # the counters of E2E: none is left out
+    samples = [k for k, message in enumerate(seen) if message.arbitration_id == ids[1] and message.data[0] == 0]
+    assert len(samples) == len(rows.rows) > 150
+    for row, k in zip(rows.rows, samples, strict=True):
+        check_command(Frame(seen[k - 1].arbitration_id, bytes(seen[k - 1].data)), row)
+    answered = np.isfinite(result.response) & (result.diagnostics == 0)
+    in_control = result.record[:, RECORD_COLUMNS.index("status")] <= Status.LIMITED  # before the car came, it was fail-safe
+    first = int(np.argmax(answered & in_control))
+    late = np.flatnonzero(~answered[first:])
+    end = first + int(late[0]) if late.size else len(answered)
+    if answered[first] and first < 90:  # before the driver steers: the states of both runs are the same
+        assert np.array_equal(result.record[first:end], wanted[first:end])
+
+
+@pytest.mark.parametrize("xcp", [False, True])
+def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: str, program: Program, xcp: bool) -> None:
+    command = native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=xcp)
+    with EcuProcess(command) as ecu, Master("can", config=application(vcan)) as master:
+        master.transport.timeout = int((PATIENCE if xcp else 0.2) * 1e9)
+        if xcp:
+            master.connect()
+        else:
+            with pytest.raises(XcpTimeoutError):
+                master.connect()
+        assert _access(ecu, program(GAIN).address) == ("rw-p" if xcp else "r--p")
+        assert ecu.alive
+
+
+def _access(ecu: EcuProcess, address: int) -> str:
+    """Return the access rights of a process to its memory at an address: proc(5), maps."""
+    assert ecu._process is not None
+    for line in Path(f"/proc/{ecu._process.pid}/maps").read_text().splitlines():
+        span, access = line.split()[:2]
+        low, high = (int(end, 16) for end in span.split("-"))
+        if low <= address < high:
+            return access
+    raise AssertionError("no memory there")
