@@ -11,7 +11,6 @@ import typing
 from pathlib import Path
 from typing import Any, Literal
 
-import pydantic
 import pytest
 from pydantic import BaseModel
 
@@ -21,7 +20,7 @@ from codegen.errors import CodegenError, ConfigError
 
 
 def refused(text: str) -> str:
-    """The message for a TOML text, after the checks that hold for every message."""
+    """Return the message for a TOML text, after the checks that hold for every message."""
     with pytest.raises(ConfigError) as caught:
         parse(tomllib.loads(text), "car.toml")
     return checked(caught.value)
@@ -40,7 +39,7 @@ def checked(error: CodegenError) -> str:
 
 
 def table(key: str, value: str) -> str:
-    """TOML that sets one dotted key."""
+    """Return TOML that sets one dotted key."""
     section, _, name = key.rpartition(".")
     return f"[{section}]\n{name} = {value}\n" if section else f"{name} = {value}\n"
 
@@ -49,7 +48,7 @@ def table(key: str, value: str) -> str:
 
 
 def differences(left: Any, right: Any, key: str = "") -> dict[str, tuple[Any, Any]]:
-    """Leaves that differ, by their dotted key."""
+    """Return the leaves that differ, by their dotted key."""
     if isinstance(left, dict) and isinstance(right, dict):
         found: dict[str, tuple[Any, Any]] = {}
         for name in left.keys() | right.keys():
@@ -78,9 +77,13 @@ def test_the_papers_preset_differs_in_its_controller_alone() -> None:
     }
 
 
-def test_an_empty_file_is_the_default_car(tmp_path: Path) -> None:
-    (tmp_path / "ars.toml").write_text("")
-    assert load(tmp_path / "ars.toml") == Config()
+def test_presets_are_files_that_read_back(tmp_path: Path) -> None:
+    """An empty file is the default car, and line ends of Windows do not matter."""
+    path = tmp_path / "ars.toml"
+    path.write_text("")
+    assert load(path) == Config()
+    path.write_bytes(preset_text().replace("\n", "\r\n").encode())
+    assert load(path) == preset()
 
 
 def test_preset_holds_the_published_numbers() -> None:
@@ -103,7 +106,7 @@ def test_preset_holds_the_published_numbers() -> None:
 
 
 def leaves(model: type[BaseModel], key: str = "") -> dict[str, Any]:
-    """Every field that is not a table, by its dotted key, with its annotation."""
+    """Return every field that is not a table, by its dotted key, with its annotation."""
     found: dict[str, Any] = {}
     for name, field in model.model_fields.items():
         kind = field.annotation
@@ -149,11 +152,6 @@ def test_every_number_names_its_unit() -> None:
             assert units.search(name) or name in bare, key
 
 
-def test_configuration_cannot_be_changed() -> None:
-    with pytest.raises(pydantic.ValidationError, match="frozen"):
-        Config().vehicle.mass_kg = 1.0
-
-
 def test_units_are_turned_into_si() -> None:
     config = parse(
         {
@@ -179,72 +177,49 @@ FLOATS = [
 ]
 
 
-def test_there_are_fields_to_try() -> None:
-    assert len(FLOATS) > 50
-    assert {key.partition(".")[0] for key in FLOATS} == {
-        *("vehicle", "road", "tyre", "limits", "grid", "steering", "rear_actuator", "controller", "plant", "sensors", "can"),
-        *("tuning", "limiter"),
-    }
-
-
-@pytest.mark.parametrize("key", [*FLOATS, "cases.mine.sideslip_weight_per_s2"])
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1e9", "1e9", "true", '"1.0"', "[1.0]", "{}", "2020-01-01"])
-def test_no_number_takes_what_no_car_has(key: str, value: str) -> None:
-    message = refused(table(key, value))
-    assert message.startswith(f"car.toml: {key}: ")  # the key as written, no label of a checker's inner path
+def test_no_number_takes_what_no_car_has(value: str) -> None:
+    assert FLOATS
+    for key in (*FLOATS, "cases.mine.sideslip_weight_per_s2"):
+        assert refused(table(key, value)).startswith(f"car.toml: {key}: ")  # the key as written, no inner path of a checker
 
 
 # A value in another unit is one that no car can have. The paper's own values, converted.
 @pytest.mark.parametrize(
-    ("key", "value", "unit"),
+    ("unit", "values"),
     [
-        ("vehicle.mass_kg", 2.33507, "kg"),  # t
-        ("vehicle.mass_kg", 2335070.0, "kg"),  # g
-        ("vehicle.yaw_inertia_kg_m2", 5.376432, "kg m^2"),  # t m^2
-        ("vehicle.cg_height_m", 420.0, "m"),  # mm
-        ("vehicle.cg_height_m", 42.0, "m"),  # cm
-        ("vehicle.track_m", 1627.0, "m"),  # mm
-        ("vehicle.cg_to_front_axle_m", 1574.0, "m"),  # mm
-        ("vehicle.cg_to_rear_axle_m", 156.6, "m"),  # cm
-        ("vehicle.front_roll_share", 60.0, ""),  # percent
-        ("road.friction", 90.0, ""),  # percent
-        ("road.gravity_m_s2", 981.0, "m/s^2"),  # cm/s^2
-        ("tyre.front.cornering_stiffness_n_per_rad", 119.54, "N/rad"),  # kN/rad
-        ("tyre.rear.stiffness_factor_b_per_rad", 17.9 / 57.3, "1/rad"),  # 1/deg
-        ("tyre.rear.horizontal_shift_deg", 5.0, "deg"),  # mrad
-        ("tyre.front.vertical_shift_n", 150e3, "N"),  # mN
-        ("limits.sideslip_max_deg", 0.05236, "deg"),  # rad
-        ("limits.rear_angle_max_deg", 0.06109, "deg"),  # rad
-        ("limits.lateral_acceleration_max_g", 7.848, "g"),  # m/s^2
-        ("limits.slip_departure_percent", 0.1, "%"),  # a share
-        ("grid.speed_max_km_h", 3333.0, "km/h"),  # cm/s
-        ("grid.front_angle_max_deg", 0.17453, "deg"),  # rad
-        ("grid.front_angle_min_deg", 0.00175, "deg"),  # rad
-        ("grid.front_angle_breakpoints_deg", [0.00175, 0.17453], "deg"),  # rad
-        ("grid.speed_breakpoints_km_h", [556.0, 3333.0], "km/h"),  # cm/s
-        ("steering.ratio", 0.075, ""),  # its inverse
-        ("steering.lag_s", 5.0, "s"),  # ms
-        ("steering.front_angle_stop_deg", 0.61087, "deg"),  # rad
-        ("rear_actuator.angle_max_deg", 0.06109, "deg"),  # rad
-        ("rear_actuator.lag_s", 50.0, "s"),  # ms
-        ("controller.sampling_time_s", 10.0, "s"),  # ms
-        ("controller.rear_rate_max_deg_s", 0.43633, "deg/s"),  # rad/s
-        ("controller.rear_angle_error_max_deg", 0.03491, "deg"),  # rad
-        ("controller.friction_min", 10.0, ""),  # percent
-        ("controller.enable_speed_km_h", 416.7, "km/h"),  # cm/s
-        ("controller.inputs.front_angle_max_deg", 0.7854, "deg"),  # rad
-        ("controller.inputs.yaw_rate_max_deg_s", 2.618, "deg/s"),  # rad/s
-        ("controller.inputs.implausible_time_s", 300.0, "s"),  # ms
-        ("plant.sampling_time_s", 1.0, "s"),  # ms
+        ("kg", {"vehicle.mass_kg": (2.33507, 2335070.0)}),  # t, g
+        ("kg m^2", {"vehicle.yaw_inertia_kg_m2": (5.376432,)}),  # t m^2
+        ("m", {"vehicle.cg_height_m": (420.0, 42.0), "vehicle.cg_to_front_axle_m": (1574.0,)}),  # mm, cm
+        ("m", {"vehicle.track_m": (1627.0,), "vehicle.cg_to_rear_axle_m": (156.6,)}),
+        ("", {"vehicle.front_roll_share": (60.0,), "road.friction": (90.0,), "controller.friction_min": (10.0,)}),  # percent
+        ("m/s^2", {"road.gravity_m_s2": (981.0,)}),  # cm/s^2
+        ("N/rad", {"tyre.front.cornering_stiffness_n_per_rad": (119.54,)}),  # kN/rad
+        ("1/rad", {"tyre.rear.stiffness_factor_b_per_rad": (17.9 / 57.3,)}),  # 1/deg
+        ("deg", {"tyre.rear.horizontal_shift_deg": (5.0,)}),  # mrad
+        ("N", {"tyre.front.vertical_shift_n": (150e3,)}),  # mN
+        ("deg", {"limits.sideslip_max_deg": (0.05236,), "limits.rear_angle_max_deg": (0.06109,)}),  # rad
+        ("g", {"limits.lateral_acceleration_max_g": (7.848,)}),  # m/s^2
+        ("%", {"limits.slip_departure_percent": (0.1,)}),  # a share
+        ("km/h", {"grid.speed_max_km_h": (3333.0,), "controller.enable_speed_km_h": (416.7,)}),  # cm/s
+        ("deg", {"grid.front_angle_max_deg": (0.17453,), "grid.front_angle_min_deg": (0.00175,)}),  # rad
+        ("deg", {"grid.front_angle_breakpoints_deg": ([0.00175, 0.17453],)}),
+        ("km/h", {"grid.speed_breakpoints_km_h": ([556.0, 3333.0],)}),  # cm/s
+        ("", {"steering.ratio": (0.075,)}),  # its inverse
+        ("s", {"steering.lag_s": (5.0,), "rear_actuator.lag_s": (50.0,), "controller.sampling_time_s": (10.0,)}),  # ms
+        ("s", {"controller.inputs.implausible_time_s": (300.0,), "plant.sampling_time_s": (1.0,)}),
+        ("deg", {"steering.front_angle_stop_deg": (0.61087,), "rear_actuator.angle_max_deg": (0.06109,)}),  # rad
+        ("deg", {"controller.rear_angle_error_max_deg": (0.03491,), "controller.inputs.front_angle_max_deg": (0.7854,)}),
+        ("deg/s", {"controller.rear_rate_max_deg_s": (0.43633,), "controller.inputs.yaw_rate_max_deg_s": (2.618,)}),  # rad/s
     ],
 )
-def test_a_wrong_unit_is_told_by_its_size(key: str, value: float | list[float], unit: str) -> None:
-    message = refused(table(key, str(value)))
-    assert message.startswith(f"car.toml: {key}: ")
-    first = value[0] if isinstance(value, list) else value
-    assert f"{first:g} is outside " in message
-    assert re.search(rf" to \S+ {re.escape(unit)}" if unit else r" to \S+;", message)
-    assert message.endswith("check the value and its unit")
+def test_a_wrong_unit_shows_by_its_size(unit: str, values: dict[str, tuple[float | list[float], ...]]) -> None:
+    for key, value in ((key, value) for key, several in values.items() for value in several):
+        message = refused(table(key, str(value)))
+        assert message.startswith(f"car.toml: {key}: ")
+        assert f"{value[0] if isinstance(value, list) else value:g} is outside " in message
+        assert re.search(rf" to \S+ {re.escape(unit)}" if unit else r" to \S+;", message)
+        assert message.endswith("check the value and its unit")
 
 
 def test_negative_mass() -> None:
@@ -253,9 +228,9 @@ def test_negative_mass() -> None:
     )
 
 
-@pytest.mark.parametrize(("value", "shown"), [("true", "True"), ('"2000"', "'2000'")])
-def test_text_and_booleans_are_not_numbers(value: str, shown: str) -> None:
-    assert f"car.toml: vehicle.mass_kg: a number is needed, not {shown}" in refused(table("vehicle.mass_kg", value))
+def test_text_and_booleans_are_not_numbers() -> None:
+    for value, shown in (("true", "True"), ('"2000"', "'2000'")):
+        assert f"car.toml: vehicle.mass_kg: a number is needed, not {shown}" in refused(table("vehicle.mass_kg", value))
 
 
 def test_whole_numbers_are_numbers() -> None:
@@ -264,17 +239,11 @@ def test_whole_numbers_are_numbers() -> None:
     assert len(texts) == 1
 
 
-@pytest.mark.parametrize("key", ["grid.speed_points", "grid.front_angle_points"])
-@pytest.mark.parametrize("value", ["1", "0", "-5", "2001", "10.0", "true", '"10"', "nan", "1" + 400 * "0"])
-def test_numbers_of_points(key: str, value: str) -> None:
-    assert refused(table(key, value)).startswith(f"car.toml: {key}: ")
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [
+        *(("grid.speed_points", value) for value in ("1", "2001", "10.0", "true", '"10"', "nan", "1" + 400 * "0")),
         ("controller.fail_safe.degraded_samples_max", "-1"),
-        ("controller.fail_safe.recovery_samples", "0"),
         ("plant.command_delay_samples", "101"),
         ("plant.command_delay_samples", "0.5"),
         ("plant.load_transfer", '"half"'),
@@ -296,12 +265,12 @@ def test_choices_are_listed(key: str, wanted: str) -> None:
     assert f"'{wanted}'" in refused(table(key, '"other"'))
 
 
-@pytest.mark.parametrize("section", ["vehicle", "tyre", "tyre.front", "grid", "cases", "cases.mine", "controller.inputs"])
 @pytest.mark.parametrize("value", ["1.0", '"text"', "[]", "true"])
-def test_a_value_where_a_table_belongs(section: str, value: str) -> None:
-    message = refused(f"{section} = {value}\n")
-    assert message.startswith(f"car.toml: {section}: ")
-    assert "instance of" not in message  # a word of the checker, which the user does not know
+def test_a_value_where_a_table_belongs(value: str) -> None:
+    for section in ("vehicle", "tyre", "tyre.front", "cases", "cases.mine", "controller.inputs"):
+        message = refused(f"{section} = {value}\n")
+        assert message.startswith(f"car.toml: {section}: ")
+        assert "instance of" not in message  # a word of the checker, which the user does not know
 
 
 # --- keys ----------------------------------------------------------------------------------------------------------
@@ -312,21 +281,10 @@ def test_a_value_where_a_table_belongs(section: str, value: str) -> None:
     [
         ("vehicel", "vehicle"),
         ("vehicle.mass", "mass_kg"),
-        ("vehicle.mas_kg", "mass_kg"),
-        ("road.frction", "friction"),
-        ("tyre.frnt", "front"),
-        ("tyre.front.cornering_stifness_n_per_rad", "cornering_stiffness_n_per_rad"),
         ("tyre.rear.cornering_stiffness_kn_per_rad", "cornering_stiffness_n_per_rad"),
         ("limits.sideslip_max_rad", "sideslip_max_deg"),
-        ("grid.speed_min_m_s", "speed_min_km_h"),
         ("cases.mine.sideslip_weight", "sideslip_weight_per_s2"),
-        ("cases.mine.rear_stering", "rear_steering"),
-        ("steering.ration", "ratio"),
-        ("rear_actuator.angle_max_rad", "angle_max_deg"),
-        ("controller.proportional_gain", "proportional_gain_s"),
-        ("controller.inputs.speed_max", "speed_max_km_h"),
         ("controller.fail_safe.recovery", "recovery_samples"),
-        ("plant.load_transfr", "load_transfer"),
         ("schema_versoin", "schema_version"),
     ],
 )
@@ -334,21 +292,12 @@ def test_a_misspelt_key_is_named_with_the_nearest_one(key: str, suggestion: str)
     assert refused(table(key, "1.0")) == f"car.toml: {key}: unknown key; did you mean '{suggestion}'?"
 
 
-def test_a_key_like_no_other_is_told_what_there_is() -> None:
-    message = refused("[road]\nqqq = 1\n")
-    assert "unknown key" in message
-    assert "known here: friction, gravity_m_s2" in message
-
-
-def test_a_misspelt_key_is_told_before_what_it_explains() -> None:
-    """Without its stiffness the tyre is incomplete; that it is misspelt is the cause."""
+def test_unknown_keys() -> None:
+    assert "unknown key; known here: friction, gravity_m_s2" in refused("[road]\nqqq = 1\n")
+    assert "unknown key" in refused('"mass\\u001b[31m\\nkg" = 1\n')  # control characters do not reach the terminal
+    # Without its stiffness the tyre is incomplete, but the cause is the misspelt key.
     message = refused("[tyre.front]\ncornering_stifness_n_per_rad = 1e5\n[vehicle]\nmass_kg = -1\n")
     assert message.startswith("car.toml: tyre.front.cornering_stifness_n_per_rad: unknown key")
-
-
-def test_a_key_with_control_characters_stays_on_its_line() -> None:
-    message = refused('"mass\\u001b[31m\\nkg" = 1\n')
-    assert "unknown key" in message
 
 
 # --- rules between keys --------------------------------------------------------------------------------------------
@@ -358,7 +307,6 @@ def test_a_key_with_control_characters_stays_on_its_line() -> None:
     ("text", "named"),
     [
         ("[grid]\nspeed_min_km_h = 120.0\n", ("grid", "speed_min_km_h", "speed_max_km_h")),
-        ("[grid]\nspeed_min_km_h = 90\nspeed_max_km_h = 30\n", ("grid", "speed_min_km_h", "speed_max_km_h")),
         ("[grid]\nfront_angle_min_deg = 10.0\n", ("grid", "front_angle_min_deg", "front_angle_max_deg")),
         ("[controller]\nenable_speed_km_h = 12.0\n", ("controller", "disable_speed_km_h", "enable_speed_km_h")),
         ("[controller]\nsampling_time_s = 0.0105\n", ("controller.sampling_time_s", "plant.sampling_time_s")),
@@ -366,14 +314,14 @@ def test_a_key_with_control_characters_stays_on_its_line() -> None:
         ("[controller]\nsampling_time_s = 0.001\n[plant]\nsampling_time_s = 0.002\n", ("controller.sampling_time_s",)),
         ("[steering]\nfront_angle_stop_deg = 9.9\n", ("steering.front_angle_stop_deg", "grid")),
         ("[grid]\nfront_angle_breakpoints_deg = [1.0, 35.5]\n", ("steering.front_angle_stop_deg", "grid")),
-        (
-            "[controller.inputs]\nrear_angle_max_deg = 3.4\n",
-            ("controller.inputs.rear_angle_max_deg", "rear_actuator.angle_max_deg"),
-        ),
         ("[rear_actuator]\nangle_max_deg = 16.0\n", ("controller.inputs.rear_angle_max_deg", "rear_actuator.angle_max_deg")),
         (
+            "[controller.inputs]\nrear_angle_max_deg = 3.4\n",
+            ("controller.inputs.rear_angle_max_deg", "rear_actuator.angle_max"),
+        ),
+        (
             "[controller.inputs]\nfront_angle_max_deg = 34.9\n",
-            ("controller.inputs.front_angle_max_deg", "steering.front_angle_stop_deg"),
+            ("controller.inputs.front_angle_max_deg", "front_angle_stop_deg"),
         ),
         ("[controller.inputs]\nfriction_max = 0.89\n", ("controller.inputs.friction_max", "road.friction")),
         ("[tyre.front]\nshape_factor_c = 1.2\n", ("tyre.front", "exactly one", "cornering_stiffness_n_per_rad")),
@@ -411,43 +359,36 @@ def test_what_is_just_allowed(text: str) -> None:
 # --- breakpoints ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", ["grid.speed_breakpoints_km_h", "grid.front_angle_breakpoints_deg"])
 @pytest.mark.parametrize(
     ("values", "fragment"),
     [
         ("[5.0, 20.0, 10.0]", "breakpoint 2 (10) is not above the one before it (20); sort the list"),
         ("[5.0, 5.0]", "breakpoint 1 (5) is not above"),
         ("[5.0]", "1 breakpoints; 2 to 2000 are needed"),
-        ("[]", "0 breakpoints"),
+        (str([20.0 + 0.01 * k for k in range(2001)]), "2001 breakpoints; 2 to 2000 are needed"),
         ("[5.0, nan]", "nan is outside"),
-        ("[5.0, inf]", "inf is outside"),
         ("[-5.0, 5.0]", "-5 is outside"),
         ('[5.0, "10"]', ".1: "),
-        ("[5.0, true]", ".1: "),
         ("[5.0, [6.0]]", ".1: "),
         ("5.0", "list"),
         ('"5, 10"', "list"),
     ],
 )
-def test_breakpoints(key: str, values: str, fragment: str) -> None:
-    message = refused(table(key, values))
-    assert message.startswith(f"car.toml: {key}")
-    assert fragment in message
-
-
-def test_too_many_breakpoints() -> None:
-    values = ", ".join(f"{20.0 + 0.01 * k:.2f}" for k in range(2001))
-    assert "2001 breakpoints; 2 to 2000 are needed" in refused(table("grid.speed_breakpoints_km_h", f"[{values}]"))
+def test_breakpoints(values: str, fragment: str) -> None:
+    for key in ("grid.speed_breakpoints_km_h", "grid.front_angle_breakpoints_deg"):
+        message = refused(table(key, values))
+        assert message.startswith(f"car.toml: {key}")
+        assert fragment in message
 
 
 # --- names of cases ------------------------------------------------------------------------------------------------
 
-BAD_NAMES = [
+BAD_NAMES = (
     "a*/",
-    "/*a",
     'a"b',
     "a'b",
     "a\nb",
+    "a\n",
     "a\\",
     "é",
     "４ws",
@@ -460,7 +401,7 @@ BAD_NAMES = [
     "a\x00",
     "a\u202eb",
     "x" * 64,
-]
+)
 
 
 @pytest.mark.parametrize("name", BAD_NAMES)
@@ -474,15 +415,9 @@ def test_names_that_cannot_stand_in_c(name: str) -> None:
     assert "use 1 to 63 ASCII letters, digits, '.', '_' or '-'" in message
 
 
-@pytest.mark.parametrize("name", ["a\n", "4ws-2\n"])
-def test_a_newline_at_the_end_is_seen(name: str) -> None:
-    with pytest.raises(ValueError, match=r"cannot stand in C|has 64 characters"):
-        check_name(name)
-
-
-@pytest.mark.parametrize("name", ["a", "4ws-2", "My_car-2.1", "0", "x" * 63])
-def test_names_that_may(name: str) -> None:
-    assert check_name(name) == name
+def test_names_that_may() -> None:
+    for name in ("a", "4ws-2", "My_car-2.1", "0", "x" * 63):
+        assert check_name(name) == name
 
 
 def test_an_unknown_case_suggests_the_nearest() -> None:
@@ -536,21 +471,6 @@ def test_syntax_errors_name_the_line(tmp_path: Path, text: str, line: int) -> No
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "[vehicle]\nmass_kg = 1" + 5000 * "0" + "\n",  # more digits than Python turns into a number
-        "[vehicle]\nmass_kg = " + 3000 * "[" + 3000 * "]" + "\n",
-        "a = " + 3000 * "{a = " + "1" + 3000 * "}" + "\n",
-    ],
-    ids=["digits", "brackets", "braces"],
-)
-def test_text_beyond_the_limits_of_the_parser(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "ars.toml"
-    path.write_text(text)
-    refused_file(path)
-
-
-@pytest.mark.parametrize(
     ("content", "byte"),
     [(b"# caf\xe9\n", 5), ("# mass\n".encode("utf-16"), 0), (b"\x80", 0)],
 )
@@ -562,28 +482,16 @@ def test_a_file_that_is_not_utf8(tmp_path: Path, content: bytes, byte: int) -> N
     assert "UTF-8" in message
 
 
-def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
-    assert "No such file" in refused_file(tmp_path / "ars.toml")
-    assert "codegen init" in refused_file(tmp_path / "ars.toml")
+def test_places_of_files(tmp_path: Path) -> None:
+    path = tmp_path / "ars.toml"
+    assert "No such file" in refused_file(path)
+    assert "codegen init" in refused_file(path)
     assert "not a file" in refused_file(tmp_path)
-
-
-def test_a_file_name_with_a_newline_stays_on_one_line(tmp_path: Path) -> None:
+    path.write_text("[vehicle]\nmass_kg = 2.3\n")
+    assert refused_file(path).startswith(f"{path}: vehicle.mass_kg: 2.3 is outside")
     with pytest.raises(ConfigError) as caught:
         load(tmp_path / "my\ncar.toml")
     assert "my car.toml" in checked(caught.value)
-
-
-def test_what_is_wrong_in_a_file_names_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "ars.toml"
-    path.write_text("[vehicle]\nmass_kg = 2.3\n")
-    assert refused_file(path).startswith(f"{path}: vehicle.mass_kg: 2.3 is outside")
-
-
-def test_preset_and_line_ends_of_windows(tmp_path: Path) -> None:
-    path = tmp_path / "ars.toml"
-    path.write_bytes(preset_text().replace("\n", "\r\n").encode())
-    assert load(path) == preset()
 
 
 # --- canonical text ------------------------------------------------------------------------------------------------
@@ -610,14 +518,14 @@ def test_canonical_text_reads_back(text: str) -> None:
     again = parse(json.loads(config.to_json()), "map")
     assert again == config
     assert again.to_json() == config.to_json()
+    assert " " not in config.to_json()
+    assert config.to_json().isascii()
 
 
 def test_canonical_text_does_not_depend_on_order() -> None:
     forward = parse({"vehicle": {"mass_kg": 1500.0, "track_m": 1.5}, "cases": {"a": {}, "b": {}}}, "car.toml")
     backward = parse({"cases": {"b": {}, "a": {}}, "vehicle": {"track_m": 1.5, "mass_kg": 1500.0}}, "car.toml")
     assert forward.to_json() == backward.to_json()
-    assert " " not in forward.to_json()
-    assert forward.to_json().isascii()
 
 
 def test_canonical_text_changes_with_every_value() -> None:

@@ -102,12 +102,20 @@ def edit(path: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
-def python(script: str, *arguments: object, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run `codegen ARGUMENTS` in its own process and session, after a script that prepares it and calls `main()`."""
+MAIN = "from codegen.cli import main\nmain()\n"
+
+
+def program(script: str, *arguments: object) -> list[str]:
+    """Return a command line for `codegen ARGUMENTS` as a process of its own, with a script that prepares it and runs MAIN."""
     # A shell ignores SIGINT in what it runs in the background.
     start = "import os, signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nsys.argv[0] = 'codegen'\n"
+    return [sys.executable, "-B", "-c", start + script, *map(str, arguments)]
+
+
+def python(script: str, *arguments: object, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a `program` to its end, in its own session."""
     return subprocess.run(
-        [sys.executable, "-B", "-c", start + script, *map(str, arguments)],
+        program(script, *arguments),
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
         capture_output=True,

@@ -67,7 +67,10 @@ def files(here: Path) -> None:
         ("solve --case 4ws-2 -o m.npz --friction=0.3,,0.9", "a number is missing between two commas or at an end"),
         ("solve --case 4ws-2 -o m.npz --friction=wet,0.9", "'wet' is no number"),
         ("solve --case 4ws-2 -o m.npz --friction='0.3\n\x1b[31m,0.9'", "is no number"),
-        ("solve --case 4ws-2 -o m.npz --friction=0.3,0.5", "the largest friction, 0.5, is not the one that the map itself is for"),
+        (
+            "solve --case 4ws-2 -o m.npz --friction=0.3,0.5",
+            "the largest friction, 0.5, is not the one that the map itself is for",
+        ),
         # show
         ("show missing.npz", "missing.npz"),
         ("show folder.npz", "folder.npz"),
@@ -176,7 +179,11 @@ def test_one_line(refused: Refused, files: None, command: str, words: str) -> No
     [
         ("solve --case 4ws-2 -o m.npz", ("mass_kg = 2335.07", "mass_kg = 2.33507"), "vehicle.mass_kg: 2.33507 is outside"),
         ("solve --case 4ws-2 -o m.npz", ("[cases.4ws-1]", '[cases."a\\nb"]'), "cases.a b: "),
-        ("solve --case fws -o m.npz", ("angle_min_deg = 0.1", "angle_min_deg = 9.99"), "no operating point of the grid is feasible"),
+        (
+            "solve --case fws -o m.npz",
+            ("angle_min_deg = 0.1", "angle_min_deg = 9.99"),
+            "no operating point of the grid is feasible",
+        ),
         ("solve --case 4ws-2 -o m.npz", ("per_rad = 119830.0", "per_rad = 60000.0"), "unstable"),
         (f"tune --map {MAP} -o t.npz", ("mass_kg = 2335.07", "mass_kg = 2000.0"), "[vehicle] differ"),
         (f"tune --map {MAP} -o t.npz", ("sideslip_max_deg = 3.0", "sideslip_max_deg = 2.0"), "[limits] differ"),

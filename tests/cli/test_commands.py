@@ -16,9 +16,8 @@ from codegen.cli import cli
 from codegen.refmap import map as npz
 from codegen.sil.software import RECORD_COLUMNS
 
-from .conftest import BUILD, MAP, Run, edit, python
+from .conftest import BUILD, MAIN, MAP, Run, edit, python
 
-MAIN = "from codegen.cli import main\nmain()\n"
 COARSE = (("speed_points = 101", "speed_points = 11"), ("front_angle_points = 100", "front_angle_points = 10"))
 
 

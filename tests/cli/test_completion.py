@@ -17,7 +17,7 @@ from codegen.config import Preset
 from codegen.export import runs
 from hil_sim import log_formats, scenarios
 
-from .conftest import Run, python
+from .conftest import MAIN, Run, python
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def test_every_path_on_the_command_line_has_a_type_of_file() -> None:
 
 def ask(instruction: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run the command as a shell does that completes a line."""
-    return python("from codegen.cli import main\nmain()\n", **{COMPLETION: instruction}, **environment)
+    return python(MAIN, **{COMPLETION: instruction}, **environment)
 
 
 def test_the_command_prints_what_a_shell_gets_in_clicks_own_way(run: Run) -> None:

@@ -1,4 +1,4 @@
-"""The reference is made from the code: nothing of the code is missing in it, and nothing in it is of yesterday."""
+"""The reference pages are made from the code: nothing of the code is missing, and nothing is left over."""
 
 from __future__ import annotations
 

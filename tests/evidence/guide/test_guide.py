@@ -1,4 +1,4 @@
-"""The guide as it is built: without a warning, whole, without a network, and the same each time."""
+"""The guide as Sphinx builds it: without a warning, whole, without a network, and the same each time."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ import pytest
 
 from tests.docs.blocks import PAGES, ROOT
 
-pytest.importorskip("sphinx", reason="the guide needs the extra docs")
-
 LOADS = {"script": "src", "img": "src", "source": "srcset", "iframe": "src", "video": "src", "audio": "src", "object": "data"}
-"""Elements that load something, and the attribute that says what; `link` is judged by its `rel`."""
+"""Elements that load something, and the attribute with its address; `link` is judged by its `rel`."""
 
 
 @dataclass
 class Page:
-    """What a page of HTML refers to."""
+    """References of a page of HTML."""
 
     links: list[str] = field(default_factory=list)
     loads: list[str] = field(default_factory=list)
@@ -60,7 +58,7 @@ def read(path: Path) -> Page:
 
 
 def build(target: Path) -> Path:
-    """The guide in a folder; warnings are errors."""
+    """Build the guide in a folder; warnings are errors."""
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-E", "-b", "html", "-d", target / "doctrees"]
     environment = os.environ | {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
     done = subprocess.run(
@@ -86,7 +84,7 @@ def pages(guide: Path) -> dict[str, Page]:
 
 
 def inside(page: Page) -> Iterator[tuple[str, str]]:
-    """The links to pages of the guide: file ("" for the same) and anchor."""
+    """Yield the links to pages of the guide: file ("" for the same) and anchor."""
     for link in page.links:
         parts = urlsplit(link)
         if not parts.scheme and not parts.netloc:
@@ -131,7 +129,7 @@ def test_nothing_is_loaded_from_a_network(pages: dict[str, Page], guide: Path) -
         assert "@import" not in text, style
 
 
-def test_each_picture_has_words_in_its_place(pages: dict[str, Page]) -> None:
+def test_each_picture_has_a_text_in_its_place(pages: dict[str, Page]) -> None:
     images = [(name, *image) for name, page in pages.items() for image in page.images]
     assert any("_images/" in source for _, source, _ in images)
     # Shorter ones would be a file's name or a single noun.
@@ -145,6 +143,7 @@ def test_formulae_are_there_without_a_script(pages: dict[str, Page]) -> None:
         assert "merror" not in page.text, name
 
 
+@pytest.mark.long
 def test_the_same_sources_give_the_same_guide(guide: Path, tmp_path: Path) -> None:
     def hashes(folder: Path) -> dict[str, str]:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != ".buildinfo")
