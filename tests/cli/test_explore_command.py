@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -16,7 +17,7 @@ import pytest
 
 from codegen.cli.explore_command import _opened
 
-from .conftest import MAIN, MAP, ROOT, everything_in, program
+from .conftest import MAIN, MAP, ROOT, Refused, everything_in, program
 
 BROWSER = """
 import json, os, pathlib, sys, urllib.parse, urllib.request
@@ -43,11 +44,12 @@ def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(
         address = process.stdout.readline().strip()
         assert address.startswith("http://127.0.0.1:")
         assert process.stdout.readline() == "Ctrl-C ends it.\n"
-        with urllib.request.urlopen(address, timeout=60) as page:
-            assert b"<title>Explore map</title>" in page.read()
+        with urllib.request.urlopen(address, timeout=60) as answer:
+            page = answer.read()
         process.send_signal(number)  # it ends after the browser has been started, and not before
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (0, "", "")
+    assert b"<title>Explore 4ws2</title>" in page
     assert set(everything_in(here)) == {"browser.py", *(("browser.json",) if with_browser else ())}
     if with_browser:
         told = json.loads(script.with_suffix(".json").read_text(encoding="utf-8"))
@@ -71,3 +73,11 @@ def test_a_browser_that_cannot_be_opened_is_noted(
     with _opened("http://127.0.0.1:1/?key=secret"):
         assert capsys.readouterr().err == "note: no browser was opened; open that address in one on this computer\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_in_use(refused: Refused) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert f"--port: port {port} is in use" in refused("explore", "--map", MAP, "--no-browser", "--port", port)

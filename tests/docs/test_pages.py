@@ -31,6 +31,7 @@ LINK = re.compile(r"\]\((?!https?://|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
 def words_of(text: str) -> list[list[str]]:
     """Split a shell command into the words of its simple commands, without redirections."""
     lexer = shlex.shlex(text.replace("\\\n", " "), posix=True, punctuation_chars=True)
+    lexer.whitespace_split = True
     found: list[list[str]] = [[]]
     skip = False
     for word in lexer:
@@ -88,12 +89,11 @@ def test_names_in_blocks_of_c_exist() -> None:
 
 
 def anchors(path: Path) -> set[str]:
-    """Return the anchors of the headings of a page, as MyST makes them."""
+    """Return the anchors of the headings of a page: those of MyST (as GitHub's), and those of docutils."""
     text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    titles = re.findall(r"^#{1,4} (.+)$", text, re.MULTILINE)
-    return {
-        re.sub(r"[^\w\- ]", "", re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", title).lower()).replace(" ", "-") for title in titles
-    }
+    titles = [title.lower() for title in re.findall(r"^#{1,4} (.+)$", text, re.MULTILINE)]
+    github = {re.sub(r"[^\w\- ]", "", title).replace(" ", "-") for title in titles}
+    return github | {re.sub(r"[^a-z0-9]+", "-", title).strip("-") for title in titles}
 
 
 @pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md", "CHANGELOG.md", "THIRD-PARTY-LICENSES.md"])
