@@ -139,19 +139,14 @@ def test_the_reference_lookup_is_independent_of_the_generated_c() -> None:
 @pytest.mark.parametrize(
     ("module", "text", "words"),
     [
-        ("codegen.config", "import codegen.refmap.map", "codegen.config:1 imports codegen.refmap.map, which is not below"),
         ("codegen.config", "from codegen import refmap", "codegen.config:1 imports codegen.refmap, "),
         ("codegen.vehicle.tyre", "from ..emit import render", "codegen.vehicle.tyre:1 imports codegen.emit.render, "),
-        ("codegen.vehicle.tyre", "from .. import sil", "codegen.vehicle.tyre:1 imports codegen.sil, "),
         ("codegen.refmap.lookup", "class A:\n    def f(self):\n        import codegen.sil.compile", "codegen.refmap.lookup:3 "),
         ("codegen.emit.render", "import importlib\nimportlib.import_module('codegen.sil')", "codegen.emit.render:2 "),
-        ("codegen.verify.strict", "import codegen.report.plots", "not below codegen.verify"),
-        ("hil_sim.plant", "from codegen.export import fmu", "not below hil_sim"),
         ("codegen.emit.render", "import tests.helpers", "codegen.emit.render:1 imports tests.helpers, which is not installed"),
         ("codegen.extra", "", "codegen.extra has no layer; name it in LEVELS"),
         ("codegen.emit.render", "from codegen import __version__\nfrom codegen import config as c", ""),
         ("codegen.emit.__init__", "from .text import literal\nfrom . import text\nimport numpy", ""),
-        ("hil_sim.plant", "from codegen.sil import compile\nfrom hil_sim import bus", ""),
         ("codegen.cli", "def f():\n    import codegen.verify, hil_sim.plant", ""),
     ],
 )
@@ -160,10 +155,3 @@ def test_imports_are_judged(tmp_path: Path, module: str, text: str, words: str) 
     found = violations(tmp_path)
     assert len(found) == bool(words)
     assert words in "".join(found)
-
-
-def test_an_indirect_import_is_reached(tmp_path: Path) -> None:
-    plant(tmp_path, "codegen.refmap.lookup", "from codegen.refmap import axis")
-    plant(tmp_path, "codegen.refmap.axis", "def f():\n    from codegen.emit.text import literal")
-    plant(tmp_path, "codegen.emit.text", "")
-    assert "codegen.emit.text" in reachable("codegen.refmap.lookup", tmp_path)
