@@ -97,9 +97,9 @@ def test_the_table_in_the_preset_is_that_of_the_code() -> None:
     for key in KEYS:
         row = re.search(rf"^#   {key} +(\S+) +(\S+) +(\S+)", text, re.MULTILINE)
         assert row, key
-        for told, kinds in zip(row.groups(), columns, strict=True):
+        for stated, kinds in zip(row.groups(), columns, strict=True):
             for kind in kinds:
                 value = Budgets().resolved(kind, PLAIN).get(key)
                 # A kind without the function has no use for its budget.
-                assert told in ("-", "-" if value is None else f"{value:,}"), (key, kind)
-                assert (told == "-") == (value is None or (key.startswith("reference") and kind in ("pi", "proportional")))
+                assert stated in ("-", "-" if value is None else f"{value:,}"), (key, kind)
+                assert (stated == "-") == (value is None or (key.startswith("reference") and kind in ("pi", "proportional")))

@@ -63,5 +63,5 @@ def test_a_signal_elsewhere_comes_at_once() -> None:
 
 
 def test_a_compiler_that_is_killed_leaves_its_files_where_they_are_swept_up(tmp_path: Path) -> None:
-    tells = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
-    assert toolchain.run(tells, tmp_path).stdout.strip() == str(tmp_path)
+    command = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
+    assert toolchain.run(command, tmp_path).stdout.strip() == str(tmp_path)

@@ -34,8 +34,8 @@ def test_help_lists_every_target_that_is_no_file() -> None:
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_quick_reaches_every_part_of_verify(quick: bool) -> None:
-    told = make("-n", "-o", ".venv/.ready", "verify", *(["QUICK=1"] if quick else []))
-    parts = [line for line in told if "codegen verify" in line or "tests.campaign" in line]
+    printed = make("-n", "-o", ".venv/.ready", "verify", *(["QUICK=1"] if quick else []))
+    parts = [line for line in printed if "codegen verify" in line or "tests.campaign" in line]
     assert [line.endswith(" --quick") for line in parts] == [quick] * 3
 
 

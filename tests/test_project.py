@@ -55,9 +55,9 @@ def test_the_table_of_licences_names_every_package_and_its_licence() -> None:
         for requirement in map(Requirement, lines):
             asked.setdefault(requirement.name, set()).add(extra)
     assert {name: set(needed.split(", ")) for name, (needed, _) in ROWS.items()} == asked
-    for name, (_, told) in ROWS.items():
+    for name, (_, stated) in ROWS.items():
         expression, words = said_by(name)
-        assert told == expression if expression else re.search(IN_WORDS[told], words), (name, words[:200])
+        assert stated == expression if expression else re.search(IN_WORDS[stated], words), (name, words[:200])
     _, words = said_by("casadi")
     assert not re.search(IN_WORDS["MIT"], words)
 

@@ -58,12 +58,12 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path, hil
     first = Path("run.blf").read_bytes()
     again = run(*hil, "--log", "run.blf", "-o", "run.parquet", "--json")
     assert Path("run.blf").read_bytes() == first
-    told = json.loads(again.out)
-    assert told["clock"] == "lock-step"
-    assert told["bus_figures"]["commands"] == told["bus_figures"]["cycles"] == 1100
-    assert told["bus_figures"]["times"] is None
-    assert set(told["metrics"]) == {"controlled", "passive"}
-    assert told["files"] == {"log": ["run.blf"], "recording": ["run.parquet"]}
+    data = json.loads(again.out)
+    assert data["clock"] == "lock-step"
+    assert data["bus_figures"]["commands"] == data["bus_figures"]["cycles"] == 1100
+    assert data["bus_figures"]["times"] is None
+    assert set(data["metrics"]) == {"controlled", "passive"}
+    assert data["files"] == {"log": ["run.blf"], "recording": ["run.parquet"]}
     assert parquet.read_table("run.parquet").column("yaw_rate_rad_s").to_pylist() == load_csv(Path("run.csv"))[:, 3].tolist()
 
 
@@ -97,10 +97,10 @@ def test_faults_are_a_table_and_as_defined(run: Run) -> None:
 
 
 def test_scenarios_are_listed(run: Run) -> None:
-    told = run("scenarios").out
+    data = run("scenarios").out
     for name, scenario in SCENARIOS.items():
-        assert f"\n{name}: " in f"\n{told}"
-        assert scenario.source in told
+        assert f"\n{name}: " in f"\n{data}"
+        assert scenario.source in data
     assert [entry["name"] for entry in json.loads(run("scenarios", "--json").out)] == list(SCENARIOS)
 
 
@@ -157,15 +157,15 @@ def test_a_run_in_every_format_at_once(run: Run, short: Path) -> None:
             found = signals.get(name, raw=True).samples, table.column(name).to_numpy()
             assert all(one.astype(np.float64).tobytes() == wanted.tobytes() for one in found), name
         assert set(signals.get("status").samples.tolist()) <= {b"TRACKING", b"LIMITED", b"STANDBY"}
-    told = json.loads(run(*sil, "--plot", "run.png", "--csv", "a.csv", "-o", "b.csv", "--json").out)
-    assert told["files"] == {"plot": ["run.png"], "recording": ["a.csv", "b.csv"]}
+    data = json.loads(run(*sil, "--plot", "run.png", "--csv", "a.csv", "-o", "b.csv", "--json").out)
+    assert data["files"] == {"plot": ["run.png"], "recording": ["a.csv", "b.csv"]}
     driven_again = run("sil", "--build", BUILD, "--can", "--scenario", "run.csv", "--csv", "again.csv")
     assert driven_again.code == 0, driven_again
     assert Path("again.csv").read_text(encoding="ascii").splitlines()[0] == ",".join(RECORD_COLUMNS)
 
 
 def test_a_log_of_the_bus_is_decoded_by_the_dbc(run: Run, short: Path, hil: tuple[object, ...]) -> None:
-    """As docs/runs.md describes --log and asammdf, with the values of the run."""
+    """Check the use of --log and asammdf in docs/runs.md against the values of the run."""
     assert run(*hil, "--log", "bus.mf4", "-o", "run.csv").code == 0
     record = load_csv(Path("run.csv"))
     with asammdf.MDF("bus.mf4") as log, log.extract_bus_logging({"CAN": [(BUILD / "ars.dbc", 0)]}) as signals:

@@ -75,8 +75,8 @@ def test_a_bare_map_builds_with_the_papers_car(run: Run, here: Path) -> None:
     assert "those of the paper's car" in Path("generated/mine/README.md").read_text(encoding="utf-8")
 
 
-def test_whose_configuration_holds(run: Run, config: Path) -> None:
-    """The one in the map, unless another one is given beside it."""
+def test_the_configuration_of_a_build(run: Run, config: Path) -> None:
+    """It is the one in the map, unless another one is given beside it."""
     edit(config, ("integral_gain = 1.0", "integral_gain = 0.75"))
     assert run("solve", "--config", config, "--case", "4ws-2", "-o", "own.npz").code == 0
     notes = run("build", "--map", "own.npz").err.splitlines()
@@ -88,8 +88,8 @@ def test_whose_configuration_holds(run: Run, config: Path) -> None:
     assert ".integral_gain = 30.0f" in built.read_text(encoding="ascii")
     # This gain ends in a limit cycle, which has no steady value.
     assert "NO: means only" in run("sil", "--build", "generated/own").out
-    told = json.loads(run("sil", "--build", "generated/own", "--json").out)
-    assert told["metrics"]["controlled"]["settled"] is False
+    data = json.loads(run("sil", "--build", "generated/own", "--json").out)
+    assert data["metrics"]["controlled"]["settled"] is False
     edit(config, ("mass_kg = 2335.07", "mass_kg = 1800.0"))
     assert "another car" in run("build", "--map", "own.npz", "--config", config).err
 

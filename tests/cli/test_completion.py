@@ -1,4 +1,4 @@
-"""What a shell is offered: by click's classes and through the real entry point."""
+"""Completions offered to a shell: by the classes of click and through the real entry point."""
 
 from __future__ import annotations
 

@@ -116,9 +116,9 @@ def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None,
     versions(monkeypatch, casadi="3.6.0")
     answer = run("doctor", "--json")
     assert answer.code == 1
-    told = json.loads(answer.out)
-    assert told["ready"] is False
-    (casadi,) = (each for each in told["needed"] if each["name"] == "casadi")
+    data = json.loads(answer.out)
+    assert data["ready"] is False
+    (casadi,) = (each for each in data["needed"] if each["name"] == "casadi")
     assert (casadi["state"], casadi["needed"]) == ("bad", True)
     assert answer.err.splitlines() == ['error: codegen sil cannot work: casadi; pip install "casadi>=3.8,<4"']
     monkeypatch.setenv("CC", "no-such-compiler")

@@ -24,8 +24,8 @@ import json, os, pathlib, sys, urllib.parse, urllib.request
 
 path = pathlib.Path(urllib.request.url2pathname(urllib.parse.urlsplit(sys.argv[1]).path))
 modes = [oct(os.stat(each).st_mode & 0o777) for each in (path, path.parent)]
-told = {"arguments": sys.argv[1:], "path": str(path), "text": path.read_text(encoding="utf-8"), "modes": modes}
-pathlib.Path(__file__).with_suffix(".json").write_text(json.dumps(told), encoding="utf-8")
+data = {"arguments": sys.argv[1:], "path": str(path), "text": path.read_text(encoding="utf-8"), "modes": modes}
+pathlib.Path(__file__).with_suffix(".json").write_text(json.dumps(data), encoding="utf-8")
 """
 
 
@@ -52,13 +52,13 @@ def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(
     assert b"<title>Explore 4ws2</title>" in page
     assert set(everything_in(here)) == {"browser.py", *(("browser.json",) if with_browser else ())}
     if with_browser:
-        told = json.loads(script.with_suffix(".json").read_text(encoding="utf-8"))
+        data = json.loads(script.with_suffix(".json").read_text(encoding="utf-8"))
         key = address.partition("key=")[2]
         assert len(key) >= 32
-        assert key not in " ".join(told["arguments"])
-        assert f"url={address}" in told["text"]
-        assert told["modes"] == ["0o600", "0o700"]
-        assert not Path(told["path"]).exists()
+        assert key not in " ".join(data["arguments"])
+        assert f"url={address}" in data["text"]
+        assert data["modes"] == ["0o600", "0o700"]
+        assert not Path(data["path"]).exists()
 
 
 @pytest.mark.parametrize("fault", ["no browser", "no folder", "no screen"])

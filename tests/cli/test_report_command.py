@@ -19,10 +19,10 @@ ALONE = ("--no-simulation",)
 def test_a_build_is_driven_and_its_faults_tried(run: Run, here: Path) -> None:
     answer = run("report", "--map", MAP, "--build", BUILD, "-o", "report.html", "--json")
     assert answer.code == 0, answer
-    told = json.loads(answer.out)
-    assert told["notes"] == []
-    assert told["bytes"] == Path("report.html").stat().st_size
-    assert {"runs", "margins", "map-loss", "compare-difference-1"} <= set(told["charts"])
+    data = json.loads(answer.out)
+    assert data["notes"] == []
+    assert data["bytes"] == Path("report.html").stat().st_size
+    assert {"runs", "margins", "map-loss", "compare-difference-1"} <= set(data["charts"])
     text = Path("report.html").read_text(encoding="utf-8")
     for run_name in ("pi", "tracking", "passive car"):
         assert f'<th scope="col" class="number">{run_name}</th>' in text

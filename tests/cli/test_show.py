@@ -69,10 +69,10 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
     assert any(line.startswith("yaw rate, first less second  ") for line in lines)
     assert any(line.startswith("60 km/h, 2.00 deg  ") for line in lines)
     assert Path("difference.png").read_bytes().startswith(b"\x89PNG")
-    told = json.loads(run("show", maps["linear"], "--against", maps["nonlinear"], "--json").out)
-    assert (told["map"], told["against"], told["plot"]) == ("linear.npz", "nonlinear.npz", None)
-    assert told["first"]["front_slip"]["largest_percent"] > 110.0
-    assert told["second"]["front_slip"]["largest_percent"] == pytest.approx(100.0, abs=1e-4)
+    data = json.loads(run("show", maps["linear"], "--against", maps["nonlinear"], "--json").out)
+    assert (data["map"], data["against"], data["plot"]) == ("linear.npz", "nonlinear.npz", None)
+    assert data["first"]["front_slip"]["largest_percent"] > 110.0
+    assert data["second"]["front_slip"]["largest_percent"] == pytest.approx(100.0, abs=1e-4)
     Path("heavy.toml").write_text(f"[vehicle]\nmass_kg = 2000.0\n{GRID}", encoding="utf-8")
     assert run("solve", "--config", "heavy.toml", "--case", "4ws-2", "-o", "heavy.npz").code == 0
     assert "different cars" in run("show", maps["linear"], "--against", "heavy.npz").err
@@ -86,10 +86,10 @@ def blocks_of(path: Path, *compare: Path) -> dict[str, list[object]]:
 def test_a_report_compares_with_a_map_of_the_same_tyre(maps: dict[str, Path]) -> None:
     found = blocks_of(maps["nonlinear"])
     assert f"{LINE.capitalize()}magic-formula." in [block.text for block in found["summary"] if isinstance(block, Text)]
-    told, charts = found["compared"][:2]
-    assert isinstance(told, Text)
+    data, charts = found["compared"][:2]
+    assert isinstance(data, Text)
     assert isinstance(charts, Gallery)
-    assert told.text.endswith("; tyre of the optimisation of both: magic-formula.")
+    assert data.text.endswith("; tyre of the optimisation of both: magic-formula.")
     assert "FWS (magic-formula)" in charts.charts[1].caption
     (cut,) = (block for block in found["optimum"] if isinstance(block, Chart) and block.name == "front-angle-cut")
     assert {"FWS (magic-formula)", "4WS-2 (magic-formula)"} <= {line["name"] for line in cut.figure["data"]}
@@ -101,9 +101,9 @@ def test_a_report_compares_with_a_map_of_the_same_tyre(maps: dict[str, Path]) ->
 
 def test_a_report_distinguishes_maps_of_different_tyres(maps: dict[str, Path]) -> None:
     found = gather(read(Request(maps["nonlinear"], compare=(maps["linear"],))), lambda done, total: None)
-    told = next(section for section in sections(found) if section.name == "compared").blocks[0]
-    assert isinstance(told, Text)
-    assert told.text.endswith("; tyre of the optimisation: magic-formula of nonlinear, linear of linear.")
+    data = next(section for section in sections(found) if section.name == "compared").blocks[0]
+    assert isinstance(data, Text)
+    assert data.text.endswith("; tyre of the optimisation: magic-formula of nonlinear, linear of linear.")
     captions = [chart.caption for chart in comparison(found.map, found.others[0]).charts]
     assert captions[:2] == ["Yaw rate: nonlinear (magic-formula).", "Yaw rate: linear."]
     assert [one["name"] for one in cuts([found.map, *found.others]).data["maps"]] == ["nonlinear (magic-formula)", "linear"]
@@ -143,8 +143,8 @@ def test_a_stack(run: Run, here: Path, method: str) -> None:
     cells = [int(one.feasible.sum()) for one in (layer.map, stacked)]
     assert [row.split("  ")[0] for row in rows] == ["0.5", "0.9 (the map itself)"]
     assert [int(row.split("  ", 1)[1].split()[0]) for row in rows] == cells
-    told = json.loads(run("show", "stack.npz", "--json").out)
-    assert (told["friction"], [(one["friction"], one["feasible_cells"]) for one in told["stack"]]) == (0.9, [(0.5, cells[0])])
+    data = json.loads(run("show", "stack.npz", "--json").out)
+    assert (data["friction"], [(one["friction"], one["feasible_cells"]) for one in data["stack"]]) == (0.9, [(0.5, cells[0])])
     shown = run("show", "alone.npz")
     assert "friction" not in shown.out
 
@@ -160,11 +160,11 @@ def test_error_against_flash_as_table_plot_and_json(run: Run, maps: dict[str, Pa
     steps = [line.split(" %, ")[-1] for line in answer.err.splitlines()]
     named = [f"{bound} deg/s, {way}" for bound in ("1", "0.5") for way in ("even", "uneven", "int16")]
     assert steps == [*named, "placing breakpoints: 100 %"]
-    told = json.loads(run("show", maps["linear"], "--flash", "--json").out)
-    assert {point["way"] for point in told["placed"]} == {"even", "uneven", "int16"}
-    for point in told["placed"]:
+    data = json.loads(run("show", maps["linear"], "--flash", "--json").out)
+    assert {point["way"] for point in data["placed"]} == {"even", "uneven", "int16"}
+    for point in data["placed"]:
         assert point["error_whole_domain_rad_s"] <= point["max_error_rad_s"]
-        assert point["flash_bytes"] < told["grid"]["flash_bytes"]
+        assert point["flash_bytes"] < data["grid"]["flash_bytes"]
 
 
 def test_a_way_that_cannot_hold_a_bound_is_not_tried_for_a_smaller_one(
@@ -205,9 +205,9 @@ def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) ->
     assert run(*options, "--check").code == 0
     assert run(*options[:5], "-o", "x", "--check").code == 1
     assert "--max-error 0.01rad/s --storage int16 -o DIR" in Path("x/README.md").read_text(encoding="ascii")
-    told = json.loads(run(*options, "--max-flash", "1kB", "--json").out)["placement"]
-    assert told["flash_bytes"] <= 1000
-    assert told["error_rad_s"] <= told["error_whole_domain_rad_s"] <= 0.01
+    data = json.loads(run(*options, "--max-flash", "1kB", "--json").out)["placement"]
+    assert data["flash_bytes"] <= 1000
+    assert data["error_rad_s"] <= data["error_whole_domain_rad_s"] <= 0.01
     assert json.loads(Path("x/manifest.json").read_bytes())["options"] == {
         "kind": "pi",
         "max_error_rad_s": 0.01,

@@ -44,9 +44,9 @@ def test_a_campaign(driven: tuple[Path, Answer], run: Run, spec: Path) -> None:
     before = everything_in(folder)
     again = run("sweep", "--spec", spec, "-o", folder, "--json")
     assert again.code == 0
-    told = json.loads(again.out)
-    assert told["runs"] == 24
-    assert set(told["scenarios"]) == {"step-steer", "sine-with-dwell"}
+    data = json.loads(again.out)
+    assert data["runs"] == 24
+    assert set(data["scenarios"]) == {"step-steer", "sine-with-dwell"}
     assert everything_in(folder) == before
 
 
@@ -99,14 +99,14 @@ def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tm
     plot, record = tmp_path / "run.png", tmp_path / "run.csv"
     answer = run("sweep", "--spec", spec, "--replay", worst["run"], "--plot", plot, "--run", record, "--json")
     assert answer.code == 0, answer
-    told = json.loads(answer.out)
-    assert (told["scenario"], told["controller"]) == ("step-steer", "pi")
-    assert told["overshoot_percent"] == worst["value"]
-    assert type(told["run"]) is type(told["sample"]) is int and type(told["settled"]) is bool
+    data = json.loads(answer.out)
+    assert (data["scenario"], data["controller"]) == ("step-steer", "pi")
+    assert data["overshoot_percent"] == worst["value"]
+    assert type(data["run"]) is type(data["sample"]) is int and type(data["settled"]) is bool
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert record.read_text().startswith("time_s,")
     words = run("sweep", "--spec", spec, "--replay", worst["run"]).out.split()
-    assert words[words.index("settled") + 1] == ("yes" if told["settled"] else "no")
+    assert words[words.index("settled") + 1] == ("yes" if data["settled"] else "no")
 
 
 def test_the_picture_of_a_run_describes_its_car(spec: Path) -> None:

@@ -73,8 +73,8 @@ def test_a_grid_too_coarse_for_any_trim(run: Run, here: Path) -> None:
         assert f"controller.tracking.trim_max_percent: {changed}, the largest, and not enough: " in answer.out
         assert "a finer [grid]" in answer.out.splitlines()[-1]
     assert stored(map_path).controller.tracking.trim_max_percent == 20.0
-    told = run("build", "--map", map_path, "-o", "x").err
-    assert "no trim takes back so much, and a finer [grid]" in told and "keeps them" not in told
+    data = run("build", "--map", map_path, "-o", "x").err
+    assert "no trim takes back so much, and a finer [grid]" in data and "keeps them" not in data
 
 
 def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved: Path) -> None:
@@ -155,7 +155,7 @@ def test_demands_that_cannot_be_met_leave_the_map_alone(run: Run, solved: Path, 
     answer = run("tune", "--map", solved, "--config", wide, "-o", solved)
     assert (answer.code, answer.out) == (2, "")
     *progress, line = answer.err.splitlines()
-    assert all(told.startswith("tuning: ") for told in progress)
+    assert all(data.startswith("tuning: ") for data in progress)
     assert line.startswith(f"error: {wide}: [tuning]: no gains meet the demands at 120 km/h")
     assert "narrow the family" in line
     assert everything_in(here) == before
