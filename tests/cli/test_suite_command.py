@@ -13,6 +13,7 @@ import pytest
 
 from codegen import config as configuration
 from codegen.cli.suite_command import instructions_of_step
+from codegen.config import Config
 from codegen.errors import ConfigError
 from codegen.verify.budgets.measure import measure
 from codegen.verify.check import Effort, Subject
@@ -128,7 +129,15 @@ def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.Monke
     """Through frames too, whose quantisation is in the figures of the baselines then."""
     found = candidate.tuned
     small = configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
-    monkeypatch.setattr(candidate, "tuned", lambda config, *more: found(config.model_copy(update={"tuning": small}), *more))
+    designs: dict[str, Config] = {}
+
+    def design(config: Config, *more: Any) -> Config:
+        key = config.to_json()
+        if key not in designs:
+            designs[key] = found(config.model_copy(update={"tuning": small}), *more)
+        return designs[key]
+
+    monkeypatch.setattr(candidate, "tuned", design)
     sil = ("sil", "--build", BUILD, "--csv", "run.csv")
     alone = json.loads(run(*sil, "--json").out)["metrics"]
     record = Path("run.csv").read_bytes()
