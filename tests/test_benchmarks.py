@@ -24,19 +24,21 @@ SAME = 1e-11
 1e-16 of each quantity, grown over 500 steps; 1e-13 is seen. An equation that differs shows from 1e-6 upwards."""
 
 
-@pytest.fixture(scope="module")
-def loops() -> Loops:
-    return Loops.compile()
+def step() -> np.ndarray:
+    return step_steer(DURATION, 0.1)
 
 
-def column(inputs: np.ndarray, name: str) -> np.ndarray:
-    return inputs[:, INPUT_COLUMNS.index(name)]
+def inhibited() -> np.ndarray:
+    """To and fro, and ESC acts for a while."""
+    inputs = slalom(DURATION)
+    inputs[200:300, INPUT_COLUMNS.index("inhibit")] = 1.0
+    return inputs
 
 
 def crawling() -> np.ndarray:
     """Slower than a wheel needs to roll, then up to where the controller wakes."""
     inputs = slalom(DURATION)
-    column(inputs, "speed")[:] = np.linspace(0.1, 6.0, len(inputs))
+    inputs[:, INPUT_COLUMNS.index("speed")] = np.linspace(0.1, 6.0, len(inputs))
     return inputs
 
 
@@ -44,40 +46,28 @@ def thrown_about() -> np.ndarray:
     """A gust that lifts the inner wheels, a road that changes, and an estimate of the friction."""
     inputs = step_steer(DURATION, 0.1)
     time = np.linspace(0.0, DURATION, len(inputs))
-    column(inputs, "speed")[:] = 40.0 - 20.0 * time
-    column(inputs, "friction")[:] = np.where(time < 0.3, 1.5, 0.5)
-    column(inputs, "friction_estimate")[:] = np.where(time < 0.4, np.nan, 0.6)
-    column(inputs, "yaw_moment")[:] = 2e5 * np.sin(4.0 * math.pi * time)
+    for name, values in {
+        "speed": 40.0 - 20.0 * time,
+        "friction": np.where(time < 0.3, 1.5, 0.5),
+        "friction_estimate": np.where(time < 0.4, np.nan, 0.6),
+        "yaw_moment": 2e5 * np.sin(4.0 * math.pi * time),
+    }.items():
+        inputs[:, INPUT_COLUMNS.index(name)] = values
     return inputs
 
 
-def inhibited() -> np.ndarray:
-    """To and fro, and ESC acts for a while."""
-    inputs = slalom(DURATION)
-    column(inputs, "inhibit")[200:300] = 1.0
-    return inputs
+def test_the_plant_written_by_hand_is_that_from_casadi() -> None:
+    loops = Loops.compile()
+    for manoeuvre in (step, inhibited, crawling, thrown_about):
+        generated, generated_state = loops.generated(manoeuvre())
+        by_hand, hand_state = loops.by_hand(manoeuvre())
+        assert np.ptp(by_hand[:, 1:], axis=0)[2] > 1e-3  # the car does turn
+        np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
+        for state in PLANT_STATES:
+            assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
 
 
-MANOEUVRES = {
-    "step steer": step_steer(DURATION, 0.1),
-    "slalom": inhibited(),
-    "crawling": crawling(),
-    "thrown": thrown_about(),
-}
-
-
-@pytest.mark.parametrize("name", MANOEUVRES)
-def test_the_plant_written_by_hand_and_the_one_from_casadi_go_the_same_way(loops: Loops, name: str) -> None:
-    inputs = MANOEUVRES[name]
-    generated, generated_state = loops.generated(inputs)
-    by_hand, hand_state = loops.by_hand(inputs)
-    assert np.ptp(by_hand[:, 1:], axis=0)[2] > 1e-3  # the car does turn
-    np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
-    for state in PLANT_STATES:
-        assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
-
-
-def test_faster_means_less_time_than_the_peer() -> None:
+def test_comparisons_of_times() -> None:
     peer, ours = Times("peer", (2.0, 4.0, 8.0)), Times("ours", (1.0, 1.0, 1.0))
     assert Comparison("work", peer, ours).ratios == (2.0, 4.0, 8.0)
     assert Comparison("work", peer, ours, required=4.0).met
@@ -85,18 +75,14 @@ def test_faster_means_less_time_than_the_peer() -> None:
     other_answer = Comparison("work", peer, ours, required=4.0, same=False)
     assert not other_answer.met
     assert other_answer.cells[-1] == ">= 4: MISSED, NOT THE SAME ANSWER"
-
-
-def test_a_missed_requirement_is_told_in_the_table() -> None:
     slow, quick = Times("slow", (0.002,)), Times("quick", (3e-6, 1e-6, 2e-6))
-    lines = str(
-        Report("Title", (Comparison("a", slow, quick, 2.0, paired=False), Comparison("b", slow, slow, 2.0)))
-    ).splitlines()
+    rows = (Comparison("a", slow, quick, 2.0, paired=False), Comparison("b", slow, slow, 2.0))
+    lines = str(Report("Title", rows)).splitlines()
     assert lines[-3].endswith("slow 2 ms  quick 2 us (1–3)  1,000         >= 2: met")
     assert lines[-2].endswith("slow 2 ms  slow 2 ms         1             >= 2: MISSED")
 
 
-def test_instructions_of_a_step_are_told_and_judged() -> None:
+def test_comparisons_of_instructions() -> None:
     short, long = (LongestStep(worst, 142, 995.7, 31_920, "") for worst in (STEP_MAX, STEP_MAX + 1))
     rows = (step_row("a", short, STEP_MAX), step_row("b", long, STEP_MAX), step_row("c", long, None))
     report = CountReport((("Title", ("build", "worst", "limiter", "mean", "required"), rows),), ())
@@ -109,18 +95,16 @@ def test_instructions_of_a_step_are_told_and_judged() -> None:
 
 def test_a_section_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
     path, order = tmp_path / "results.md", ("solve", "batch", "flash")
-    first = {name: results.section(name, f"## About {name}\n\n- old", "a machine") for name in ("flash", "solve")}
-    results.update(path, first, order, "How to read.")
-    newer = results.section("solve", "## About it anew\n\n- new", "another machine")
-    results.update(
-        path, {"solve": newer, "batch": results.section("batch", "## Batch", "another machine")}, order, "How to read."
-    )
+    for name, title, machine in (
+        ("flash", "About flash", "a machine"),
+        ("solve", "About solve", "a machine"),
+        ("batch", "Batch", "another machine"),
+        ("solve", "About it anew", "another machine"),
+    ):
+        results.update(path, {name: results.section(name, f"## {title}\n\n- {title}", machine)}, order, "How to read.")
     text = path.read_text()
     assert text.count("# Measured") == text.count("How to read.") == 1
-    assert [line for line in text.splitlines() if line.startswith("## ")] == [
-        "## solve: About it anew",
-        "## batch: Batch",
-        "## flash: About flash",
-    ]
-    assert text.count("- old") == text.count("- new") == 1
+    headings = ["## solve: About it anew", "## batch: Batch", "## flash: About flash"]
+    assert [line for line in text.splitlines() if line.startswith("## ")] == headings
+    assert "About solve" not in text
     assert text.index("another machine") < text.index("a machine")

@@ -1,4 +1,4 @@
-"""`[can]` of ars.toml: what a user may place where, and what is refused."""
+"""`[can]` of ars.toml: places and scales of signals, and the messages for what cannot be."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from codegen.can_sections import Can, RealSignal, Signal
-from codegen.config import Config, parse
+from codegen.config import parse
 from codegen.errors import ConfigError
 
 
@@ -17,28 +17,25 @@ def refused(can: dict[str, Any], **others: Any) -> str:
     return str(caught.value)
 
 
-class TestBits:
-    """Bit numbers of a DBC: Intel counts up from the least significant bit, Motorola down from the most significant one."""
-
-    @pytest.mark.parametrize(
-        ("byte_order", "start", "length", "bits"),
-        [
-            ("intel", 16, 4, (16, 17, 18, 19)),
-            ("intel", 14, 5, (14, 15, 16, 17, 18)),
-            ("motorola", 23, 8, (16, 17, 18, 19, 20, 21, 22, 23)),
-            ("motorola", 20, 3, (18, 19, 20)),
-            # Two bits of byte 2 above the highest three of byte 3.
-            ("motorola", 17, 5, (29, 30, 31, 16, 17)),
-            ("motorola", 23, 16, (*range(24, 32), *range(16, 24))),
-        ],
-    )
-    def test_positions(self, byte_order: str, start: int, length: int, bits: tuple[int, ...]) -> None:
-        assert Signal(name="S", start_bit=start, length=length).bits(byte_order) == bits
-
-    @pytest.mark.parametrize(("byte_order", "start"), [("intel", 60), ("motorola", 58)])
-    def test_a_signal_ends_in_its_frame(self, byte_order: str, start: int) -> None:
-        with pytest.raises(ValueError, match="reaches beyond"):
-            Signal(name="S", start_bit=start, length=8).bits(byte_order)
+@pytest.mark.parametrize(
+    ("byte_order", "start", "length", "bits"),
+    [
+        ("intel", 14, 5, (14, 15, 16, 17, 18)),
+        ("motorola", 20, 3, (18, 19, 20)),
+        ("motorola", 17, 5, (29, 30, 31, 16, 17)),  # two bits of byte 2 above the highest three of byte 3
+        ("motorola", 23, 16, (*range(24, 32), *range(16, 24))),
+        ("intel", 60, 8, None),
+        ("motorola", 58, 8, None),
+    ],
+)
+def test_bits_are_numbered_as_in_a_dbc(byte_order: str, start: int, length: int, bits: tuple[int, ...] | None) -> None:
+    """Intel counts up from the least significant bit, Motorola down from the most significant one."""
+    signal = Signal(name="S", start_bit=start, length=length)
+    if bits is not None:
+        assert signal.bits(byte_order) == bits
+        return
+    with pytest.raises(ValueError, match="reaches beyond"):
+        signal.bits(byte_order)
 
 
 @pytest.mark.parametrize(
@@ -51,12 +48,9 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
     assert (signal.physical_low, signal.physical_high) == (0.5 * codes[0] + 1.0, 0.5 * codes[1] + 1.0)
 
 
-def test_keys_that_are_not_given_are_those_of_the_default() -> None:
+def test_defaults() -> None:
     speed = parse({"can": {"vehicle_motion": {"speed": {"factor": 0.01}}}}, "x").can.vehicle_motion.speed
     assert speed == Can().vehicle_motion.speed.model_copy(update={"factor": 0.01})
-
-
-def test_the_data_id_is_the_identifier_unless_given() -> None:
     message = Can().vehicle_motion
     assert message.e2e_data_id == message.id
     assert message.model_copy(update={"data_id": 0x1234}).e2e_data_id == 0x1234
@@ -99,7 +93,7 @@ def test_the_data_id_is_the_identifier_unless_given() -> None:
         ({"vehicle_motion": {"speed": {"offset": 100.0}}}, ("can.vehicle_motion.speed carries",)),
     ],
 )
-def test_what_cannot_be_is_refused(can: dict[str, Any], words: tuple[str, ...]) -> None:
+def test_bad_values(can: dict[str, Any], words: tuple[str, ...]) -> None:
     message = refused(can)
     assert message.startswith("car.toml: ")
     assert "\n" not in message
@@ -112,25 +106,3 @@ def test_cycle_times_follow_the_sampling_time() -> None:
     assert parse({"controller": controller}, "x").controller.sampling_time_s == 0.005
     message = refused({"vehicle_motion": {"cycle_time_ms": 10.0}}, controller=controller)
     assert "must be that of controller.sampling_time_s, 5" in message
-
-
-def test_places_and_scales_are_those_of_the_interface() -> None:
-    can = Config().can
-    table = {
-        (message.id, signal.name): (signal.start_bit, signal.length, getattr(signal, "factor", None))
-        for message in can.messages().values()
-        for signal in message.signals().values()
-    }
-    assert table == {
-        (0x101, "Motion_Qualifier"): (12, 4, None),
-        (0x101, "Speed"): (16, 16, 0.005),
-        (0x101, "FrontAngle"): (32, 16, 5e-5),
-        (0x101, "YawRate"): (48, 16, 2e-4),
-        (0x102, "Inhibit"): (12, 1, None),
-        (0x102, "RearAngle"): (16, 16, 5e-5),
-        (0x102, "Friction"): (32, 8, 0.01),
-        (0x201, "Status"): (12, 4, None),
-        (0x201, "RearAngleCommand"): (16, 16, 5e-5),
-        (0x201, "YawRateReference"): (32, 16, 2e-4),
-        (0x201, "Diagnostics"): (48, 16, None),
-    }

@@ -36,8 +36,8 @@ def test_a_second_ctrl_c_does_not_cut_short_what_the_first_one_began(monkeypatch
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_signal_inside_of_what_swallows_comes_after_it() -> None:
-    """As in CasADi's operators: `except:` around all they do."""
+def test_a_signal_inside_code_that_swallows_exceptions_comes_after_it() -> None:
+    """CasADi's operators have `except:` around their whole body."""
     came: list[int] = []
 
     def handler(number: int, frame: FrameType | None) -> None:
@@ -51,9 +51,6 @@ def test_a_signal_inside_of_what_swallows_comes_after_it() -> None:
     with pytest.raises(SystemExit):
         signal.pause()  # until the timer, whose handler raises
     assert came == [signal.SIGTERM]
-
-
-def test_the_module_that_swallows_is_the_one_that_casadi_has() -> None:
     import casadi
 
     assert casadi.SX.__module__ in interrupts.SWALLOWING
@@ -66,5 +63,5 @@ def test_a_signal_elsewhere_comes_at_once() -> None:
 
 
 def test_a_compiler_that_is_killed_leaves_its_files_where_they_are_swept_up(tmp_path: Path) -> None:
-    tells = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
-    assert toolchain.run(tells, tmp_path).stdout.strip() == str(tmp_path)
+    command = [sys.executable, "-c", "import os; print(os.environ['TMPDIR'])"]
+    assert toolchain.run(command, tmp_path).stdout.strip() == str(tmp_path)

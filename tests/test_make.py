@@ -1,89 +1,77 @@
-"""The Makefile: what `make help` tells, and what `make clean` leaves."""
+"""The targets of the Makefile, and `scripts/preflight.sh` on machines that lack something."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
-WITHOUT_HELP = {"preflight"}
-"""Targets that only other targets ask for."""
-
-pytestmark = pytest.mark.skipif(shutil.which("make") is None or shutil.which("git") is None, reason="needs make and git")
-
-
-def phony() -> set[str]:
-    return {name for line in re.findall(r"^\.PHONY: (.+)$", MAKEFILE, re.MULTILINE) for name in line.split()}
+SHELL = shutil.which("sh") or "/bin/sh"
+OLD_PYTHON = 'case "$2" in *version_info*) exit 1;; esac'
+WITHOUT_VENV = 'case "$2" in *ensurepip*) exit 1;; esac'
+WORKS, FAILS = "exit 0", "exit 1"
 
 
-def run(*command: str, folder: Path) -> str:
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def make(*arguments: str) -> list[str]:
+    result = subprocess.run(["make", "--no-print-directory", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
-    return result.stdout
+    return result.stdout.splitlines()
 
 
-def test_help_lists_every_target_with_a_word_on_it() -> None:
-    assert len(phony()) > 10
-    listed = {}
-    for line in run("make", "--no-print-directory", "help", folder=ROOT).splitlines():
-        match = re.fullmatch(r"make (\S+) +(\S.*)", line)
-        assert match is not None, line
-        listed[match[1]] = match[2]
-    assert listed.keys() == phony() - WITHOUT_HELP
-    assert all(len(text) > 5 for text in listed.values())
+def test_help_lists_every_target_that_is_no_file() -> None:
+    phony = {name for line in re.findall(r"^\.PHONY: (.+)$", MAKEFILE, re.MULTILINE) for name in line.split()}
+    listed = [re.fullmatch(r"make (\S+) +\S.{5,}", line) for line in make("help")]
+    assert {match[1] for match in listed if match} == phony - {"preflight"}  # which only other targets need
+    assert all(listed)
+    assert make() == make("help")
 
 
-def test_help_is_what_make_alone_says() -> None:
-    assert run("make", "--no-print-directory", folder=ROOT) == run("make", "--no-print-directory", "help", folder=ROOT)
+def test_evidence_takes_a_part_and_its_quick_form() -> None:
+    (command,) = make("-n", "-o", ".venv/.ready", "evidence", "PART=mutation", "QUICK=1")
+    assert command.endswith("python -m tests.evidence mutation --quick")
 
 
-def test_every_target_with_help_is_phony_or_a_file_would_hide_it() -> None:
-    assert set(re.findall(r"^([a-z0-9-]+):[^=].*## ", MAKEFILE, re.MULTILINE)) == phony() - WITHOUT_HELP
+def preflight(folder: Path, programs: dict[str, str], *arguments: str, cc: str = "") -> subprocess.CompletedProcess[str]:
+    """Run the script where only `programs` (name -> shell text) exist."""
+    for name, text in programs.items():
+        (folder / name).write_text(f"#!{SHELL}\n{text}\n", encoding="utf-8")
+        (folder / name).chmod(0o755)
+    command = [SHELL, ROOT / "scripts" / "preflight.sh", *arguments]
+    return subprocess.run(command, env={"PATH": str(folder), "CC": cc}, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("quick", [False, True])
-def test_quick_reaches_every_part_of_verify(quick: bool) -> None:
-    asked = ["QUICK=1"] if quick else []
-    told = run("make", "--no-print-directory", "-n", "-o", ".venv/.ready", "verify", *asked, folder=ROOT).splitlines()
-    parts = [line for line in told if "codegen verify" in line or "tests.evidence" in line]
-    assert len(parts) == 3
-    assert [line.endswith(" --quick") for line in parts] == [quick] * 3
-
-
-LEFT_BY_WORK = (
-    "build/run.png",
-    "dist/ars_codegen-0.1.0-py3-none-any.whl",
-    "codegen/__pycache__/config.cpython-311.pyc",
-    "tests/can/__pycache__/x.pyc",
-    ".mypy_cache/3.11/x.json",
-    ".pytest_cache/v/x",
-    ".ruff_cache/x",
-    ".hypothesis/examples/x",
-    "docs/_figures/map.png",
-    ".coverage",
-    "ars_codegen.egg-info/PKG-INFO",
+@pytest.mark.parametrize(
+    ("programs", "lines"),
+    [
+        ({"python3": WORKS, "gcc": WORKS}, []),
+        (
+            {"cc": WORKS},
+            ["python3 is missing: install Python 3.11 or newer (Debian, Ubuntu: apt install python3 python3-venv)"],
+        ),
+        ({"cc": WORKS, "python3": OLD_PYTHON}, ["python3 is older than 3.11: install"]),
+        ({"cc": WORKS, "python3": WITHOUT_VENV}, ["python3 has no venv: install it (Debian, Ubuntu: apt install python3-venv"]),
+        ({"python3": WORKS}, ["a C compiler is missing: install one (Debian, Ubuntu: apt install gcc libc6-dev"]),
+        ({"python3": WORKS, "cc": FAILS}, ["the C compiler 'cc' cannot be run or has no C library headers: install them"]),
+        ({}, ["python3 is missing: ", "a C compiler is missing: "]),
+    ],
 )
-"""One of each that .gitignore knows."""
+def test_a_line_for_each_thing_to_install(tmp_path: Path, programs: dict[str, str], lines: list[str]) -> None:
+    result = preflight(tmp_path, programs)
+    assert (result.returncode, result.stdout) == (2 if lines else 0, "")
+    found = result.stderr.splitlines()
+    assert [line[: len(start)] for line, start in zip(found, lines, strict=True)] == lines
 
 
-def test_clean_leaves_what_git_knows_and_the_environment(tmp_path: Path) -> None:
-    for name in ("Makefile", ".gitignore"):
-        shutil.copy(ROOT / name, tmp_path / name)
-    for name in (*LEFT_BY_WORK, ".venv/bin/python", ".venv/lib/__pycache__/x.pyc", "codegen/config.py"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text("")
-    run("git", "init", "-q", folder=tmp_path)
-    run("git", "add", ".", folder=tmp_path)
-    for pattern in (ROOT / ".gitignore").read_text(encoding="utf-8").split():  # each is seen in the list above
-        seen = run("git", "ls-files", "--others", "--ignored", f"--exclude={pattern}", folder=tmp_path)
-        assert seen.strip(), f"{pattern}: add an example of it to LEFT_BY_WORK, and to make clean"
-    run("make", "clean", folder=tmp_path)
-    left = run("git", "status", "--porcelain", "--ignored", folder=tmp_path).splitlines()
-    assert [line for line in left if line.startswith("!!")] == ["!! .venv/"]
-    assert (tmp_path / ".venv/lib/__pycache__/x.pyc").is_file()
-    assert (tmp_path / "codegen/config.py").is_file()
+def test_python_and_cc_can_be_named(tmp_path: Path) -> None:
+    assert preflight(tmp_path, {"python3": OLD_PYTHON, "cc": WORKS}, sys.executable).returncode == 0
+    programs = {"python3": WORKS, "cc": FAILS, "wrap": '[ "$1" = inner ]'}
+    assert preflight(tmp_path, programs, cc="wrap inner").returncode == 0
+    result = preflight(tmp_path, programs, cc="no-such-compiler")
+    assert result.returncode == 2
+    assert "'no-such-compiler'" in result.stderr

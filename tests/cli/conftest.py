@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,10 +14,14 @@ import pytest
 
 from codegen import cli
 
+ROOT = Path(__file__).resolve().parents[2]
+BUILD, TRACKING = ROOT / "generated" / "4ws2", ROOT / "generated" / "4ws2-tracking"
+MAP = BUILD.with_suffix(".npz")
+
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command gave back."""
+    """Result of a command."""
 
     code: int
     out: str
@@ -23,6 +29,7 @@ class Answer:
 
 
 Run = Callable[..., Answer]
+Refused = Callable[..., str]
 
 
 @pytest.fixture
@@ -43,29 +50,35 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def everything_in(folder: Path) -> dict[str, str]:
-    """Relative path -> hash of what stands there (folders and links too)."""
+    """Map each relative path to a hash of the file, or to its kind if it is something else."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         if path.is_symlink():
             found[name] = f"link to {path.readlink()}"
-        elif path.is_dir():
-            found[name] = "folder"
-        else:
+        elif path.is_file():
             found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        else:
+            found[name] = "folder" if path.is_dir() else "special"
     return found
 
 
 @pytest.fixture
-def refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(run: Run, here: Path) -> Refused:
     """`refused("build", ...)`: exit code 2, one line on standard error, nothing on standard output, nothing changed on disk.
 
     Returns the line.
     """
-    monkeypatch.chdir(tmp_path)
 
     def command(*arguments: object) -> str:
-        before = everything_in(tmp_path)
+        before = everything_in(here)
         answer = run(*arguments)
         assert answer.code == 2, answer
         lines = answer.err.splitlines()
@@ -73,7 +86,40 @@ def refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
         assert lines[0].startswith("error: ")
         assert "Traceback" not in answer.err
         assert answer.out == ""
-        assert everything_in(tmp_path) == before
+        assert everything_in(here) == before
         return lines[0]
 
     return command
+
+
+def edit(path: Path, *changes: tuple[str, str]) -> Path:
+    """Replace the first occurrence of each text in a file. Raises AssertionError if a text is missing."""
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+MAIN = "from codegen.cli import main\nmain()\n"
+
+
+def program(script: str, *arguments: object) -> list[str]:
+    """Return a command line for `codegen ARGUMENTS` as a process of its own, with a script that prepares it and runs MAIN."""
+    # A shell ignores SIGINT in what it runs in the background.
+    start = "import os, signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nsys.argv[0] = 'codegen'\n"
+    return [sys.executable, "-B", "-c", start + script, *map(str, arguments)]
+
+
+def python(script: str, *arguments: object, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a `program` to its end, in its own session."""
+    return subprocess.run(
+        program(script, *arguments),
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        start_new_session=True,
+    )

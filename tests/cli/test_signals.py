@@ -1,51 +1,23 @@
-"""The command and what ends it early: Ctrl-C at any moment, readers that go away, and what is left then.
+"""Commands that end early: Ctrl-C and other signals, a full disk, readers that go away; and the files that are left then.
 
-A signal is sent from inside, at a point of the program: nothing waits for a time.
+A signal is sent from inside, at a point of the program: no test waits for a time.
 """
 
 from __future__ import annotations
 
-import os
+import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
+from unittest.mock import Mock
 
+import can
 import pytest
 
-from .conftest import everything_in
+from codegen.sweep.campaign import _what_is_kept
 
-ROOT = Path(__file__).resolve().parents[2]
-BUILD = ROOT / "generated" / "4ws2"
+from .conftest import BUILD, MAIN, MAP, Run, everything_in, python
+
 QUIET = "interrupted; nothing is left half-written\n"
-
-START = """
-import os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in whatever a shell runs in the background
-sys.argv[0] = "codegen"
-"""
-
-
-def started(script: str, *arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    """`codegen ARGUMENTS` after a script that arranges for something; its temporary files in `folder`/tmp."""
-    (folder / "tmp").mkdir(exist_ok=True)
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "TMPDIR": str(folder / "tmp"),
-        "ARS_CACHE": str(folder / "cache"),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    return subprocess.run(
-        [sys.executable, "-c", START + script, *map(str, arguments)],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        start_new_session=True,
-    )
-
 
 AT_IMPORT = """
 import importlib.abc
@@ -54,21 +26,17 @@ class AtImport(importlib.abc.MetaPathFinder):
         if name == NAME:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, AtImport())
-from codegen.cli import main
-main()
 """
 
 
-@pytest.mark.parametrize("module", ["codegen.cli.entry", "click", "codegen.cli.map_commands", "numpy", "codegen.refmap.map"])
-def test_ctrl_c_while_modules_are_imported(tmp_path: Path, module: str) -> None:
-    ended = started(f"NAME = {module!r}\n{AT_IMPORT}", "show", BUILD.with_suffix(".npz"), folder=tmp_path)
+@pytest.mark.parametrize("module", ["codegen.cli.entry", "click", "codegen.cli.map_commands", "numpy"])
+def test_ctrl_c_while_modules_are_imported(module: str) -> None:
+    ended = python(f"NAME = {module!r}\n{AT_IMPORT}{MAIN}", "show", MAP)
     assert (ended.returncode, ended.stdout, ended.stderr) in ((130, "", QUIET), (-signal.SIGINT, "", QUIET))
 
 
-def test_what_must_be_there_before_ctrl_c_is_quiet_is_next_to_nothing() -> None:
-    script = "import sys; before = set(sys.modules); import codegen.cli; print(*sorted(set(sys.modules) - before))"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    loaded = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+def test_next_to_nothing_is_imported_before_ctrl_c_is_quiet() -> None:
+    loaded = python("before = set(sys.modules); import codegen.cli; print(*sorted(set(sys.modules) - before))")
     assert loaded.stdout.split() == ["__future__", "codegen", "codegen.cli"]
 
 
@@ -80,26 +48,85 @@ def communicate(process, *arguments, **options):
         os.killpg(0, NUMBER)  # as a terminal does: the compiler gets it too
     return real(process, *arguments, **options)
 subprocess.Popen.communicate = communicate
-from codegen.cli import main
-main()
 """
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("command", "number", "code"),
     [
-        ("sil", "--build", BUILD, "--csv", "run.csv"),
-        ("fmu", "--build", BUILD, "--what", "controller", "-o", "controller.fmu"),
-        ("firmware", "--build", BUILD, "-o", "fw"),
+        (f"sil --build {BUILD} --csv run.csv", signal.SIGINT, 130),
+        (f"fmu --build {BUILD} --what controller -o controller.fmu", signal.SIGTERM, 143),
     ],
-    ids=lambda arguments: arguments[0],
 )
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_while_the_compiler_runs(tmp_path: Path, arguments: tuple[object, ...], number: int, code: int) -> None:
-    ended = started(f"NUMBER = {int(number)}\n{IN_COMPILER}", *arguments, folder=tmp_path)
+def test_a_signal_while_the_compiler_runs(tmp_path: Path, command: str, number: signal.Signals, code: int) -> None:
+    temporary = {"TMPDIR": str(tmp_path / "tmp"), "ARS_CACHE": str(tmp_path / "cache")}
+    (tmp_path / "tmp").mkdir()
+    ended = python(f"NUMBER = {int(number)}\n{IN_COMPILER}{MAIN}", *command.split(), folder=tmp_path, **temporary)
     assert ended.returncode == code, ended
     assert ended.stderr == (QUIET if number == signal.SIGINT else "")
     assert everything_in(tmp_path) == {"tmp": "folder", "cache": "folder"}
+
+
+WHILE_WRITING = """
+real, count = os.fsync, 0
+def fsync(handle):
+    global count
+    count += 1
+    if count == 3: os.kill(os.getpid(), NUMBER)
+    real(handle)
+os.fsync = fsync
+"""
+FULL_DISK = """
+import resource
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "code"),
+    [
+        (f"NUMBER = {int(signal.SIGTERM)}\n{WHILE_WRITING}", 143),
+        (f"NUMBER = {int(signal.SIGKILL)}\n{WHILE_WRITING}", -signal.SIGKILL),
+        (FULL_DISK, 2),
+    ],
+    ids=["SIGTERM", "SIGKILL", "full disk"],
+)
+def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, before: str, code: int) -> None:
+    shutil.copytree(BUILD, "out")
+    was = everything_in(here / "out")
+    ended = python(before + MAIN, "build", "--map", MAP, "-o", "out", "--prefix", "other", folder=here)
+    assert ended.returncode == code, ended
+    assert everything_in(here / "out") == was
+    assert len(ended.stderr.splitlines()) == (1 if code == 2 else 0)
+    if code == -signal.SIGKILL:  # the next build clears away what this one leaves beside the folder
+        assert run("build", "--map", MAP, "-o", "out").code == 0
+    assert [path.name for path in here.iterdir()] == ["out"]
+
+
+IN_IPOPT = """
+from codegen.refmap import ipopt
+real, count = ipopt._run, 0
+def run(*arguments, **options):
+    global count
+    count += 1
+    try:
+        if count == 5: os.kill(os.getpid(), signal.SIGINT)
+    except BaseException: pass  # what CasADi does with an exception that a signal raises inside its solver
+    assert count < 50, "the signal was lost"
+    return real(*arguments, **options)
+ipopt._run = run
+"""
+
+
+def test_ctrl_c_while_ipopt_solves(here: Path) -> None:
+    Path("ars.toml").write_text("[grid]\nspeed_points = 6\nfront_angle_points = 10\n")
+    before = everything_in(here)
+    solve = ("solve", "--config", "ars.toml", "--case", "4ws-2", "-o", "m.npz", "--method", "ipopt")
+    # The handlers of the command are those that must work inside of CasADi.
+    ended = python(MAIN.replace("main()", IN_IPOPT + "main()"), *solve, folder=here)
+    assert ended.returncode == 130, ended.stderr
+    assert everything_in(here) == before
 
 
 IN_CAMPAIGN = """
@@ -107,40 +134,28 @@ from codegen.sweep import store
 real = store.save_part
 saved = []
 def save_part(*arguments):
-    if len(saved) == KEPT:
+    if len(saved) == 1:
         os.kill(os.getpid(), signal.SIGINT)
     real(*arguments)
     saved.append(1)
 store.save_part = save_part
-from codegen.cli import main
-main()
 """
 
 
-@pytest.mark.parametrize(
-    ("kept", "told"),
-    [
-        (0, "no chunk of 3 was finished; the same command begins again"),
-        (1, "1 of 3 chunks is kept; the same command goes on"),
-        (2, "2 of 3 chunks are kept; the same command goes on"),
-    ],
-)
-def test_ctrl_c_of_a_campaign_tells_what_is_kept(tmp_path: Path, kept: int, told: str) -> None:
+def test_ctrl_c_of_a_campaign_reports_the_chunks_that_are_kept(here: Path) -> None:
     controllers = f'[controllers]\npi = "{BUILD}"\npassive = ""\n'
-    (tmp_path / "s.toml").write_text(f"samples = 600\nlead_s = 0.1\nlength_s = 2.0\n{controllers}")
-    command = ("sweep", "--spec", "s.toml", "-o", "out", "--workers", 1)
-    ended = started(f"KEPT = {kept}\n{IN_CAMPAIGN}", *command, folder=tmp_path)
+    Path("s.toml").write_text(f"samples = 600\nlead_s = 0.1\nlength_s = 2.0\n{controllers}")
+    ended = python(IN_CAMPAIGN + MAIN, "sweep", "--spec", "s.toml", "-o", "out", "--workers", 1, folder=here)
     assert ended.returncode == 130, ended
-    assert ended.stderr.splitlines()[-1] == f"{QUIET.strip()}; {told}"
-    assert len(list((tmp_path / "out/parts").iterdir())) == kept
+    assert ended.stderr.splitlines()[-1] == f"{QUIET.strip()}; 1 of 3 chunks is kept; the same command goes on"
+    assert len(list(Path("out/parts").iterdir())) == 1
+    assert _what_is_kept(0, 3) == "no chunk of 3 was finished; the same command begins again"
+    assert _what_is_kept(2, 3) == "2 of 3 chunks are kept; the same command goes on"
 
 
 IN_CHECK = """
 import tempfile
 from codegen.verify import runner
-def interrupted(*arguments):
-    os.killpg(0, signal.SIGINT)
-    raise RuntimeError("the signal was lost")
 def waiting(running):
     scratch = os.path.join(tempfile.gettempdir(), os.listdir(tempfile.gettempdir())[0])
     for _ in range(2_000_000):  # until a check has begun to write
@@ -149,51 +164,64 @@ def waiting(running):
         os.sched_yield()
     else:
         raise RuntimeError("no check writes into the common folder")
-    interrupted()
+    os.killpg(0, signal.SIGINT)
+    raise RuntimeError("the signal was lost")
 runner.as_completed = waiting
-from codegen.cli import main
-main()
 """
 
 
-def test_ctrl_c_while_checks_run_in_processes_of_their_own(tmp_path: Path) -> None:
-    # spawn starts the program again in each process, and this one is no file: the command itself, then.
-    script = tmp_path / "program.py"
-    script.write_text(f"{START}\nif __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in IN_CHECK.splitlines()))
-    copy = tmp_path / "build"
-    copy.mkdir()
-    for path, _ in everything_in(BUILD).items():
-        (copy / path).mkdir() if (BUILD / path).is_dir() else (copy / path).write_bytes((BUILD / path).read_bytes())
-    before = everything_in(copy)
-    ended = started(f"import runpy; runpy.run_path({str(script)!r}, run_name='__main__')", "verify", copy, folder=tmp_path)
+def test_ctrl_c_while_checks_run_in_processes_of_their_own(here: Path) -> None:
+    # `spawn` starts the program again in each process, so it must be a file.
+    lines = f"import os, signal, sys\n{IN_CHECK}{MAIN}".splitlines()
+    script = here / "program.py"
+    script.write_text("if __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in lines))
+    shutil.copytree(BUILD, "build")
+    Path("tmp").mkdir()
+    before = everything_in(here / "build")
+    start = f"import runpy; runpy.run_path({str(script)!r}, run_name='__main__')"
+    ended = python(start, "verify", "build", folder=here, TMPDIR=str(here / "tmp"), ARS_CACHE=str(here / "cache"))
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", QUIET)
-    assert everything_in(tmp_path / "tmp") == {}
-    assert everything_in(copy) == before
+    assert everything_in(here / "tmp") == {}
+    assert everything_in(here / "build") == before
+
+
+IN_RUN = """
+from hil_sim import bench
+close = bench._Recorder.close_cycle
+def ending(recorder, cycle, *more):
+    close(recorder, cycle, *more)
+    if cycle == 50: os.kill(os.getpid(), signal.SIGHUP)
+bench._Recorder.close_cycle = ending
+"""
+
+
+def test_a_run_that_is_ended_keeps_its_log(here: Path) -> None:
+    arguments = ("hil", "--build", BUILD, "--bus", "virtual:x", "--ecu", "cffi", "--lock-step", "--log", "run.asc")
+    reset = "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # nohup ignores it
+    ended = python(reset + IN_RUN + MAIN, *arguments, folder=here)
+    assert ended.returncode == 128 + signal.SIGHUP, ended
+    with can.LogReader("run.asc") as log:
+        assert sum(1 for _ in log) >= 3 * 51
+    assert [path.name for path in here.iterdir()] == ["run.asc"]
 
 
 NO_READER = """
 read, write = os.pipe()
 os.close(read)
 os.dup2(write, 1)
-from codegen.cli import main
-main()
 """
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code"),
+    ("command", "code"),
     [
-        (("--help",), 0),
-        (("--version",), 0),
-        (("scenarios",), 0),
-        (("scenarios", "--json"), 0),
-        (("show", BUILD.with_suffix(".npz")), 0),
-        (("build", "--map", BUILD.with_suffix(".npz"), "--check", "-o", "nowhere"), 1),  # a pipe does not hide a failed check
+        ("--help", 0),
+        ("scenarios --json", 0),
+        (f"build --map {MAP} --check -o nowhere", 1),  # a pipe does not hide a failed check
     ],
-    ids=lambda value: " ".join(map(str, value[:2])) if isinstance(value, tuple) else "",
 )
-def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path, arguments: tuple[object, ...], code: int) -> None:
-    ended = started(NO_READER, *arguments, folder=tmp_path)
+def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path, command: str, code: int) -> None:
+    ended = python(NO_READER + MAIN, *command.split(), folder=tmp_path)
     assert ended.returncode == code
     assert "Traceback" not in ended.stderr
     assert "Broken" not in ended.stderr
@@ -201,19 +229,11 @@ def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path, arguments
 
 
 def test_a_reader_of_both_streams_that_went_away(tmp_path: Path) -> None:
-    ended = started(
-        NO_READER.replace("os.dup2(write, 1)", "os.dup2(write, 1); os.dup2(write, 2)"), "show", "no", folder=tmp_path
-    )
-    assert ended.returncode == 2
+    assert python(f"{NO_READER}os.dup2(write, 2)\n{MAIN}", "show", "no", folder=tmp_path).returncode == 2
 
 
-def test_a_broken_pipe_of_something_else_is_an_error(tmp_path: Path) -> None:
-    script = (
-        "from codegen.cli import map_commands, main\n"
-        "def broken(*arguments): raise BrokenPipeError(32, 'Broken pipe')\n"
-        "import codegen.refmap.map; codegen.refmap.map.load = broken\n"
-        "main()\n"
-    )
-    ended = started(script, "show", BUILD.with_suffix(".npz"), folder=tmp_path)
-    assert ended.returncode == 2
-    assert ended.stderr.startswith("error: ")
+def test_a_broken_pipe_of_something_else_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("codegen.refmap.map.load", Mock(side_effect=BrokenPipeError(32, "Broken pipe")))
+    answer = run("show", MAP)
+    assert answer.code == 2
+    assert answer.err.startswith("error: ")

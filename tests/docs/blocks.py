@@ -1,16 +1,16 @@
-"""The blocks of code of README and guide: found, and run as a reader would.
+"""The blocks of code in README and guide.
 
-A block is what stands between two fences. What is done with it goes by its language:
+A block is the text between two fences. Its language decides on its use:
 
 | language | |
 |---|---|
-| `console` | lines after `$ ` are run; the lines below are what the command prints, `...` standing for anything left out |
+| `console` | lines after `$ ` are run; the lines below are their output, with `...` for anything left out |
 | `sh` | every line is run |
 | `python` | is run as a program of its own |
 | `toml`, `c`, ... after `<!-- file: NAME -->` | is written to that file |
 | `toml` after `<!-- into: NAME -->` | its keys are put into that ars.toml, which has to stay valid |
-| `c` | without a mark: each name of the generated C that it speaks of has to be in a header |
-| `text` | is not run: what a file or a screen shows |
+| `c` | without a mark: each name of the generated C in it has to be in a header |
+| `text` | is not run: the content of a file or a screen |
 
 A fence without a language, in README, is `console` where a line starts with `$ `, else `sh`.
 """
@@ -45,20 +45,20 @@ class Block:
 
     @property
     def needs_vcan(self) -> bool:
-        """Whether it is run where there is a vcan0: it names one."""
+        """Whether it names a vcan0, and so runs where there is one."""
         return "vcan0" in self.text and self.language in ("console", "sh", "python")
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command of a block with what the page shows of its output; None where it shows nothing."""
+    """A command of a block, and the output that the page shows, or None."""
 
     text: str
     shown: str | None = None
 
     @property
     def plain(self) -> str:
-        """Without the comment behind it."""
+        """The command without the comment behind it."""
         return re.sub(r"\s+#\s.*$", "", self.text).strip()
 
 
@@ -124,7 +124,7 @@ def commands(block: Block) -> list[Command]:
 
 
 def matches(shown: str, printed: str) -> bool:
-    """Whether a page shows what was printed; `...` stands for anything, lines too. Blanks at ends of lines do not count."""
+    """Whether a page shows the printed text; `...` stands for anything, also lines. Blanks at ends of lines do not count."""
     parts = [re.escape(part) for part in _trimmed(shown).split("...")]
     return re.fullmatch(".*?".join(parts), _trimmed(printed), re.DOTALL) is not None
 

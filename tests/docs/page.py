@@ -1,4 +1,4 @@
-"""What becomes of each block of a page: run, written, checked, or passed over for a reason that stands in a table here."""
+"""Use of each block of a page: run, written to a file, checked, or left out for a reason in a table here."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
 from tests.docs.shell import Shell
 
 NOT_RUN: Mapping[str, str] = {
-    # command, as the page has it: why it is not run
+    # command on the page: reason
     'pip install "ars-codegen[verify]"': "needs a package index",
     'pip install "ars-codegen[crosscheck]"': "needs a package index, as above",
-    "codegen sil --suite tracking --build generated/4ws2": "takes minutes; tests/cli/test_suite_command.py has made results",
+    "codegen sil --suite tracking --build generated/4ws2": "takes minutes; tests/cli has made results",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
     "codegen verify generated/4ws2": "takes minutes; the same with --quick is run",
     "sudo ip link add dev vcan0 type vcan && sudo ip link set up vcan0": "needs root; where blocks with vcan0 run, it is there",
     'openocd -f board/YOUR-BOARD.cfg -c "program fw/build/gcc/firmware.elf verify reset exit"': "needs a board and a probe",
     "codegen hil --build generated/4ws2 --bus pcan:PCAN_USBBUS1 --ecu external": "needs a CAN adapter and a board that answers",
 }
-"""Every command that no test of these runs. One that no page has any more is an error, too."""
+"""Commands that are not run. One that no page has any more is an error."""
 
 INSTEAD: Mapping[str, tuple[str, str]] = {
-    # command: what is run in its place, and why
+    # command: another one that is run in its place, and the reason
     "codegen explore --map 4ws2.npz": (
         "test -e ars.toml || codegen init .",
         "it serves until it is interrupted, and its button writes ars.toml",
@@ -36,18 +36,18 @@ INSTEAD: Mapping[str, tuple[str, str]] = {
 }
 
 EXAMPLES: Mapping[str, str] = {
-    # command: why what it prints is not held against what the page shows
+    # command: reason not to compare its output with the page
     "codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf": "in real time: its timing differs",
 }
 
 NOT_READ: Mapping[tuple[str, str], str] = {
-    # page and first line of a block that is neither run nor written to a file: why
+    # page and first line of a block without any use: reason
     ("docs/taking-over.md", "list(APPEND ZEPHYR_EXTRA_MODULES ${CMAKE_CURRENT_SOURCE_DIR}/4ws2)"): "needs a Zephyr SDK",
 }
 
 
 def import_examples(folder: Path) -> None:
-    """The files that the page on imports speaks of: a map as MATLAB writes it, two tyres."""
+    """Write the files of the page on imports: a map as MATLAB writes it, two tyres."""
     import numpy as np
     from scipy.io import savemat
 
@@ -63,7 +63,7 @@ def import_examples(folder: Path) -> None:
 
 
 def own_configuration(folder: Path) -> None:
-    """The ars.toml that `codegen init` writes, for a page that shows keys to put into it."""
+    """Write the ars.toml of `codegen init`, for a page that shows keys to put into it."""
     (folder / "ars.toml").write_text(preset_text("recommended"))
 
 
@@ -72,7 +72,7 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
     "docs/import.md": import_examples,
     "docs/theory-map.md": own_configuration,
 }
-"""What has to be there before a page that begins with files of its reader's own."""
+"""Files of the reader's own, with which a page begins."""
 
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 """The bus of the examples, and this process's own: pages are run side by side."""
@@ -82,10 +82,10 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = {
     "docs/firmware.md": ("arm-none-eabi-gcc", "qemu-system-arm", "make"),
     "docs/taking-over.md": ("make",),
 }
-"""What a page needs beside a C compiler. Where it is missing the page is skipped, but not in CI."""
+"""Programs that a page needs beside a C compiler."""
 
 PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)
-"""Progress as it is told where there is no terminal."""
+"""A line of progress without a terminal."""
 
 NAME_IN_C = re.compile(r"\b(?:ars|ARS)_\w+")
 
@@ -110,7 +110,7 @@ def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path],
 
 
 def run_command(block: Block, command: Command, shell: Shell) -> None:
-    """Run one command, and hold what it prints against what the page shows."""
+    """Run one command, and compare its output with the page."""
     if command.plain in NOT_RUN:
         return
     text = INSTEAD[command.plain][0] if command.plain in INSTEAD else command.text
@@ -137,7 +137,7 @@ def write(block: Block, folder: Path) -> None:
 
 
 def with_keys(text: str, changes: str) -> str:
-    """An ars.toml with the keys of another text in place of its own, or behind their table's header, as a reader edits it."""
+    """Put keys into an ars.toml in place of its own, or behind their table's header, as a reader edits it."""
     tomllib.loads(changes)
     lines, table = text.splitlines(), ""
     for line in changes.splitlines():
@@ -162,7 +162,7 @@ def _put(lines: list[str], table: str, key: str, line: str) -> None:
 
 
 def unread(block: Block) -> str | None:
-    """Why a block would escape: it is neither run, nor written, nor checked, nor in a table. None where it does not."""
+    """Return a message for a block that is neither run, nor written, nor checked, nor in a table; else None."""
     if block.language in ("console", "sh", "python", "text") or block.mark is not None or block.language == "c":
         return None
     first = block.text.splitlines()[0]
@@ -172,7 +172,7 @@ def unread(block: Block) -> str | None:
 
 
 def names_in_headers() -> set[str]:
-    """Every name that a header of a committed build has."""
+    """Return the names in the headers of the committed builds."""
     found: set[str] = set()
     for header in (ROOT / "generated").glob("*/include/*.h"):
         found.update(NAME_IN_C.findall(header.read_text(encoding="utf-8")))

@@ -1,69 +1,39 @@
-"""The reference is made from the code: nothing of the code is missing in it, and nothing in it is of yesterday."""
+"""The reference pages are made from the code: nothing of the code is missing, and nothing is left over."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 
 from codegen.cli import cli
-from codegen.config import preset_text
 from tests.docs.blocks import ROOT
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def extensions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs/_ext"))
 
 
-@pytest.mark.usefixtures("extensions")
-def test_every_key_of_ars_toml_is_told() -> None:
+def test_every_key_of_ars_toml_has_its_meaning_and_no_other() -> None:
     import config_tables
 
     text = config_tables.markdown()
-    every = {key for _, model in every_section() for key in model.model_fields}
-    told = set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
-    nested = {key for key, model in every_section_by_key() if model is not None}
-    assert every - nested <= told
+    fields = [(name, key, field) for name, model in config_tables.sections() for key, field in model.model_fields.items()]
+    plain = {key for _, key, field in fields if config_tables._section_of(field.annotation) is None} - {"cases"}
+    assert plain <= set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
     assert "| – | – |" not in text
-
-
-def every_section() -> Iterator[tuple[str, type[BaseModel]]]:
-    import config_tables
-
-    yield from config_tables.sections()
-
-
-def every_section_by_key() -> Iterator[tuple[str, type[BaseModel] | None]]:
-    import config_tables
-
-    for _, model in config_tables.sections():
-        for key, field in model.model_fields.items():
-            yield key, config_tables._section_of(field.annotation)
-    yield "cases", BaseModel
-
-
-@pytest.mark.usefixtures("extensions")
-def test_every_word_about_a_key_is_used() -> None:
-    import config_tables
-
-    said = config_tables.comments()
-    used: set[str] = set()
-    for name, model in config_tables.sections():
-        for key in model.model_fields:
-            path = f"{name}.{key}" if name else key
-            used |= {path, config_tables._shared(path)}
+    paths = {f"{name}.{key}" if name else key for name, key, _ in fields}
+    used = paths | set(map(config_tables._shared, paths))
     used |= {f"signal.{key}" for _, model in config_tables.inline_tables() for key in model.model_fields}
     assert sorted(set(config_tables.MEANINGS) - used) == []
+    said = config_tables.comments()
     assert said["vehicle.cg_height_m"] == "centre of gravity above the road"
     assert said["can.e2e.sync_counter_init"].startswith("by so many")
 
 
-@pytest.mark.usefixtures("extensions")
-def test_a_key_without_a_word_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_key_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     import config_tables
 
     monkeypatch.delitem(config_tables.MEANINGS, "vehicle.mass_kg")
@@ -77,7 +47,6 @@ def test_the_interface_names_every_command() -> None:
     assert set(re.findall(r"^codegen (\w+)", synopsis, re.MULTILINE)) == set(cli.commands)
 
 
-@pytest.mark.usefixtures("extensions")
 def test_the_tables_are_those_of_the_code() -> None:
     import interface_tables
 
@@ -90,8 +59,3 @@ def test_the_tables_are_those_of_the_code() -> None:
     for header in sorted(Path(interface_tables.BUILD / "include").glob("*.h")):
         if header.name != "ars_sections.h":
             assert interface_tables.c_functions(header.name)
-
-
-def test_the_presets_are_read_as_they_stand() -> None:
-    # The comments of the presets are part of the guide: one behind each key where its name does not say all.
-    assert preset_text("paper").count("#") > 40

@@ -1,30 +1,26 @@
-"""What the distributions hold, and that the lock file fits `pyproject.toml`."""
+"""Contents of the wheel and of the source distribution, and `make clean`."""
 
 from __future__ import annotations
 
 import configparser
 import email
-import re
+import shutil
 import subprocess
 import sys
 import tarfile
-import tomllib
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 
 import codegen
 
-ROOT = Path(__file__).resolve().parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def build(kind: str, source: Path, target: Path) -> Path:
-    """Call the build backend as pip does, in its own process: it takes the project from the current folder."""
+    """Call the build backend as pip does. It takes the project from the current folder, so it runs in its own process."""
     script = f"import sys; from hatchling.build import build_{kind}; build_{kind}(sys.argv[1])"
     result = subprocess.run([sys.executable, "-c", script, str(target)], cwd=source, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
@@ -96,27 +92,43 @@ def test_the_sdist_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path)
         assert second.read(record) == wheel.read(record)
 
 
-def test_the_extra_all_is_the_sum_of_the_extras() -> None:
-    extras = PROJECT["project"]["optional-dependencies"]
-    (everything,) = (Requirement(line) for line in extras["all"])
-    assert everything.name == "ars-codegen"
-    assert everything.extras == extras.keys() - {"all"}
-    assert all(extras.values())
+def run(*command: str, folder: Path) -> str:
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
-def test_the_lock_file_pins_every_requirement_within_its_range() -> None:
-    pins = dict(re.findall(r"^([a-z0-9-]+)==([^ ;\\]+)", LOCK, re.MULTILINE))
-    lines = [*PROJECT["project"]["dependencies"], *PROJECT["build-system"]["requires"]]
-    for extra, extra_lines in PROJECT["project"]["optional-dependencies"].items():
-        lines += extra_lines if extra != "all" else []
-    assert len(lines) > 20
-    for requirement in map(Requirement, lines):
-        assert requirement.name in pins, f"{requirement.name}: run make lock"
-        assert requirement.specifier.contains(pins[requirement.name]), f"{requirement}: run make lock"
+LEFT_BY_WORK = (
+    "build/run.png",
+    "dist/ars_codegen-0.1.0-py3-none-any.whl",
+    "codegen/__pycache__/config.cpython-311.pyc",
+    "tests/can/__pycache__/x.pyc",
+    ".mypy_cache/3.11/x.json",
+    ".pytest_cache/v/x",
+    ".ruff_cache/x",
+    ".hypothesis/examples/x",
+    "docs/_figures/map.png",
+    ".coverage",
+    "ars_codegen.egg-info/PKG-INFO",
+)
+"""One example of each pattern in .gitignore."""
 
 
-def test_the_lock_file_has_hashes_and_no_place() -> None:
-    blocks = re.split(r"^(?=[a-z0-9-]+==)", LOCK, flags=re.MULTILINE)[1:]
-    assert [block.splitlines()[0] for block in blocks if "--hash=sha256:" not in block] == []
-    # Neither a local path nor an index: each machine takes the packages from where it is set up to.
-    assert re.findall(r"://|^-|--(?!hash=)|@ ", LOCK, re.MULTILINE) == []
+def test_clean_leaves_the_environment_and_the_files_that_git_tracks(tmp_path: Path) -> None:
+    if shutil.which("git") is None:
+        pytest.skip("needs git")
+    for name in ("Makefile", ".gitignore"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    for name in (*LEFT_BY_WORK, ".venv/bin/python", ".venv/lib/__pycache__/x.pyc", "codegen/config.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    run("git", "init", "-q", folder=tmp_path)
+    run("git", "add", ".", folder=tmp_path)
+    for pattern in (ROOT / ".gitignore").read_text(encoding="utf-8").split():  # each is seen in the list above
+        seen = run("git", "ls-files", "--others", "--ignored", f"--exclude={pattern}", folder=tmp_path)
+        assert seen.strip(), f"{pattern}: add an example of it to LEFT_BY_WORK, and to make clean"
+    run("make", "clean", folder=tmp_path)
+    left = run("git", "status", "--porcelain", "--ignored", folder=tmp_path).splitlines()
+    assert [line for line in left if line.startswith("!!")] == ["!! .venv/"]
+    assert (tmp_path / ".venv/lib/__pycache__/x.pyc").is_file()
+    assert (tmp_path / "codegen/config.py").is_file()

@@ -1,0 +1,230 @@
+"""`codegen show`: one map, a stack, two maps compared, bytes of flash; and the tyre of the optimisation of each map."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from codegen.refmap import map as npz
+from codegen.refmap import place_sweep
+from codegen.refmap.solve import solve_case
+from codegen.report.html.blocks import Chart, Gallery, Text
+from codegen.report.html.compare import comparison
+from codegen.report.html.curves import front_angle_chart
+from codegen.report.html.gather import Request, gather, read
+from codegen.report.html.maps import cuts
+from codegen.report.html.report import sections
+from tests import shared
+
+from .conftest import Run
+
+GRID = "[grid]\nspeed_points = 21\nfront_angle_min_deg = 0.5\nfront_angle_points = 20\n"
+CASE = "[cases.4ws-2]\nrear_steering = true\nsideslip_weight_per_s2 = 3000.0\n"
+TYRES = {"linear": "", "nonlinear": 'tyre_model = "magic-formula"\n'}
+LINE = "tyre of the optimisation: "
+
+
+@pytest.fixture
+def maps(here: Path) -> dict[str, Path]:
+    """linear.npz and nonlinear.npz with their configurations; in the latter's, another case is linear."""
+    from codegen import config as configuration
+
+    for name, tyre in TYRES.items():
+        path = here / f"{name}.toml"
+        path.write_text(
+            f'{GRID}[controller]\nkind = "pi"\n{CASE}{tyre}\n[cases.fws]\nrear_steering = false\n', encoding="utf-8"
+        )
+        content = shared.once(f"show {name}", lambda path=path: npz.to_bytes(solve_case(configuration.load(path), "4ws-2")))
+        Path(f"{name}.npz").write_bytes(content)
+    return {name: Path(f"{name}.npz") for name in TYRES}
+
+
+def test_the_tyre_of_the_optimisation_is_named(run: Run, maps: dict[str, Path]) -> None:
+    for name, tyre in (("linear", "linear"), ("nonlinear", "magic-formula")):
+        assert run("show", maps[name]).out.splitlines()[1] == f"{LINE}{tyre}"
+        assert json.loads(run("show", maps[name], "--json").out)["tyre_model"] == tyre
+        assert run("build", "--map", maps[name], "-o", name).code == 0
+    readmes = {name: Path(name, "README.md").read_text(encoding="utf-8") for name in maps}
+    assert "| tyre of the optimisation | magic-formula |\n" in readmes["nonlinear"]
+    assert "tyre of the opt" not in readmes["linear"]
+    np.savez("bare.npz", vx=[5.0, 10.0], delta_f=[0.02, 0.04], yaw_rate=[[0.1, 0.2], [0.1, 0.3]])
+    assert LINE not in run("show", "bare.npz").out
+    assert json.loads(run("show", "bare.npz", "--json").out)["tyre_model"] is None
+
+
+def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, Path]) -> None:
+    answer = run("show", maps["linear"], "--against", maps["nonlinear"], "--plot", "difference.png")
+    assert (answer.code, answer.err) == (0, "")
+    lines = answer.out.splitlines()
+    assert lines[:2] == ["first:  linear.npz", "second: nonlinear.npz"]
+    assert lines[-1] == "plot: difference.png"
+    assert max(len(line) for line in lines) <= 80
+    rows = {line[:34].strip(): line[34:].split() for line in lines}
+    assert rows["tyre of the optimisation"] == ["linear", "magic-formula"]
+    assert rows["front slip above the bound [cells]"][1] == "0"
+    assert any(line.startswith("yaw rate, first less second  ") for line in lines)
+    assert any(line.startswith("60 km/h, 2.00 deg  ") for line in lines)
+    assert Path("difference.png").read_bytes().startswith(b"\x89PNG")
+    data = json.loads(run("show", maps["linear"], "--against", maps["nonlinear"], "--json").out)
+    assert (data["map"], data["against"], data["plot"]) == ("linear.npz", "nonlinear.npz", None)
+    assert data["first"]["front_slip"]["largest_percent"] > 110.0
+    assert data["second"]["front_slip"]["largest_percent"] == pytest.approx(100.0, abs=1e-4)
+    Path("heavy.toml").write_text(f"[vehicle]\nmass_kg = 2000.0\n{GRID}", encoding="utf-8")
+    assert run("solve", "--config", "heavy.toml", "--case", "4ws-2", "-o", "heavy.npz").code == 0
+    assert "different cars" in run("show", maps["linear"], "--against", "heavy.npz").err
+
+
+def blocks_of(path: Path, *compare: Path) -> dict[str, list[object]]:
+    material = gather(read(Request(path, compare=compare)), lambda done, total: None)
+    return {section.name: list(section.blocks) for section in sections(material)}
+
+
+def test_a_report_compares_with_a_map_of_the_same_tyre(maps: dict[str, Path]) -> None:
+    found = blocks_of(maps["nonlinear"])
+    assert f"{LINE.capitalize()}magic-formula." in [block.text for block in found["summary"] if isinstance(block, Text)]
+    data, charts = found["compared"][:2]
+    assert isinstance(data, Text)
+    assert isinstance(charts, Gallery)
+    assert data.text.endswith("; tyre of the optimisation of both: magic-formula.")
+    assert "FWS (magic-formula)" in charts.charts[1].caption
+    (cut,) = (block for block in found["optimum"] if isinstance(block, Chart) and block.name == "front-angle-cut")
+    assert {"FWS (magic-formula)", "4WS-2 (magic-formula)"} <= {line["name"] for line in cut.figure["data"]}
+    assert all(line["name"].endswith(" (magic-formula)") for line in cut.figure["data"])
+    linear = blocks_of(maps["linear"])
+    assert f"{LINE.capitalize()}linear." in [block.text for block in linear["summary"] if isinstance(block, Text)]
+    assert not any("magic-formula" in repr(block) for name in ("compared", "optimum") for block in linear[name])
+
+
+def test_a_report_distinguishes_maps_of_different_tyres(maps: dict[str, Path]) -> None:
+    found = gather(read(Request(maps["nonlinear"], compare=(maps["linear"],))), lambda done, total: None)
+    data = next(section for section in sections(found) if section.name == "compared").blocks[0]
+    assert isinstance(data, Text)
+    assert data.text.endswith("; tyre of the optimisation: magic-formula of nonlinear, linear of linear.")
+    captions = [chart.caption for chart in comparison(found.map, found.others[0]).charts]
+    assert captions[:2] == ["Yaw rate: nonlinear (magic-formula).", "Yaw rate: linear."]
+    assert [one["name"] for one in cuts([found.map, *found.others]).data["maps"]] == ["nonlinear (magic-formula)", "linear"]
+
+
+def test_a_case_that_differs_by_its_tyre_alone_is_drawn_once(maps: dict[str, Path]) -> None:
+    config = npz.load(maps["linear"]).config
+    assert config is not None
+    twin = config.cases["4ws-2"].model_copy(update={"tyre_model": "magic-formula"})
+    both = config.model_copy(update={"cases": {"fws": config.cases["fws"], "4ws-2": config.cases["4ws-2"], "twin": twin}})
+
+    def drawn(tyre: str | None, own: str) -> list[str]:
+        chart = front_angle_chart(both.with_tyre_model(tyre), 4.0, paper=False, own=own)
+        return [line["name"] for line in chart.figure["data"] if line["yaxis"] == "y"]
+
+    assert drawn(None, "4ws-2") == ["FWS", "4WS-2", "TWIN (magic-formula)"]
+    assert drawn("linear", "4ws-2") == ["FWS", "4WS-2"]
+    assert drawn("magic-formula", "twin") == ["FWS (magic-formula)", "TWIN (magic-formula)"]
+
+
+@pytest.mark.parametrize("method", ["exact", "ipopt"])
+def test_a_stack(run: Run, here: Path, method: str) -> None:
+    Path("ars.toml").write_text(f"[grid]\nspeed_points = 6\nfront_angle_points = 5\n{CASE}", encoding="utf-8")
+    solve = ("solve", "--config", "ars.toml", "--case", "4ws-2", "--method", method)
+    answer = run(*solve, "--friction", "0.9, 0.5", "-o", "stack.npz")
+    assert answer.code == 0, answer
+    assert answer.out.startswith("stack.npz: case 4ws-2, 6 speeds x 5 front angles")
+    assert answer.out.rstrip().endswith("; a stack with friction 0.5")
+    assert ("solving 4ws-2 for 2 frictions: 100 %" in answer.err.splitlines()) == (method == "ipopt")
+    assert json.loads(run(*solve, "-o", "alone.npz", "--json").out)["stack"] == []
+    stacked, alone = npz.load(Path("stack.npz")), npz.load(Path("alone.npz"))
+    np.testing.assert_array_equal(stacked.yaw_rate, alone.yaw_rate)
+    (layer,) = stacked.layers
+    assert layer.map.config is not None
+    np.testing.assert_array_equal(layer.map.yaw_rate, solve_case(layer.map.config, "4ws-2", method).yaw_rate)  # type: ignore[arg-type]
+    rows = run("show", "stack.npz", "--plot", "stack.png").out.split("\nfriction")[1].splitlines()[2:4]
+    cells = [int(one.feasible.sum()) for one in (layer.map, stacked)]
+    assert [row.split("  ")[0] for row in rows] == ["0.5", "0.9 (the map itself)"]
+    assert [int(row.split("  ", 1)[1].split()[0]) for row in rows] == cells
+    data = json.loads(run("show", "stack.npz", "--json").out)
+    assert (data["friction"], [(one["friction"], one["feasible_cells"]) for one in data["stack"]]) == (0.9, [(0.5, cells[0])])
+    shown = run("show", "alone.npz")
+    assert "friction" not in shown.out
+
+
+def test_error_against_flash_as_table_plot_and_json(run: Run, maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(place_sweep, "BOUNDS", (math.radians(1.0), math.radians(0.5)))
+    answer = run("show", maps["linear"], "--flash", "--plot", "flash.png")
+    assert answer.code == 0
+    assert Path("flash.png").read_bytes().startswith(b"\x89PNG")
+    lines = answer.out.splitlines()
+    assert "as it is 22 x 22 breakpoints" in lines[0]
+    assert [line.split()[0] for line in lines if line[:1].isdigit()] == ["1", "0.5"]
+    steps = [line.split(" %, ")[-1] for line in answer.err.splitlines()]
+    named = [f"{bound} deg/s, {way}" for bound in ("1", "0.5") for way in ("even", "uneven", "int16")]
+    assert steps == [*named, "placing breakpoints: 100 %"]
+    data = json.loads(run("show", maps["linear"], "--flash", "--json").out)
+    assert {point["way"] for point in data["placed"]} == {"even", "uneven", "int16"}
+    for point in data["placed"]:
+        assert point["error_whole_domain_rad_s"] <= point["max_error_rad_s"]
+        assert point["flash_bytes"] < data["grid"]["flash_bytes"]
+
+
+def test_a_way_that_cannot_hold_a_bound_is_not_tried_for_a_smaller_one(
+    maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference_map = npz.load(maps["linear"])
+    found = place_sweep.Maker.for_error
+    asked: list[float] = []
+
+    def for_error(self: place_sweep.Maker, bound: float, spacings: tuple[place_sweep.Spacing, ...]) -> object:
+        if spacings == ("even",):
+            asked.append(bound)
+            return None
+        return found(self, bound, spacings)
+
+    monkeypatch.setattr(place_sweep.Maker, "for_error", for_error)
+    bounds = (math.radians(1.0), math.radians(0.9))
+    steps: list[tuple[int, int, str]] = []
+    assert reference_map.config is not None
+    made = place_sweep.flash_table(
+        reference_map, reference_map.config, 1, bounds=bounds, progress=lambda *step: steps.append(step)
+    )
+    assert asked == [bounds[0]]
+    assert [point.placed is None for point in made.points] == [True, False, False] * 2
+    named = [
+        *enumerate(("1 deg/s, even", "1 deg/s, uneven", "1 deg/s, int16")),
+        (4, "0.9 deg/s, uneven"),
+        (5, "0.9 deg/s, int16"),
+    ]
+    assert steps == [*((done, 6, step) for done, step in named), (6, 6, "")]
+
+
+def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) -> None:
+    options = ("build", "--map", maps["linear"], "--max-error", "0.01rad/s", "--storage", "int16", "-o", "x")
+    first = run(*options)
+    assert first.code == 0
+    assert "breakpoints, " in first.out and "bytes: at most" in first.out
+    assert run(*options, "--check").code == 0
+    assert run(*options[:5], "-o", "x", "--check").code == 1
+    assert "--max-error 0.01rad/s --storage int16 -o DIR" in Path("x/README.md").read_text(encoding="ascii")
+    data = json.loads(run(*options, "--max-flash", "1kB", "--json").out)["placement"]
+    assert data["flash_bytes"] <= 1000
+    assert data["error_rad_s"] <= data["error_whole_domain_rad_s"] <= 0.01
+    assert json.loads(Path("x/manifest.json").read_bytes())["options"] == {
+        "kind": "pi",
+        "max_error_rad_s": 0.01,
+        "max_flash_bytes": 1000,
+        "precision": "single",
+        "prefix": "ars",
+        "storage": "int16",
+    }
+
+
+def test_quantities_are_read_with_their_unit() -> None:
+    from codegen.cli.values import memory_size, yaw_rate_error
+
+    rates = {"0.05deg/s": math.radians(0.05), " 1e-3 rad/s": 1e-3, ".5deg/s": math.radians(0.5)}
+    for written, value in rates.items():
+        found = yaw_rate_error.convert(written, None, None)
+        assert found.value == pytest.approx(value, rel=1e-15)
+        assert yaw_rate_error.convert(found.words, None, None) == found
+    sizes = {"4KiB": 4096, "4096B": 4096, "4kB": 4000, "2MB": 2000000, "1MiB": 1048576, "0.5 KiB": 512}
+    assert {written: memory_size.convert(written, None, None).value for written in sizes} == sizes
