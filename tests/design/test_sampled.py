@@ -11,7 +11,6 @@ from codegen.config import Config
 from codegen.design import sampled
 from codegen.design.family import Member, nominal
 from codegen.design.sampled import FREQUENCY_MIN, frequency_grid, sample
-from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 
 from .conftest import small_config
@@ -35,22 +34,6 @@ def test_the_frequency_response_is_that_of_python_control(car: int, delay: int) 
         expected = control.frequency_response(sampled_car(config, CARS[car], speed, delay), frequency).complex
         # 1e-8: python-control adds the car's states up to 7 without balancing, where the entries differ by 1e5.
         np.testing.assert_allclose(found[k], expected, rtol=1e-8, atol=0.0)
-
-
-def test_the_car_is_the_linear_model_of_the_optimisation() -> None:
-    config = Config()
-    model = single_track(config, "linear")
-    car = sample(config, [Member(0.002)], SPEEDS)  # relaxation 0: rear angle, sideslip and yaw rate alone count
-    time = config.controller.sampling_time_s
-    for k, speed in enumerate(SPEEDS):
-        state, steering = (np.array(matrix) for matrix in model.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
-        whole = np.zeros((4, 4))
-        whole[:2, :2], whole[:2, 2] = state, steering[:, 2]
-        whole[2, 2], whole[2, 3] = -500.0, 500.0
-        expected = expm(time * whole)
-        places = [sampled.BETA, sampled.YAW_RATE, sampled.REAR]
-        np.testing.assert_allclose(car.transition[0, k][np.ix_(places, places)], expected[:3, :3], rtol=1e-11, atol=1e-14)
-        np.testing.assert_allclose(car.input[0, k][places], expected[:3, 3], rtol=1e-11, atol=1e-14)
 
 
 def test_relaxation_lags_and_keeps_the_closed_form_of_the_steady_turn() -> None:

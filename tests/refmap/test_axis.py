@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.refmap.axis import EVENNESS, Axis
-from codegen.refmap.lookup import AxisConstants, Real
-from tests.refmap.cars import paper_total
+from codegen.refmap.lookup import AxisConstants
 
 
 @pytest.mark.parametrize(
@@ -73,24 +72,6 @@ def test_search_steps_reach_every_cell_and_no_further(n: int) -> None:
     cell, position = constants.locate(upper[-1:])
     assert (cell[0], position[0]) == (n - 2, 1.0)
     assert Axis.from_breakpoints(np.array([0.0, 2.0])).search_steps == ()
-
-
-@pytest.mark.parametrize("real", [np.float32, np.float64])
-def test_position_on_the_axes_of_the_paper(real: Real) -> None:
-    """The position, in cells, is the linear interpolation of the cell numbers, to four roundings of a position of 100 cells.
-
-    Rounding may choose the neighbouring cell at the end of a cell, so the sum of cell and position is compared.
-    """
-    for breakpoints in (paper_total().speed, paper_total().front_angle):
-        assert Axis.from_breakpoints(breakpoints).even and breakpoints.size == 102
-        constants = AxisConstants(Axis.from_breakpoints(breakpoints), real)
-        x = np.unique(np.concatenate([np.linspace(0.0, breakpoints[-1], 4_001), breakpoints]).astype(real))
-        x = np.minimum(x, constants.top)
-        cell, position = constants.locate(x)
-        assert position.dtype == real and np.all((cell >= 0) & (cell <= breakpoints.size - 2))
-        expected = np.interp(x.astype(np.float64), breakpoints, np.arange(breakpoints.size))
-        tolerance = 2.0 * 100.0 * float(np.finfo(real).eps)
-        np.testing.assert_allclose(cell + position.astype(np.float64), expected, rtol=0.0, atol=tolerance)
 
 
 @given(st.lists(st.floats(1e-3, 10.0) | st.just(1.0), min_size=1, max_size=40), st.floats(0.0, 1.0))

@@ -257,45 +257,6 @@ def test_total(every: Mapping[str, TotalMap], name: str) -> None:
     assert single(12.0, np.inf) == single(12.0, total.front_angle[-1]) > 0.0
 
 
-def cell_slopes(table: FloatArray, breakpoints: FloatArray, at: FloatArray) -> FloatArray:
-    """Slope of the table's columns along its first axis (over `breakpoints`) in the cells of the steps of `at`, the steeper
-    one where a step crosses a breakpoint; zero beyond the last."""
-    slope = np.abs(np.diff(table, axis=0)) / np.diff(breakpoints)[:, np.newaxis]
-    slope = np.vstack([slope, np.zeros((1, table.shape[1]))])
-    first = np.searchsorted(breakpoints[1:], at[:-1], side="right")
-    last = np.searchsorted(breakpoints[1:], at[1:], side="right")
-    result: FloatArray = np.maximum(slope[first], slope[last])
-    return result
-
-
-def between(slopes: FloatArray, at: FloatArray, breakpoints: FloatArray) -> FloatArray:
-    """The steeper of the slopes on the two sides of the cells of `at`; inside a cell the slope is a mean of the two."""
-    cell = np.minimum(np.searchsorted(breakpoints[1:], at, side="right"), breakpoints.size - 2)
-    result: FloatArray = np.maximum(slopes[:, cell], slopes[:, cell + 1])
-    return result
-
-
-@pytest.mark.parametrize("name", WHOLE)
-def test_continuous(every: Mapping[str, TotalMap], name: str) -> None:
-    """On a dense grid, no step is larger than the slopes of the table and of the cap allow."""
-    total = every[name]
-    lookup = Lookup.from_map(total, np.float64)
-    speed, angle = dense(total.speed, 1.5 * total.speed[-1], 700), dense(total.front_angle, 1.1 * total.front_angle[-1], 700)
-    some = angle[:: angle.size // 100]
-    rate = lookup(speed[:, np.newaxis], some)
-    allowed = between(cell_slopes(total.yaw_rate, total.speed, speed), some, total.front_angle)
-    capped = rate * speed[:, np.newaxis] >= total.lateral_acceleration_cap * (1.0 - 1e-9)
-    with np.errstate(divide="ignore"):
-        of_cap = (total.lateral_acceleration_cap / (speed[1:] * speed[:-1]))[:, np.newaxis]
-    allowed = np.where(capped[1:] | capped[:-1], np.maximum(allowed, of_cap), allowed)
-    assert np.all(np.abs(np.diff(rate, axis=0)) <= allowed * np.diff(speed)[:, np.newaxis] + ROUNDING)
-    some = speed[:: speed.size // 100]
-    rate = lookup(some, angle[:, np.newaxis])
-    inside = np.minimum(some, total.speed[-1])
-    allowed = between(cell_slopes(total.yaw_rate.T, total.front_angle, angle), inside, total.speed)
-    assert np.all(np.abs(np.diff(rate, axis=0)) <= allowed * np.diff(angle)[:, np.newaxis] + ROUNDING)
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_no_sawtooth_over_speed_and_no_jump_where_a_rule_begins(case: str) -> None:
     """At any front angle the reference rises with speed to where grip ends it and falls from there: it turns once.

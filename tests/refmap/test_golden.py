@@ -1,4 +1,4 @@
-"""The committed maps and builds: solved and built again, they are the content of `generated/`. The evidence tier designs the schedule again."""
+"""The committed maps and builds: solved and built again, they are the content of `generated/`."""
 
 from __future__ import annotations
 

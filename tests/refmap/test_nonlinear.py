@@ -25,17 +25,12 @@ from codegen.refmap.model_excess import model_excess
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.problem import breakpoints
 from codegen.refmap.stack import solve_stack
-from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
-from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import AxleTyres
-from tests import builds
 from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map
 
 TYRES = AxleTyres.from_config(PAPER)
 BOUNDS = np.array([TYRES.front_slip_bound, TYRES.rear_slip_bound])
-SLIP_TOLERANCE = 0.01
-"""Relative: on breakpoints the table is exact, and what is left is single precision and the residue of the settling."""
 
 
 def check_against_dense_search(seed: int, cells: int) -> None:
@@ -111,36 +106,6 @@ def built(reference_map: ReferenceMap, config: Config, **options: object) -> Fol
     return build(reference_map, config, BuildOptions("test", **options), BuildInputs("test.npz", "0" * 64, "map"))  # type: ignore[arg-type]
 
 
-def steady_slips(software: Software, config: Config, speed: float, front_angle: float) -> np.ndarray:
-    """Steady front and rear slip of a build on the plant, in fractions of their bounds: turned in slowly, then held."""
-    time = np.arange(0.0, 30.0, config.plant.sampling_time_s)
-    inputs = np.zeros((time.size, len(INPUT_COLUMNS)))
-    inputs[:, INPUT_COLUMNS.index("speed")] = speed
-    wheel = front_angle * config.steering.ratio * np.clip(time / 10.0, 0.0, 1.0)
-    inputs[:, INPUT_COLUMNS.index("steering_wheel_command")] = wheel
-    inputs[:, INPUT_COLUMNS.index("friction")] = config.road.friction
-    inputs[:, INPUT_COLUMNS.index("friction_estimate")] = math.nan
-    record = ClosedLoop(software).run(inputs)[-200:]
-    assert np.ptp(record[:, RECORD_COLUMNS.index("yaw_rate_rad_s")]) < 1e-4  # rad/s: settled
-    columns = [RECORD_COLUMNS.index(name) for name in ("slip_front_rad", "slip_rear_rad")]
-    return np.asarray(np.abs(record[:, columns]).max(axis=0) / BOUNDS)
-
-
-def test_closed_loop_keeps_the_slip_bounds_that_the_linear_map_exceeds() -> None:
-    """On a breakpoint near the end of the map."""
-    row, found, config = 22, nonlinear_map(), nonlinear(PAPER, "4ws-2")
-    column = int(0.99 * np.flatnonzero(found.feasible[row])[-1])
-    folder = built(found, config)
-    assert "reference_model_excess" not in folder.manifest  # the PI follows the map itself
-    software = compile_build(folder.files, folder.manifest)
-    slips = steady_slips(software, config, float(found.speed[row]), float(found.front_angle[column]))
-    assert (slips <= 1.0 + SLIP_TOLERANCE).all()
-    linear = builds.paper_map()
-    last = int(np.flatnonzero(linear.feasible[row])[-1])
-    slips = steady_slips(builds.paper().software, PAPER, float(linear.speed[row]), float(linear.front_angle[last]))
-    assert 1.10 < slips.max() < 1.25
-
-
 # --- the excess of the reference model of kind tracking -----------------------------------------------------------------
 
 
@@ -164,6 +129,10 @@ def tracking(trim_percent: float | None = None) -> Config:
 def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
     """The same map with another controller in its configuration."""
     return replace(reference_map, config=config, meta={**reference_map.meta, "configuration": config.model_dump(mode="json")})
+
+
+def test_the_pi_follows_the_map_itself() -> None:
+    assert "reference_model_excess" not in built(nonlinear_map(), nonlinear(PAPER, "4ws-2")).manifest
 
 
 def test_a_build_of_kind_tracking_reports_the_excess_of_its_reference_model() -> None:

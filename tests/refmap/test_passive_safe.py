@@ -15,7 +15,6 @@ from codegen.refmap import exact
 from codegen.refmap import map as npz
 from codegen.refmap.extend import Rule, extend
 from codegen.refmap.lookup import Lookup
-from codegen.refmap.loss import loss_of_function
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from tests.refmap.cars import PAPER, changed, paper_map
@@ -42,28 +41,6 @@ def test_the_feasible_cells_are_those_of_the_passive_car(case: str) -> None:
     again = npz.from_bytes(npz.to_bytes(left), "test")
     assert again.config is not None and again.config.case(f"safe-{case}").passive_safe
     np.testing.assert_array_equal(again.yaw_rate, left.yaw_rate)
-
-
-def test_the_car_stays_within_the_sideslip_bound_when_it_loses_the_function() -> None:
-    """The bound is that of the steady turn; the plant, whose tyres are not linear, stays inside it too."""
-    lost = loss_of_function(solve_case(CONFIG, "safe-4ws-2"), CONFIG)
-    assert lost.only_with_rear_steer is not None and not lost.only_with_rear_steer.any()
-    assert lost.share_of_feasible == lost.share_of_grid == 0.0
-    assert lost.passively_feasible is not None and lost.passively_feasible.all()
-    assert lost.settles.all() and not lost.spins.any()
-    assert lost.sideslip_max.max() <= CONFIG.limits.sideslip_max
-
-
-def test_both_methods_leave_out_the_same() -> None:
-    """On a grid that the edges of both the passive and the steered car cross. Tolerance: that of IPOPT's optimum."""
-    grid = {"speed_breakpoints_km_h": [25.0, 110.0], "front_angle_breakpoints_deg": [1.2, 3.0, 7.0]}
-    config = with_safe_cases(grid=grid)
-    found, reference = (solve_case(config, "safe-4ws-2", method) for method in ("exact", "ipopt"))
-    steered = solve_case(config, "4ws-2").feasible
-    assert 0 < found.feasible.sum() < steered.sum() < steered.size
-    np.testing.assert_array_equal(found.feasible, reference.feasible)
-    np.testing.assert_allclose(found.yaw_rate, reference.yaw_rate, rtol=0.0, atol=1e-6)
-    np.testing.assert_array_equal(found.active, reference.active)
 
 
 def test_the_option_is_named_only_where_it_leaves_nothing() -> None:

@@ -32,6 +32,7 @@ from tests.refmap.cars import CASES, PAPER, changed, nonlinear, paper_map, paper
 from tests.refmap.placing import ROUNDING, coarsely, errors_against_optimum, largest_error, placed, rear_angle_error, truth_of
 
 WIDE = math.radians(1.0)
+BARE_BOUND = math.radians(4.0)
 PROBLEM = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
 
 
@@ -128,9 +129,9 @@ def test_rules_name_the_origin_of_the_cells() -> None:
 def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     total = extend(bare(), PAPER, PAPER.steering.front_angle_stop)
     own = Lookup.from_map(total, np.float64)
-    uneven = placed(bare(), PAPER, WIDE)
+    uneven = placed(bare(), PAPER, BARE_BOUND)
     assert (uneven.origin, uneven.gap) == ("table", 0.0)
-    assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= WIDE + ROUNDING
+    assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
     assert uneven.flash_bytes < 4 * total.yaw_rate.size
     assert Rule.CONTINUED.value not in uneven.total.rule
 
@@ -139,13 +140,13 @@ def test_a_search_does_not_depend_on_earlier_searches_and_fills_the_bytes_of_a_b
     """Even axes take more bytes here. A search for bytes finds no larger error, but for its step (`TIGHTER`, 3 %)."""
     target = Target(1, np.float32, "float")
     used, fresh = (Maker(ground_of(bare(), PAPER), target) for _ in range(2))
-    assert used.for_error(2.0 * WIDE) is not None
-    again, first = (maker.for_error(WIDE, ("uneven",)) for maker in (used, fresh))
+    assert used.for_error(2.0 * BARE_BOUND) is not None
+    again, first = (maker.for_error(BARE_BOUND, ("uneven",)) for maker in (used, fresh))
     assert again is not None and first is not None
     for name in ("speed", "front_angle", "yaw_rate", "rear_angle", "rule"):
         np.testing.assert_array_equal(getattr(again.total, name), getattr(first.total, name))
-    even = used.for_error(WIDE, ("even",))
-    assert even is not None and even.bounded_error <= WIDE and even.flash_bytes >= first.flash_bytes
+    even = used.for_error(BARE_BOUND, ("even",))
+    assert even is not None and even.bounded_error <= BARE_BOUND and even.flash_bytes >= first.flash_bytes
     assert all(Axis.from_breakpoints(axis).even for axis in (even.total.speed, even.total.front_angle))
     filled = used.for_flash(first.flash_bytes, ("uneven",))
     assert filled is not None and filled.flash_bytes <= first.flash_bytes
@@ -158,8 +159,8 @@ def test_a_search_does_not_depend_on_earlier_searches_and_fills_the_bytes_of_a_b
         (1e-12, None, "float", "--max-error", "can be reached"),
         (1e-5, None, "int16", "--max-error", "can be reached"),
         (None, 12, "float", "--max-flash", "the smallest one takes 32 bytes"),
-        (WIDE, 100, "float", "--max-error, --max-flash", "in 100 bytes"),
-        (1e-12, 100, "float", "--max-error", "in 100 bytes"),
+        (BARE_BOUND, 40, "float", "--max-error, --max-flash", "in 40 bytes"),
+        (1e-12, 40, "float", "--max-error", "in 40 bytes"),
     ],
 )
 def test_a_request_that_cannot_be_met_is_refused_with_one_that_can(

@@ -20,15 +20,13 @@ from codegen.config import Config
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import archive, stack, tables
 from codegen.refmap import map as npz
-from codegen.refmap.extend import extend
 from codegen.refmap.map import FrictionLayer, ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, lower_frictions, on_road, solve_stack
-from codegen.vehicle.dynamics import single_track, two_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
-from tests.refmap.cars import CASES, PAPER, changed, random_config
+from tests.refmap.cars import CASES, PAPER, changed
 
 Arrays = dict[str, Any]
 Change = Callable[[Arrays], None]
@@ -60,33 +58,6 @@ def test_the_tyre_of_another_road_is_the_same_tyre(friction: float) -> None:
             np.testing.assert_array_equal(other.force(SLIPS, load), tyre.force(SLIPS, load, friction))
     # The slip at which the formula leaves its tangent does not depend on its height.
     assert (there.front_slip_bound, there.rear_slip_bound) == (nominal.front_slip_bound, nominal.rear_slip_bound)
-
-
-def test_any_car_is_the_same_car_there() -> None:
-    rng, refused = np.random.default_rng(20_240_621), 0
-    for _ in range(30):
-        config = random_config(rng)
-        friction = float(rng.uniform(0.05, 1.0)) * config.road.friction
-        nominal = AxleTyres.from_config(config)
-        if max(nominal.front.stiffness_factor, nominal.rear.stiffness_factor) > 100.0 or friction < 0.05:
-            with pytest.raises(ConfigError, match=r"on a road of friction .* is outside"):
-                on_road(config, friction)
-            refused += 1
-            continue
-        there = AxleTyres.from_config(on_road(config, friction))
-        np.testing.assert_array_equal(there.front.force(SLIPS), nominal.front.force(SLIPS, friction=friction))
-        np.testing.assert_array_equal(there.rear.force(SLIPS), nominal.rear.force(SLIPS, friction=friction))
-    assert 0 < refused < 20
-
-
-def test_models_agree_with_their_own_friction_input() -> None:
-    there = on_road(CONFIG, 0.4)
-    for make in (lambda config: single_track(config, "magic-formula"), two_track):
-        one, other = make(CONFIG), make(there)
-        x = np.linspace(0.02, 0.05, len(one.states))
-        values = {"speed": 20.0, "front_angle": 0.05, "rear_angle": 0.01, "friction": 0.4}
-        u = [values.get(name, 0.0) for name in one.inputs]
-        np.testing.assert_array_equal(np.array(one.derivative(x, u)), np.array(other.derivative(x, u)))
 
 
 def test_only_road_and_tyres_change_and_a_file_can_hold_it() -> None:
@@ -144,14 +115,6 @@ def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
         assert cap(layer.map.config) == pytest.approx(0.5 * cap(CONFIG), rel=1e-12)
 
 
-def test_each_layer_extends_by_itself() -> None:
-    another_car = changed(CONFIG, vehicle={"mass_kg": 1_500.0})
-    for layer, config in zip(STACKED.layers, layer_configs(STACKED, another_car), strict=True):
-        assert config == layer.map.config
-        total = extend(layer.map, CONFIG)
-        assert total.friction == layer.friction and np.isfinite(total.yaw_rate).all()
-
-
 def test_progress_counts_all_cells_and_the_method_reaches_the_layers() -> None:
     """The evidence tier solves a larger stack with IPOPT. The tolerance is the agreement required of the two methods."""
     grid = {"speed_breakpoints_km_h": [40.0, 90.0], "front_angle_breakpoints_deg": [1.0, 3.0]}
@@ -161,15 +124,6 @@ def test_progress_counts_all_cells_and_the_method_reaches_the_layers() -> None:
     assert found.layers[0].map.meta["method"] == found.meta["method"] == "ipopt"
     expected = solve_stack(config, "4ws-2", (0.5, 0.9)).layers[0].map
     np.testing.assert_allclose(found.layers[0].map.yaw_rate, expected.yaw_rate, rtol=0.0, atol=1e-6)
-
-
-def test_a_passively_safe_case_is_so_on_each_road() -> None:
-    case = CONFIG.cases["4ws-2"].model_dump(mode="json")
-    config = changed(CONFIG, cases={"safe": case | {"passive_safe": True}})
-    stacks = (solve_stack(config, name, (0.4, 0.9)) for name in ("safe", "4ws-2", "fws"))
-    for one, other, straight in zip(*([found.layers[0].map, found] for found in stacks), strict=True):
-        np.testing.assert_array_equal(one.feasible, other.feasible & straight.feasible)
-        assert one.feasible.sum() < other.feasible.sum()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ interval of rear angles is under 1e-6 rad are listed, not compared: there feasib
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -184,24 +184,6 @@ def test_a_stack_and_a_passively_safe_case() -> None:
 
 
 # --- the comparison itself ----------------------------------------------------------------------------------------------
-
-
-def test_the_comparison_finds_each_kind_of_difference() -> None:
-    speed, front_angle = (values[::11] for values in breakpoints(PAPER))
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
-    found = exact.solve(problem, speed, front_angle)
-    i, j = cells(found.feasible & (found.active != 0))[3]
-
-    def with_value(name: str, value: Any) -> Solution:
-        array = getattr(found, name).copy()
-        array[i, j] = value
-        return replace(found, **{name: array})
-
-    assert compare(problem, speed, found, found).agrees
-    assert compare(problem, speed, found, with_value("yaw_rate", found.yaw_rate[i, j] + 2e-6)).yaw_rate == [(i, j)]
-    assert compare(problem, speed, found, with_value("yaw_rate", np.nan)).yaw_rate == [(i, j)]
-    assert compare(problem, speed, found, with_value("feasible", False)).feasibility == [(i, j)]
-    assert compare(problem, speed, found, with_value("active", 0)).binding == [(i, j)]
 
 
 def test_thin_cells_are_listed_and_the_next_wider_ones_compared() -> None:

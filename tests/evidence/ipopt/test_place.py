@@ -14,8 +14,6 @@ from codegen.design.tune import design
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import load
-from codegen.refmap.place import Maker, Target
-from codegen.refmap.place_ground import ground_of
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, solve_stack
 from codegen.refmap.turns import turns_of
@@ -82,27 +80,6 @@ def test_the_bound_holds_for_any_car(seed: int) -> None:
 
 
 @LONG
-def test_one_table_does_not_bound_the_rear_angle() -> None:
-    one, both = (placed(paper_map(), PAPER, COARSE, tables) for tables in (1, 2))
-    assert 0.4 * COARSE < rear_angle_error(both, PAPER, "4ws-2") <= both.bounded_error + ROUNDING
-    assert rear_angle_error(one, PAPER, "4ws-2") > 2.0 * COARSE
-
-
-@LONG
-@pytest.mark.parametrize("degrees", [0.25, 0.175])
-def test_the_bytes_of_a_bound_give_no_larger_error(degrees: float) -> None:
-    """But for the step of the search (`TIGHTER`, 3 %)."""
-    maker = Maker(ground_of(paper_map(), PAPER), Target(1, np.float32, "float"))
-    bounded = maker.for_error(math.radians(degrees), ("uneven",))
-    assert bounded is not None
-    filled = maker.for_flash(bounded.flash_bytes, ("uneven",))
-    assert filled is not None and filled.flash_bytes <= bounded.flash_bytes
-    assert filled.error.yaw_rate_whole <= bounded.error.yaw_rate_whole / 0.97
-    more = maker.for_flash(2 * bounded.flash_bytes, ("uneven",))
-    assert more is not None and more.error.yaw_rate_whole < 0.7 * filled.error.yaw_rate_whole
-
-
-@LONG
 @pytest.mark.parametrize("storage", ["float", "int16"])
 @pytest.mark.parametrize("passive_safe", [False, True])
 def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(passive_safe: bool, storage: str) -> None:
@@ -139,20 +116,6 @@ def test_with_the_nonlinear_tyre_a_map_without_rear_steering_ends_with_the_yaw_r
     beyond = np.array([1.01, 1.3, 2.0])[:, np.newaxis] * edge.front_angle
     yaw_rate = Lookup.from_map(found.total, np.float64)(speed, beyond)
     np.testing.assert_allclose(yaw_rate, np.broadcast_to(edge.yaw_rate, beyond.shape), rtol=0.0, atol=COARSE)
-
-
-@LONG
-def test_the_error_of_the_fine_grid_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a coarse grid it is more than any table could compensate: refused before a table is searched for."""
-    monkeypatch.setattr("codegen.refmap.place_grip.HALVINGS", 0)
-    config = coarsely(nonlinear(PAPER, "4ws-2"))
-    ground = ground_of(solve_case(config, "4ws-2"), config)
-    gap = ground.layers[-1].gap.yaw_rate
-    assert gap > FINE
-    maker = Maker(ground, Target(1, np.float32, "float"))
-    assert maker.for_error(0.99 * gap) is None
-    found = maker.for_error(2.0 * gap, ("uneven",))
-    assert found is not None and gap < found.error.yaw_rate_whole <= 2.0 * gap
 
 
 @LONG
