@@ -11,6 +11,7 @@ import pytest
 
 from codegen.config import KM_H, Config, preset
 from codegen.design.tune import design
+from codegen.errors import BuildError
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import load
@@ -116,6 +117,18 @@ def test_with_the_nonlinear_tyre_a_map_without_rear_steering_ends_with_the_yaw_r
     beyond = np.array([1.01, 1.3, 2.0])[:, np.newaxis] * edge.front_angle
     yaw_rate = Lookup.from_map(found.total, np.float64)(speed, beyond)
     np.testing.assert_allclose(yaw_rate, np.broadcast_to(edge.yaw_rate, beyond.shape), rtol=0.0, atol=COARSE)
+
+
+@LONG
+@pytest.mark.parametrize(
+    ("max_error", "max_flash", "storage", "remedy"),
+    [(1e-12, None, "float", "can be reached"), (1e-5, None, "int16", "can be reached"), (1e-12, 100, "float", "in 100 bytes")],
+)
+def test_an_error_that_no_table_can_have_is_refused(max_error: float, max_flash: int | None, storage: str, remedy: str) -> None:
+    with pytest.raises(BuildError) as caught:
+        placed(paper_map(), PAPER, max_error, max_flash=max_flash, storage=storage)
+    assert caught.value.where == "--max-error" and remedy in caught.value.remedy
+    assert "\n" not in str(caught.value)
 
 
 @LONG
