@@ -1,13 +1,16 @@
-"""Cars to design for: the default family, whose design takes seconds and is made once, and a small one for everything else."""
+"""Cars to design for: the committed schedule of the default family, whose design takes seconds, and a small family."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from codegen.config import Config, parse
+from codegen.config import Config, Schedule, parse
 from codegen.design.tune import Design, design
+from codegen.refmap.map import load
+from tests import shared
 
 SMALL_FAMILY = {
     "actuator_lag_s": [0.05],
@@ -19,17 +22,20 @@ SMALL_FAMILY = {
 
 
 def small_config(other: dict[str, Any] | None = None, /, **tuning: Any) -> Config:
-    """The default car with a family of 9 (the configured car is not among the combinations), changed as told."""
+    """The default car with a family of 9 (the configured car is not among the combinations), and changes."""
     return parse({"tuning": {**SMALL_FAMILY, **tuning}, **(other or {})}, "small family")
 
 
 @pytest.fixture(scope="session")
-def default_design() -> Design:
-    """The design for the default configuration."""
-    return design(Config())
+def committed() -> Schedule:
+    """The schedule of the default configuration; the evidence tier designs it again."""
+    config = load(Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz").config
+    assert config is not None and config.controller.tracking.schedule is not None
+    return config.controller.tracking.schedule
 
 
 @pytest.fixture(scope="session")
 def small_design() -> Design:
     """The design for the small family."""
-    return design(small_config())
+    made: Design = shared.once("small design", lambda: design(small_config()))
+    return made

@@ -37,14 +37,8 @@ def with_lag(config: Config, lag: float) -> Config:
 
 
 def paper_margins(lag: float, speed_km_h: float) -> Margins:
-    """Of the published PI: Kp 0.01, Ki 1, one sample of delay."""
+    """Margins of the published PI: Kp 0.01, Ki 1, one sample of delay."""
     return nominal_margins(with_lag(configuration.preset(), lag), [speed_km_h * KM_H], [0.01], [1.0])
-
-
-def oversteering() -> Config:
-    """Its critical speed is 40 m/s."""
-    rear = {"cornering_stiffness_n_per_rad": 89_000.0}
-    return small_config({"tyre": {"front": {"cornering_stiffness_n_per_rad": 119_540.0}, "rear": rear}})
 
 
 def grows(config: Config, car: Member, speed: float, kp: float, ki: float, seconds: float) -> bool:
@@ -67,7 +61,6 @@ def grows(config: Config, car: Member, speed: float, kp: float, ki: float, secon
     ("lag", "speed_km_h", "phase", "gain", "phase_digit", "gain_digit"),
     [
         (0.05, 20.0, 82.0, 30.0, 0.5, 0.5),
-        (0.05, 80.0, 43.0, 12.0, 0.5, 0.5),
         (0.05, 120.0, 24.0, 7.8, 0.5, 0.05),
         (0.1, 120.0, 13.0, 3.8, 0.5, 0.05),
     ],
@@ -94,20 +87,20 @@ CARS = [Member(0.05), Member(0.1, 1.2, 1.15, 0.8, 0.6), Member(0.02, 0.8, 0.8, 1
 GAINS = [(15.0, 0.002, 1.8), (30.0, 0.0, 1.5), (80.0, 0.13, 0.6), (120.0, 0.1, 0.0), (300.0, 0.1, 0.3)]
 
 
-@pytest.mark.parametrize(("car", "gains"), [*enumerate(GAINS[:4]), *enumerate(reversed(GAINS[1:])), (0, GAINS[4])])
+@pytest.mark.parametrize(("car", "gains"), [*enumerate(GAINS[:4]), (2, GAINS[3]), (0, GAINS[4])])
 def test_margins_are_those_of_python_control(car: int, gains: tuple[float, float, float]) -> None:
     speed_km_h, kp, ki = gains
     config, member = Config(), CARS[car]
     frequency = frequency_grid(config.controller.sampling_time_s)
     found = loop_margins(sample(config, [member], [speed_km_h * KM_H]), kp, ki, frequency)
-    wanted = loop(config, member, speed_km_h * KM_H, kp, ki)
-    stable = bool((np.abs(control.feedback(wanted, 1.0).poles()) < 1.0).all())
+    expected = loop(config, member, speed_km_h * KM_H, kp, ki)
+    stable = bool((np.abs(control.feedback(expected, 1.0).poles()) < 1.0).all())
     assert bool(found.stable[0, 0]) == stable
     if not stable:
         assert np.isinf(found.sensitivity).all()
         return
     fine = np.geomspace(0.02, np.pi / config.controller.sampling_time_s, 4_000)
-    response = control.frequency_response(wanted, fine).complex
+    response = control.frequency_response(expected, fine).complex
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of python-control, about what it does with data
         gain, phase, _, _, _, _ = control.stability_margins(control.frd(response, fine), returnall=True)
@@ -116,17 +109,6 @@ def test_margins_are_those_of_python_control(car: int, gains: tuple[float, float
     assert found.gain_margin_db[0, 0] == pytest.approx(smallest, abs=0.02)
     assert found.phase_margin_deg[0, 0] == pytest.approx(np.abs(phase).min() if phase.size else np.inf, abs=0.01)
     assert found.sensitivity[0, 0] == pytest.approx((1.0 / np.abs(1.0 + response)).max(), rel=0.004)
-
-
-@pytest.mark.parametrize("gains", [(30.0, 0.03, 1.5), (80.0, 0.13, 0.6), (120.0, 0.1, 0.4)])
-def test_the_loop_starts_to_grow_where_the_gain_margin_ends(gains: tuple[float, float, float]) -> None:
-    speed_km_h, kp, ki = gains
-    config, car = Config(), CARS[1]
-    frequency = frequency_grid(config.controller.sampling_time_s)
-    found = loop_margins(sample(config, [car], [speed_km_h * KM_H]), kp, ki, frequency)
-    for beyond, unstable in ((-0.1, False), (0.1, True)):
-        factor = 10.0 ** ((float(found.gain_margin_db[0, 0]) + beyond) / 20.0)
-        assert grows(config, car, speed_km_h * KM_H, factor * kp, factor * ki, 20.0) is unstable
 
 
 def test_a_loop_may_end_its_gain_margin_at_half_the_sampling_frequency() -> None:
@@ -141,9 +123,10 @@ def test_a_loop_may_end_its_gain_margin_at_half_the_sampling_frequency() -> None
         assert grows(config, car, speed, factor * kp, 0.0, 20.0) is unstable
 
 
-@pytest.mark.parametrize("ki", [0.0, 0.4])
-def test_a_car_that_needs_the_loop_has_a_margin_downwards(ki: float) -> None:
-    config = oversteering()
+def test_a_car_that_needs_the_loop_has_a_margin_downwards() -> None:
+    """Its critical speed is 40 m/s."""
+    rear, ki = {"cornering_stiffness_n_per_rad": 89_000.0}, 0.4
+    config = small_config({"tyre": {"front": {"cornering_stiffness_n_per_rad": 119_540.0}, "rear": rear}})
     car, speed = nominal(config), 1.25 * SingleTrack.from_config(config).critical_speed
     found = nominal_margins(config, [speed], [0.1], [ki])
     assert found.stable.all()
@@ -156,28 +139,22 @@ def test_a_car_that_needs_the_loop_has_a_margin_downwards(ki: float) -> None:
     assert not grows(config, car, speed, factor * 0.1, factor * ki, 60.0)
 
 
-def test_a_loop_without_gains_has_all_margins() -> None:
-    found = nominal_margins(Config(), [20.0], [0.0], [0.0])
-    assert found.stable.all()
-    assert (found.gain_margin_db[0], found.phase_margin_deg[0], found.sensitivity[0]) == (np.inf, np.inf, 1.0)
-
-
 def test_the_family_is_as_good_as_its_worst_members() -> None:
     config = small_config(relaxation_length_m=[0.0, 0.3, 0.6], actuator_lag_s=[0.02, 0.1])
     speed, kp, ki = np.array([20.0, 70.0, 120.0]) * KM_H, np.array([0.02, 0.1, 0.12]), np.array([1.5, 0.7, 0.4])
     found, worst = family_margins(config, speed, kp, ki)
     frequency = frequency_grid(config.controller.sampling_time_s)
-    each = [loop_margins(sample(config, [member], speed), kp, ki, frequency) for member in members(config)]
+    each = [loop_margins(sample(config, [car], speed), kp, ki, frequency) for car in members(config)]
     np.testing.assert_allclose(found.gain_margin_db, np.min([one.gain_margin_db[0] for one in each], axis=0), rtol=1e-9)
     np.testing.assert_allclose(found.phase_margin_deg, np.min([one.phase_margin_deg[0] for one in each], axis=0), rtol=1e-9)
     np.testing.assert_allclose(found.sensitivity, np.max([one.sensitivity[0] for one in each], axis=0), rtol=1e-9)
     for k in range(3):
-        for who, figure in (
+        for member, figure in (
             (worst.gain_margin[k], "gain_margin_db"),
             (worst.phase_margin[k], "phase_margin_deg"),
             (worst.sensitivity[k], "sensitivity"),
         ):
-            alone = loop_margins(sample(config, [who], speed[k : k + 1]), kp[k], ki[k], frequency)
+            alone = loop_margins(sample(config, [member], speed[k : k + 1]), kp[k], ki[k], frequency)
             assert getattr(alone, figure)[0, 0] == pytest.approx(getattr(found, figure)[k], rel=1e-9)
 
 
@@ -196,22 +173,6 @@ def test_the_gains_of_a_schedule_are_straight_lines_and_hold_beyond_its_ends() -
     np.testing.assert_allclose(ki, [3.0, 3.0, 2.5, 1.0, 1.0])
 
 
-def constant(kp: float, ki: float) -> object:
-    return lambda speed: (np.full(speed.shape, kp), np.full(speed.shape, ki))
-
-
-def test_the_papers_pi_is_weakest_at_the_largest_speed() -> None:
-    config = configuration.preset()
-    limits = {"inputs": config.controller.inputs.model_copy(update={"speed_max_km_h": 150.0})}
-    config = config.model_copy(update={"controller": config.controller.model_copy(update=limits)})
-    found = weakest(config, constant(0.01, 1.0))
-    at_end = nominal_margins(config, [150.0 * KM_H], [0.01], [1.0])
-    assert found.gain_margin_db == pytest.approx(at_end.gain_margin_db[0], rel=1e-9)
-    assert found.phase_margin_deg == pytest.approx(at_end.phase_margin_deg[0], rel=1e-9)
-    assert (found.gain_margin_speed, found.phase_margin_speed) == pytest.approx((150.0 * KM_H, 150.0 * KM_H))
-    assert not found.enough
-
-
 def test_weakest_finds_a_dip_between_and_where_it_is() -> None:
     def gains(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The PI, three times as strong at one speed in the middle."""
@@ -228,16 +189,22 @@ def test_weakest_finds_a_dip_between_and_where_it_is() -> None:
     assert found.phase_margin_deg == pytest.approx(fine.phase_margin_deg.min(), abs=0.3)
 
 
-def test_weakest_begins_at_the_enabling_speed() -> None:
-    config = small_config({"controller": {"enable_speed_km_h": 50.0}})
+def test_weakest_covers_the_speeds_from_enabling_to_the_largest_one() -> None:
+    """The published PI is weakest at the largest speed."""
+    config = small_config({"controller": {"enable_speed_km_h": 50.0, "inputs": {"speed_max_km_h": 150.0}}})
     seen: list[FloatArray] = []
 
     def gains(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         seen.append(speed)
-        return np.full(speed.shape, 0.01), np.full(speed.shape, 0.1)
+        return np.full(speed.shape, 0.01), np.full(speed.shape, 1.0)
 
-    weakest(config, gains)
-    assert (seen[0][0], seen[0][-1]) == pytest.approx((50.0 * KM_H, 400.0 * KM_H))
+    found = weakest(config, gains)
+    assert (seen[0][0], seen[0][-1]) == pytest.approx((50.0 * KM_H, 150.0 * KM_H))
+    at_end = nominal_margins(config, [150.0 * KM_H], [0.01], [1.0])
+    assert found.gain_margin_db == pytest.approx(at_end.gain_margin_db[0], rel=1e-9)
+    assert found.phase_margin_deg == pytest.approx(at_end.phase_margin_deg[0], rel=1e-9)
+    assert (found.gain_margin_speed, found.phase_margin_speed) == pytest.approx((150.0 * KM_H, 150.0 * KM_H))
+    assert not found.enough
 
 
 def test_what_is_enough_and_where_it_is_least() -> None:

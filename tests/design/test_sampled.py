@@ -11,7 +11,6 @@ from codegen.config import Config
 from codegen.design import sampled
 from codegen.design.family import Member, nominal
 from codegen.design.sampled import FREQUENCY_MIN, frequency_grid, sample
-from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 
 from .conftest import small_config
@@ -26,46 +25,23 @@ CARS = [
 SPEEDS = np.array([12.0, 42.5, 120.0, 400.0]) / 3.6
 
 
-@pytest.mark.parametrize("delay", [0, 1, 4])
-@pytest.mark.parametrize("car", range(len(CARS)))
+@pytest.mark.parametrize(("car", "delay"), [(0, 0), (1, 1), (2, 4), (3, 0)])
 def test_the_frequency_response_is_that_of_python_control(car: int, delay: int) -> None:
     config = small_config(delay_samples=delay)
     frequency = frequency_grid(config.controller.sampling_time_s, 20)
     found = sample(config, CARS, SPEEDS).response(frequency)[car]
     for k, speed in enumerate(SPEEDS):
-        wanted = control.frequency_response(sampled_car(config, CARS[car], speed, delay), frequency).complex
+        expected = control.frequency_response(sampled_car(config, CARS[car], speed, delay), frequency).complex
         # 1e-8: python-control adds the car's states up to 7 without balancing, where the entries differ by 1e5.
-        np.testing.assert_allclose(found[k], wanted, rtol=1e-8, atol=0.0)
+        np.testing.assert_allclose(found[k], expected, rtol=1e-8, atol=0.0)
 
 
-def test_the_car_is_the_linear_model_of_the_optimisation() -> None:
-    config = Config()
-    model = single_track(config, "linear")
-    car = sample(config, [Member(0.002)], SPEEDS)  # relaxation 0: rear angle, sideslip and yaw rate alone count
-    time = config.controller.sampling_time_s
-    for k, speed in enumerate(SPEEDS):
-        state, steering = (np.array(matrix) for matrix in model.jacobian([0.0, 0.0], [speed, 0.0, 0.0, 1.0]))
-        whole = np.zeros((4, 4))
-        whole[:2, :2], whole[:2, 2] = state, steering[:, 2]
-        whole[2, 2], whole[2, 3] = -500.0, 500.0
-        wanted = expm(time * whole)
-        places = [sampled.BETA, sampled.YAW_RATE, sampled.REAR]
-        np.testing.assert_allclose(car.transition[0, k][np.ix_(places, places)], wanted[:3, :3], rtol=1e-11, atol=1e-14)
-        np.testing.assert_allclose(car.input[0, k][places], wanted[:3, 3], rtol=1e-11, atol=1e-14)
-
-
-def test_the_steady_gain_is_the_closed_form() -> None:
-    config = Config()
-    steady = sample(config, [nominal(config)], SPEEDS).steady_gain()[0]
-    # Close to neutral steer at 400 km/h two small numbers remain of large ones: seven digits are left.
-    np.testing.assert_allclose(steady, -SingleTrack.from_config(config).yaw_gain(SPEEDS), rtol=1e-7)
-
-
-def test_relaxation_lags_and_does_not_change_the_steady_turn() -> None:
+def test_relaxation_lags_and_keeps_the_closed_form_of_the_steady_turn() -> None:
     config = Config()
     cars = sample(config, [Member(0.05, relaxation_length=sigma) for sigma in (0.0, 0.05, 0.6)], SPEEDS)
-    steady = cars.steady_gain()
-    np.testing.assert_allclose(steady[1:], steady[[0, 0]], rtol=1e-6)
+    # Close to neutral steer at 400 km/h two small numbers remain of large ones: six or seven digits are left.
+    closed_form = -SingleTrack.from_config(config).yaw_gain(SPEEDS)
+    np.testing.assert_allclose(cars.steady_gain(), np.broadcast_to(closed_form, (3, SPEEDS.size)), rtol=1e-6)
     # Phase at 5 rad/s: later the longer the relaxation length, and without a jump at zero.
     none, short, long = np.unwrap(np.angle(-cars.response(np.array([5.0])))[..., 0], axis=0)
     assert (long < short).all()
@@ -78,8 +54,8 @@ def test_exponentials_are_those_of_scipy() -> None:
     # From all but nothing to a relaxation length of 5 cm at 400 km/h: norms of 1e-3 to 100.
     matrices = rng.normal(size=(20, 6, 6)) * np.geomspace(1e-3, 20.0, 20)[:, np.newaxis, np.newaxis]
     for found, matrix in zip(sampled._exponential(matrices), matrices, strict=True):
-        wanted = expm(matrix)
-        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-11 * np.abs(wanted).max())
+        expected = expm(matrix)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_open_loop_stability_ends_at_the_critical_speed() -> None:
@@ -90,26 +66,24 @@ def test_open_loop_stability_ends_at_the_critical_speed() -> None:
     assert car.open_loop_stable()[0].tolist() == [True, True, False, False]
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("delay", [0, 3])
 def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int) -> None:
     config = small_config(delay_samples=delay)
     rng = np.random.default_rng(delay)
-    told = []
+    found = []
     for _ in range(40):
         car, speed = CARS[rng.integers(len(CARS))], float(rng.uniform(4.0, 80.0))
         kp, ki = float(10.0 ** rng.uniform(-2.5, 0.5)), float(rng.choice([0.0, 10.0 ** rng.uniform(-1.0, 1.5)]))
         poles = control.feedback(loop(config, car, speed, kp, ki), 1.0).poles()
-        told.append(bool(sample(config, [car], [speed]).closed_loop_stable(kp, ki)[0, 0]))
-        assert told[-1] == (np.abs(poles).max() < 1.0), (car, speed, kp, ki)
-    assert 4 < sum(told) < 36  # both kinds were asked for
+        found.append(bool(sample(config, [car], [speed]).closed_loop_stable(kp, ki)[0, 0]))
+        assert found[-1] == (np.abs(poles).max() < 1.0), (car, speed, kp, ki)
+    assert 4 < sum(found) < 36  # both kinds occur
 
 
 def test_the_frequency_grid_ends_at_pi_over_the_sampling_time() -> None:
-    for time in (0.001, 0.01, 0.1):
-        grid = frequency_grid(time)
-        assert grid[0] == pytest.approx(FREQUENCY_MIN)
-        assert grid[-1] == np.pi / time
-        assert (np.diff(np.log(grid)) < 1.01 * np.log(10.0) / sampled.POINTS_PER_DECADE).all()
+    grid = frequency_grid(0.001)
+    assert grid[0] == pytest.approx(FREQUENCY_MIN) and grid[-1] == np.pi / 0.001
+    assert (np.diff(np.log(grid)) < 1.01 * np.log(10.0) / sampled.POINTS_PER_DECADE).all()
 
 
 def test_picked_cars_are_the_same_cars() -> None:

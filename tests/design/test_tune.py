@@ -1,4 +1,4 @@
-"""The design keeps its own demands between its own speeds and members, is the best of its kind, and says where it cannot be."""
+"""The design keeps its demands between its own speeds and members, is the best of its kind, and reports where it fails."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from .conftest import small_config
 
 FINE = 400
 """Points a decade of the frequency grid that judges: four times the design's."""
+TO_120 = {"controller": {"inputs": {"speed_max_km_h": 120.0}}}
 
 
 def worst(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float) -> tuple[float, float, float]:
-    """dB, deg and sensitivity of a family with a schedule at one speed, on the finer grid."""
+    """Gain margin (dB), phase margin (deg) and sensitivity of a family with a schedule at one speed, on the finer grid."""
     speed = np.array([speed_km_h * KM_H])
     frequency = frequency_grid(config.controller.sampling_time_s, FINE)
     found = loop_margins(sample(config, family, speed), *gains_of(schedule)(speed), frequency)
@@ -30,7 +31,15 @@ def worst(config: Config, family: list[Member], schedule: Schedule, speed_km_h: 
     return found.gain_margin_db.min(), found.phase_margin_deg.min(), found.sensitivity.max()
 
 
-def inside(rng: np.random.Generator, config: Config) -> Member:
+def check_demands(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float) -> None:
+    """Require that a family keeps the demands of its configuration at one speed."""
+    gain, phase, peak = worst(config, family, schedule, speed_km_h)
+    assert gain >= config.tuning.gain_margin_db
+    assert phase >= config.tuning.phase_margin_deg
+    assert peak <= config.tuning.sensitivity_max
+
+
+def car_inside(rng: np.random.Generator, config: Config) -> Member:
     """A car anywhere between the ends of the family."""
     tuning = config.tuning
 
@@ -41,83 +50,44 @@ def inside(rng: np.random.Generator, config: Config) -> Member:
     return Member(draw(tuning.actuator_lag_s), mass, front, rear, draw(tuning.relaxation_length_m))
 
 
-# --- what the default design promises ---
+# --- the committed design of the default family ---
 
 
-def test_every_member_keeps_the_demands_on_a_finer_grid_of_speeds(default_design: Design) -> None:
-    """20 speeds up to the grid's last, which the design did not look at, and the speed at which the controller switches off."""
-    config = Config()
-    tuning, family = config.tuning, list(members(config))
-    rng = np.random.default_rng(4)
-    for speed in (config.controller.disable_speed_km_h, *rng.uniform(12.0, 120.0, 20)):
-        gain, phase, peak = worst(config, family, default_design.schedule, float(speed))
-        assert gain >= tuning.gain_margin_db
-        assert phase >= tuning.phase_margin_deg
-        assert peak <= tuning.sensitivity_max
+def test_the_family_and_cars_inside_it_keep_the_demands_at_other_speeds(committed: Schedule) -> None:
+    """Speeds up to the grid's last, which the design did not use, and the speed at which the controller switches off.
+
+    Among the listed deviations are the ends and the middle; in between nothing is worse than these.
+    """
+    config, rng = Config(), np.random.default_rng(4)
+    family = [*members(config), *(car_inside(rng, config) for _ in range(100))]
+    for speed in (config.controller.disable_speed_km_h, *rng.uniform(12.0, 120.0, 5)):
+        check_demands(config, family, committed, float(speed))
+    least = weakest(config, gains_of(committed))
+    assert least.enough and least.gain_margin_db > 8.0 and least.phase_margin_deg > 45.0
 
 
-def test_cars_inside_the_family_keep_the_demands(default_design: Design) -> None:
-    config = Config()
-    rng = np.random.default_rng(5)
-    cars = [inside(rng, config) for _ in range(200)]
-    for speed in rng.uniform(12.0, 120.0, 10):
-        gain, phase, peak = worst(config, cars, default_design.schedule, float(speed))
-        # Among the listed deviations are the ends and the middle; in between nothing is worse than these.
-        assert gain >= config.tuning.gain_margin_db
-        assert phase >= config.tuning.phase_margin_deg
-        assert peak <= config.tuning.sensitivity_max
-
-
-def test_the_configured_car_is_far_from_the_warning_up_to_the_largest_speed(default_design: Design) -> None:
-    config = Config()
-    least = weakest(config, gains_of(default_design.schedule))
-    assert least.enough
-    assert least.gain_margin_db > 8.0
-    assert least.phase_margin_deg > 45.0
-
-
-def test_cars_that_are_stable_on_their_own_keep_the_demands_beyond_the_grid(default_design: Design) -> None:
-    config = Config()
-    rng = np.random.default_rng(6)
-    for speed in rng.uniform(120.0, 400.0, 10):
+def test_cars_that_are_stable_on_their_own_keep_the_demands_beyond_the_grid(committed: Schedule) -> None:
+    config, rng = Config(), np.random.default_rng(6)
+    for speed in rng.uniform(120.0, 400.0, 3):
         sampled = sample(config, members(config), [speed * KM_H])
         family = [member for member, stable in zip(members(config), sampled.open_loop_stable()[:, 0], strict=True) if stable]
-        gain, phase, peak = worst(config, family, default_design.schedule, float(speed))
-        assert gain >= config.tuning.gain_margin_db
-        assert phase >= config.tuning.phase_margin_deg
-        assert peak <= config.tuning.sensitivity_max
+        check_demands(config, family, committed, float(speed))
 
 
-def test_the_written_margins_are_those_of_the_written_gains(default_design: Design) -> None:
-    config, schedule = Config(), default_design.schedule
-    written = zip(schedule.speed_km_h, schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
-    for speed, *margins in list(written)[:8]:
-        assert speed in config.tuning.speed_km_h
-        # Two decimals, and 0.02 dB, 0.01 deg, 0.006 for the grid of frequencies.
-        for found, told, tolerance in zip(
-            worst(config, list(members(config)), schedule, speed), margins, (0.025, 0.015, 0.011), strict=True
-        ):
-            assert told == pytest.approx(found, abs=tolerance)
-            assert told == round(told, 2)
-        assert margins[0] >= config.tuning.gain_margin_db
-        assert margins[1] >= config.tuning.phase_margin_deg
-        assert margins[2] <= config.tuning.sensitivity_max
-
-
-def test_who_counts(default_design: Design) -> None:
-    config, schedule = Config(), default_design.schedule
-    assert default_design.family_size == 243
-    assert default_design.counted[:8] == (243,) * 8
-    for speed, counted in list(zip(schedule.speed_km_h, default_design.counted, strict=True))[8:]:
-        stable = sample(config, members(config), [speed * KM_H]).open_loop_stable()
-        assert counted == stable.sum()
-        assert counted > 100
-
-
-def test_gains_have_four_digits(default_design: Design) -> None:
-    schedule = default_design.schedule
-    for gain in (*schedule.proportional_gain_s, *schedule.integral_gain):
-        assert gain == float(f"{gain:.4g}")
+def test_the_written_margins_are_those_of_the_written_gains(committed: Schedule, small_design: Design) -> None:
+    """To two decimals, and 0.02 dB, 0.01 deg, 0.006 for the grid of frequencies. Gains have four digits."""
+    small, large = small_config(), Config()
+    for config, schedule, picked in ((small, small_design.schedule, slice(0, 4)), (large, committed, slice(0, 8, 7))):
+        written = list(
+            zip(schedule.speed_km_h, schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
+        )
+        for speed, *margins in written[picked]:
+            found = worst(config, list(members(config)), schedule, speed)
+            for value, reported, tolerance in zip(found, margins, (0.025, 0.015, 0.011), strict=True):
+                assert reported == pytest.approx(value, abs=tolerance) and reported == round(reported, 2)
+            check_demands(config, list(members(config)), schedule, speed)
+        for gain in (*schedule.proportional_gain_s, *schedule.integral_gain):
+            assert gain == float(f"{gain:.4g}")
 
 
 # --- the search ---
@@ -130,7 +100,7 @@ def cars_at(config: Config, speed_km_h: float) -> Cars:
     return Cars.of(family, (speed_km_h,), sampled, keep, frequency_grid(config.controller.sampling_time_s))
 
 
-@pytest.mark.parametrize("speed_km_h", [20.0, 60.0, 120.0])
+@pytest.mark.parametrize("speed_km_h", [20.0, 120.0])
 def test_no_other_gains_have_a_larger_ki(speed_km_h: float) -> None:
     config = small_config()
     cars, demands = cars_at(config, speed_km_h), Demands.of(config.tuning)
@@ -142,14 +112,8 @@ def test_no_other_gains_have_a_larger_ki(speed_km_h: float) -> None:
     others = np.linspace(0.0, max(4.0 * kp, 0.3), 400)
     margins = cars.margins(others[:, np.newaxis], 1.02 * ki)
     assert not demands.met(margins).all(axis=-1).any()
-
-
-def test_the_search_does_not_depend_on_what_bound_before() -> None:
-    config = small_config()
-    cars, demands = cars_at(config, 80.0), Demands.of(config.tuning)
-    first = best_gains(cars, demands, [])
-    again = best_gains(cars, demands, list(members(config)))
-    assert first == pytest.approx(again, rel=0.02)  # Ki to 0.1 %, Kp as flat as its top is
+    # Cars that bound an earlier search do not change the result: Ki to 0.1 %, Kp as flat as its top is.
+    assert best_gains(cars, demands, list(members(config))) == pytest.approx(found, rel=0.02)
 
 
 def test_reserves_only_tighten() -> None:
@@ -165,16 +129,7 @@ def test_reserves_only_tighten() -> None:
 
 @pytest.mark.parametrize(
     ("value", "rounded"),
-    [
-        (0.0, 0.0),
-        (0.123456, 0.1234),
-        (0.12345, 0.1234),
-        (1.9999, 1.999),
-        (99.999, 99.99),
-        (0.09, 0.09),
-        (0.0012, 0.0012),
-        (5e-5, 5e-5),
-    ],
+    [(0.0, 0.0), (0.123456, 0.1234), (0.12345, 0.1234), (1.9999, 1.999), (99.999, 99.99), (0.09, 0.09), (5e-5, 5e-5)],
 )
 def test_gains_are_rounded_down(value: float, rounded: float) -> None:
     assert round_down(value) == rounded
@@ -184,33 +139,45 @@ def test_gains_are_rounded_down(value: float, rounded: float) -> None:
 # --- the design as a whole ---
 
 
-def test_the_same_configuration_gives_the_same_gains(small_design: Design) -> None:
-    assert tune(small_config()) == small_design.schedule
+SMALL_GAINS = {
+    15.0: (0.0, 1.982),
+    42.5: (0.08158, 1.302),
+    80.0: (0.1215, 0.9469),
+    120.0: (0.1395, 0.6594),
+    400.0: (0.1091, 0.4577),
+}
+"""Recorded gains by speed (km/h): a change of them must be deliberate."""
+
+
+def test_the_design_of_the_small_family(small_design: Design) -> None:
+    """To 2e-3: a gain has four digits, and another machine's linear algebra may change the last one."""
+    schedule = small_design.schedule
+    gains = dict(zip(schedule.speed_km_h, zip(schedule.proportional_gain_s, schedule.integral_gain, strict=True), strict=True))
+    for speed, expected in SMALL_GAINS.items():
+        assert gains[speed] == pytest.approx(expected, rel=2e-3)
+    assert small_design.family_size == small_design.counted[0] == 9
+    for speed, counted in list(zip(schedule.speed_km_h, small_design.counted, strict=True))[4:]:
+        assert counted == sample(small_config(), members(small_config()), [speed * KM_H]).open_loop_stable().sum()
 
 
 def test_progress_goes_up_to_its_end() -> None:
-    told: list[tuple[int, int]] = []
-    design(small_config({"controller": {"inputs": {"speed_max_km_h": 120.0}}}), lambda done, total: told.append((done, total)))
-    assert told == [(k, 5) for k in range(1, 6)]
+    calls: list[tuple[int, int]] = []
+    design(small_config(TO_120), lambda done, total: calls.append((done, total)))
+    assert calls == [(k, 5) for k in range(1, 6)]
 
 
-def test_demands_that_ask_for_more_leave_smaller_gains(small_design: Design) -> None:
-    careful = tune(small_config(gain_margin_db=12.0, phase_margin_deg=60.0, sensitivity_max=1.5))
-    for less, more in zip(careful.integral_gain, small_design.schedule.integral_gain, strict=True):
-        assert less < more
-
-
-def test_more_delay_leaves_smaller_gains(small_design: Design) -> None:
-    late = tune(small_config(delay_samples=3))
-    for less, more in zip(late.integral_gain, small_design.schedule.integral_gain, strict=True):
+@pytest.mark.parametrize(
+    "changes", [{"gain_margin_db": 12.0, "phase_margin_deg": 60.0, "sensitivity_max": 1.5}, {"delay_samples": 3}]
+)
+def test_stricter_demands_and_more_delay_leave_smaller_gains(changes: dict[str, float], small_design: Design) -> None:
+    careful = tune(small_config(TO_120, **changes))
+    for less, more in zip(careful.integral_gain, small_design.schedule.integral_gain[:4], strict=True):
         assert less < more
 
 
 def test_between_far_breakpoints_the_demands_hold_too() -> None:
     """From 15 to 120 km/h the gains bend; a straight line fits only with less at its ends."""
-    config = small_config(
-        {"controller": {"inputs": {"speed_max_km_h": 120.0}}}, speed_km_h=[15.0, 120.0], relaxation_length_m=[0.6]
-    )
+    config = small_config(TO_120, speed_km_h=[15.0, 120.0], relaxation_length_m=[0.6])
     schedule = tune(config)
     alone = best_gains(cars_at(config, 120.0), Demands.of(config.tuning, 1), [])
     assert not isinstance(alone, Shortfall)
@@ -224,18 +191,10 @@ def test_between_far_breakpoints_the_demands_hold_too() -> None:
 
 def test_below_the_first_breakpoint_the_held_gains_keep_the_demands() -> None:
     """Gains for 80 km/h alone would leave 5.9 dB at 12 km/h."""
-    config = small_config(
-        {"controller": {"inputs": {"speed_max_km_h": 120.0}}},
-        speed_km_h=[80.0, 120.0],
-        actuator_lag_s=[0.02, 0.1],
-        mass_percent=[-20.0, 20.0],
-    )
+    config = small_config(TO_120, speed_km_h=[80.0, 120.0], actuator_lag_s=[0.02, 0.1], mass_percent=[-20.0, 20.0])
     schedule = tune(config)
-    for speed in np.linspace(12.0, 80.0, 23):
-        gain, phase, peak = worst(config, list(members(config)), schedule, float(speed))
-        assert gain >= config.tuning.gain_margin_db
-        assert phase >= config.tuning.phase_margin_deg
-        assert peak <= config.tuning.sensitivity_max
+    for speed in np.linspace(12.0, 80.0, 12):
+        check_demands(config, list(members(config)), schedule, float(speed))
 
 
 def test_breakpoints_reach_the_largest_speed_in_small_steps() -> None:
@@ -277,14 +236,11 @@ def test_where_no_gains_suit_the_family_the_speed_and_the_car_are_named() -> Non
         tune(small_config(stiffness_percent=[-50.0, 50.0]))
     text = str(refused.value)
     assert text.startswith("[tuning]: no gains meet the demands at 120 km/h: the car with lag 50 ms")
-    assert "stiffness +50/-50 %" in text
-    assert "dB" in text
-    assert "narrow the family" in text
-    assert "\n" not in text
+    assert all(part in text for part in ("stiffness +50/-50 %", "dB", "narrow the family")) and "\n" not in text
 
 
-def test_where_straight_lines_cannot_hold_a_breakpoint_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)  # nothing can be mended
+def test_where_straight_lines_cannot_hold_the_error_names_the_missing_breakpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)  # no further reserve is tried
     with pytest.raises(ConfigError) as refused:
         tune(small_config())
     text = str(refused.value)
@@ -300,10 +256,10 @@ def test_beyond_the_grid_fewer_count_where_straight_lines_cannot_hold(monkeypatc
     made = design(small_config({"grid": grid, "controller": {"inputs": {"speed_max_km_h": 60.0}}}, speed_km_h=[15.0, 16.0]))
     assert made.counted[:2] == (9, 9)
     assert 1 in made.counted
-    assert 0 not in made.counted  # the configured car alone can always be suited here
+    assert 0 not in made.counted  # the configured car alone always counts here
 
 
-def test_where_nobody_can_be_suited_beyond_the_grid_the_gains_hold_and_it_is_said() -> None:
+def test_beyond_the_grid_the_gains_hold_where_they_suit_no_car() -> None:
     """An oversteering car, late in everything: near the largest speed no gains give it the margins."""
     rear = {"cornering_stiffness_n_per_rad": 100_000.0}
     config = small_config(
@@ -319,7 +275,7 @@ def test_where_nobody_can_be_suited_beyond_the_grid_the_gains_hold_and_it_is_sai
     assert made.counted[-1] == 0
     assert schedule.proportional_gain_s[-1] == schedule.proportional_gain_s[-2]
     assert schedule.integral_gain[-1] == schedule.integral_gain[-2]
-    # What the configured car has there is written as it is, below the demands.
+    # The margins of the configured car are written as they are, below the demands.
     own = nominal_margins(config, [400.0 * KM_H], schedule.proportional_gain_s[-1:], schedule.integral_gain[-1:])
     assert schedule.gain_margin_db[-1] == pytest.approx(float(own.gain_margin_db[0]), abs=0.006)
     assert schedule.gain_margin_db[-1] < config.tuning.gain_margin_db

@@ -1,32 +1,75 @@
-"""Random cars, and the steady turn of any car by a way that shares nothing with the closed forms under test.
+"""The paper's car and maps, random cars, and an independent solution of the steady turn.
 
-The equations come from the CasADi model through its Jacobian and a linear solve, the slip angles from their definitions.
+The equations of `SteadyModel` come from the CasADi model through its Jacobian and a linear solve, the slip angles from their
+definitions. They share nothing with the closed forms under test.
 """
 
 from __future__ import annotations
 
+import functools
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 from scipy.optimize import linprog
 
-from codegen.config import Case, Config, parse
-from codegen.refmap.map import Binding
+from codegen.config import Case, Config, parse, preset
+from codegen.refmap import exact
+from codegen.refmap.extend import TotalMap, extend
+from codegen.refmap.map import Binding, ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
+from codegen.refmap.solve import solve_case
 from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
+from tests import shared
 
 FloatArray = npt.NDArray[np.float64]
 
 CASE = "random"
+PAPER = preset()
+CASES = ("fws", "4ws-1", "4ws-2")
+
+
+@functools.cache
+def paper_map(case: str = "4ws-2") -> ReferenceMap:
+    """The map of one of the paper's cases on the default grid of 101 by 100."""
+    return solve_case(PAPER, case)
+
+
+@functools.cache
+def paper_total(case: str = "4ws-2") -> TotalMap:
+    """The extension of `paper_map`."""
+    return extend(paper_map(case), PAPER)
+
+
+def changed(config: Config, **tables: Mapping[str, Any]) -> Config:
+    """A configuration with some keys of some tables replaced; tables inside tables as a whole."""
+    data = config.model_dump(mode="json")
+    for name, changes in tables.items():
+        data[name] |= changes
+    return parse(data, "test")
+
+
+def nonlinear(config: Config, case: str) -> Config:
+    """A configuration with the nonlinear tyre in one case."""
+    return changed(config, cases={case: {**config.cases[case].model_dump(mode="json"), "tyre_model": "magic-formula"}})
+
+
+@functools.cache
+def nonlinear_map(case: str = "4ws-2") -> ReferenceMap:
+    """The map of one of the paper's cases with the nonlinear tyre, on the default grid."""
+    return shared.once(f"nonlinear map {case}", lambda: solve_case(nonlinear(PAPER, case), case))  # type: ignore[no-any-return]
 
 
 def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None) -> Config:
     """A car between a small one and a van with any sensible tyres, limits and weight, and a grid of 4 by 4 cells.
 
-    About half of the cars oversteer; their grids end below the critical speed. One in seven does not steer its rear wheels,
-    unless told.
+    About half of the cars oversteer; their grids end below the critical speed. By default, one in seven does not steer its
+    rear wheels.
     """
 
     def draw(low: float, high: float) -> float:
@@ -177,3 +220,32 @@ class SteadyModel:
         assert answer.status == 0
         front, rear = (float(value) for value in answer.x)
         return front, rear
+
+
+def check_against_scan(model: SteadyModel, speeds: FloatArray, angles: FloatArray) -> None:
+    """Compare the exact solution with a brute-force scan of the independent model.
+
+    The scan starts at a spacing of 2 limit / 4000, so it may miss an interval that is narrower; it ends below 1e-12 rad.
+
+    Near the vertex of a parabola the objective does not resolve the rear angle better than the root of the rounding error
+    (1e-8 rad), and the yaw gain reaches 30/s: hence 1e-6 rad/s. The objective itself agrees to 1e-8 of the larger of one and
+    its size.
+    """
+    problem = model.problem
+    found = exact.solve(problem, speeds, angles)
+    spacing = 2.0 * problem.rear_angle_max / 4_000
+    for i, j in itertools.product(range(speeds.size), range(angles.size)):
+        best = model.scan(speeds[i], angles[j])
+        if best is None:
+            assert found.margin[i, j] <= spacing + 1e-12
+            continue
+        assert found.feasible[i, j] or found.margin[i, j] > -1e-12
+        if not found.feasible[i, j]:
+            continue
+        turns = model.turns(speeds[i], angles[j], np.array([found.rear_angle[i, j], best[0]]))
+        assert max(float(share[0]) for share in turns.used.values()) <= 1.0 + 1e-9
+        mine, scanned = turns.objective(problem.sideslip_weight)
+        assert mine == pytest.approx(scanned, abs=1e-8 * max(1.0, abs(scanned)))
+        assert found.yaw_rate[i, j] == pytest.approx(turns.yaw_rate[1], abs=1e-6)
+        assert found.yaw_rate[i, j] == pytest.approx(turns.yaw_rate[0], abs=1e-12)
+        assert found.sideslip[i, j] == pytest.approx(turns.sideslip[0], abs=1e-12)

@@ -1,4 +1,4 @@
-"""The paper's car, its three maps and their extensions, made once: a map takes milliseconds."""
+"""The results of tests/refmap/cars.py as fixtures."""
 
 from __future__ import annotations
 
@@ -6,26 +6,25 @@ from collections.abc import Mapping
 
 import pytest
 
-from codegen import config as configuration
 from codegen.config import Config
-from codegen.refmap.extend import TotalMap, extend
+from codegen.refmap.extend import TotalMap
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from tests.refmap.cars import CASES, PAPER, paper_map, paper_total
 
 
 @pytest.fixture(scope="session")
 def paper() -> Config:
-    """The published vehicle."""
-    return configuration.preset()
+    """The configuration of the published vehicle."""
+    return PAPER
 
 
 @pytest.fixture(scope="session")
-def maps(paper: Config) -> Mapping[str, ReferenceMap]:
+def maps() -> Mapping[str, ReferenceMap]:
     """The map of each case, on the default grid of 101 by 100."""
-    return {case: solve_case(paper, case) for case in paper.cases}
+    return {case: paper_map(case) for case in CASES}
 
 
 @pytest.fixture(scope="session")
-def totals(paper: Config, maps: Mapping[str, ReferenceMap]) -> Mapping[str, TotalMap]:
-    """Their extensions over the whole domain of an ECU."""
-    return {case: extend(reference_map, paper) for case, reference_map in maps.items()}
+def totals() -> Mapping[str, TotalMap]:
+    """The extension of each map over the whole domain of an ECU."""
+    return {case: paper_total(case) for case in CASES}
