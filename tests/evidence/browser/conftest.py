@@ -1,8 +1,7 @@
-"""Pages in headless Chromium, the one that the system has, driven by Playwright."""
+"""Pages in the headless Chromium of the system, driven by Playwright. Needs the package chromium."""
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,19 +12,15 @@ import pytest
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def chromium() -> Iterator[Any]:
-    """The browser, which ends with the file's tests: it would keep a processor busy beside those of other files. Where it is
-    missing, tests are skipped, but for CI, where they fail."""
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        sync_playwright = None
-    if CHROMIUM is None or sync_playwright is None:
-        reason = "playwright and Debian's package chromium are needed"
-        (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+    """The browser, started once for the part."""
+    from playwright.sync_api import sync_playwright
+
+    if CHROMIUM is None:
+        pytest.skip("Chromium is missing: install the package chromium")
     with sync_playwright() as playwright:
-        # As root, as in a container, Chromium refuses its sandbox; SwiftShader draws what a graphics card would.
+        # As root, as in a container, Chromium refuses its sandbox; SwiftShader stands in for a graphics card.
         options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
         yield browser
@@ -34,7 +29,7 @@ def chromium() -> Iterator[Any]:
 
 @pytest.fixture(autouse=True)
 def closed_pages(chromium: Any) -> Iterator[None]:
-    """Pages that a test opened are closed after it, for the same reason."""
+    """Close the pages of a test after it; they would keep a processor busy."""
     before = list(chromium.contexts)
     yield
     for context in chromium.contexts:
@@ -43,17 +38,12 @@ def closed_pages(chromium: Any) -> Iterator[None]:
 
 
 HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
-"""Of the browser, on how its drawing in software could be faster: they come with any surface."""
+"""Messages of the browser on the speed of drawing in software."""
 
 
 @dataclass
 class Watch:
-    """What a page did beside what it shows.
-
-    Attributes:
-        errors: of its scripts, and what they wrote to the console as warning or error.
-        requests: addresses that it asked for.
-    """
+    """Errors and warnings of a page, and the addresses that it requests."""
 
     errors: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
@@ -61,11 +51,11 @@ class Watch:
     def follow(self, page: Any) -> Any:
         """Begin before the page is opened. Returns the page."""
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("console", lambda message: self._heard(message))
+        page.on("console", self._record)
         page.on("request", lambda request: self.requests.append(request.url))
         return page
 
-    def _heard(self, message: Any) -> None:
+    def _record(self, message: Any) -> None:
         if message.type in ("error", "warning") and not any(hint in message.text for hint in HINTS):
             self.errors.append(message.text)
 
