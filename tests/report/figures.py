@@ -45,7 +45,7 @@ def check_layout(figure: Figure, *, shared_labels: bool = False) -> None:
         texts = [label.get_text() for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
         if any(text.lstrip("−").replace(".", "").isdigit() for text in texts):
             labels.append(axis.get_label_text())
-    units = [label for label in labels if label.endswith((*UNITS, *(f"({unit})" for unit in UNITS)))]
+    units = [label for label in labels if label in UNITS or any(f"({unit})" in label for unit in UNITS)]
     others = [label for label in labels if label not in units and (label or not shared_labels)]
     assert units and all(label.startswith(RATIOS) for label in others), others
     assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 8.0  # type: ignore[attr-defined]

@@ -79,15 +79,6 @@ def test_every_chart_is_drawn_without_errors_or_requests(page: Any, report: tupl
     assert set(addresses) == {""}
 
 
-def test_the_watch_records_errors_and_requests(chromium: Any, watch: Watch) -> None:
-    page = watch.follow(chromium.new_page())
-    page.set_content("<script>console.error('heard'); fetch('http://127.0.0.1:9/seen').catch(() => 0); nosuch();</script>")
-    page.wait_for_function("true")
-    for word in ("heard", "nosuch"):
-        assert any(word in error for error in watch.errors)
-    assert any(request.endswith("/seen") for request in watch.requests)
-
-
 @pytest.mark.parametrize(("slider", "moved", "other"), [("cut-speed", *reversed(CUTS)), ("cut-angle", *CUTS)])
 def test_a_slider_moves_its_cut_by_keyboard(page: Any, slider: str, moved: str, other: str) -> None:
     values = "id => JSON.stringify(document.getElementById(id).data.map(t => [t.name ?? '', Array.from(t.y ?? []).flat()]))"

@@ -46,6 +46,8 @@ GENERATED = Path(__file__).resolve().parents[3] / "generated"
 SPEED, ANGLE = np.array([10.0, 20.0, 30.0]), np.radians([1.0, 2.0])
 RATES = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
 FEASIBLE = np.array([[True, True], [True, True], [True, False]])
+GRID = preset().grid.model_copy(update={"speed_points": 26, "front_angle_points": 25})
+SMALL = preset().model_copy(update={"grid": GRID})
 
 
 def unpacked(packed: Any) -> np.ndarray:
@@ -138,16 +140,16 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_p
     assert codes["names"][unpacked(codes)[0, 0]] == "linear, from zero"
     # With chosen breakpoints, the cells are those of the build.
     options = BuildOptions("placed", request=Request(math.radians(0.5), None, "float", "--max-error 0.5deg/s"))
-    one = NamedMap("placed", solve_case(preset(), "4ws-1"))
-    folder = build(one.map, preset(), options, BuildInputs("placed.npz", "0" * 64, "map"))
+    one = NamedMap("placed", solve_case(SMALL, "4ws-1"))
+    folder = build(one.map, SMALL, options, BuildInputs("placed.npz", "0" * 64, "map"))
     write_folder(folder, tmp_path / "placed")
-    _, table = extended(one, preset(), tmp_path / "placed")
+    _, table = extended(one, SMALL, tmp_path / "placed")
     assert counts(table) == {rule["text"]: rule["cells"] for rule in folder.manifest["map"]["rules"].values()}
     assert "beyond the cap, continued" in {row[0] for row in table.rows}
 
 
 def test_error_against_flash_agrees_in_figure_and_table() -> None:
-    found = flash_table(solve_case(preset(), "4ws-1"), preset(), 1, bounds=(math.radians(1.0), math.radians(0.5)))
+    found = flash_table(solve_case(SMALL, "4ws-1"), SMALL, 1, bounds=(math.radians(1.0), math.radians(0.5)))
     (axes,) = flash_figure(found, "name").axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     lines = {str(line.get_label()): list(line.get_xdata()) for line in axes.get_lines()}
