@@ -37,6 +37,7 @@ def closed_pages(chromium: Any) -> Iterator[None]:
             context.close()
 
 
+TIMEOUT_MS = 240_000
 HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
 """Messages of the browser on the speed of drawing in software."""
 
@@ -49,7 +50,8 @@ class Watch:
     requests: list[str] = field(default_factory=list)
 
     def follow(self, page: Any) -> Any:
-        """Begin before the page is opened. Returns the page."""
+        """Begin before the page is opened. Returns the page, with a timeout for a busy machine."""
+        page.set_default_timeout(TIMEOUT_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", self._record)
         page.on("request", lambda request: self.requests.append(request.url))

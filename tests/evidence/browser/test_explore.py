@@ -55,7 +55,7 @@ class Page:
         self.page = self.watch.follow(chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme))
         self.page.add_init_script(COUNT_REQUESTS)
         self.page.goto(self.server.address)
-        self.page.wait_for_selector("#pictures[data-drawn]", timeout=60_000)
+        self.page.wait_for_selector("#pictures[data-drawn]")
 
     def end(self) -> None:
         if self.thread.is_alive():
@@ -69,16 +69,16 @@ class Page:
 
     def after(self, count: int) -> None:
         """Wait until the charts are drawn again, more than `count` times in all."""
-        self.page.wait_for_selector(f'#pictures:not([data-drawn="{count}"])', timeout=60_000)
+        self.page.wait_for_selector(f'#pictures:not([data-drawn="{count}"])')
 
     def settle(self) -> None:
         """Wait for the margins of the family, which arrive last, of the newest settings."""
         newest = self.page.get_attribute("#pictures", "data-wanted")
-        self.page.wait_for_selector(f'#margins[data-family="{newest}"]', timeout=60_000)
+        self.page.wait_for_selector(f'#margins[data-family="{newest}"]')
 
     def answered(self) -> None:
         """Wait until no request is under way."""
-        self.page.wait_for_selector('html[data-under-way="0"]', timeout=60_000)
+        self.page.wait_for_selector('html[data-under-way="0"]')
 
     def chart(self, name: str) -> list[dict[str, Any]]:
         """Return the traces of a chart as Plotly holds them."""
@@ -386,7 +386,7 @@ def test_addresses_keys_and_a_server_that_has_ended(opened: Open, chromium: Any,
     other = page.watch.follow(chromium.new_page())
     other.goto(_leading_to(page.server.address, tmp_path).as_uri())
     other.wait_for_url(page.server.address)
-    other.wait_for_selector("#pictures[data-drawn]", timeout=60_000)
+    other.wait_for_selector("#pictures[data-drawn]")
     assert page.watch.errors == []
     assert other.goto(f"http://127.0.0.1:{page.server.server_port}/").status == 403
     assert "open the whole address" in other.inner_text("body")

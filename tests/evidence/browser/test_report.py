@@ -44,7 +44,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
 
 def opened(page: Any, path: Path) -> Any:
     page.goto(path.as_uri())
-    page.wait_for_selector("html[data-printable=yes]", timeout=120_000)
+    page.wait_for_selector("html[data-printable=yes]")
     return page
 
 
