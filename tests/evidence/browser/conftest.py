@@ -38,6 +38,7 @@ def closed_pages(chromium: Any) -> Iterator[None]:
 
 
 TIMEOUT_MS = 240_000
+"""Longest wait for a page that never shows what a test waits for; a busy machine takes its time."""
 HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
 """Messages of the browser on the speed of drawing in software."""
 
@@ -60,8 +61,3 @@ class Watch:
     def _record(self, message: Any) -> None:
         if message.type in ("error", "warning") and not any(hint in message.text for hint in HINTS):
             self.errors.append(message.text)
-
-
-@pytest.fixture
-def watch() -> Watch:
-    return Watch()
