@@ -184,12 +184,29 @@ def test_charts_are_drawn_described_and_reachable_at_every_width(opened: Open, k
         assert narrow.page.locator("#write").is_visible()
 
 
+# The charts that change after a few steps of the keyboard; some sliders go to their lower end.
+MOVES = {
+    LAMBDA: {"map", "cut", "step"},
+    "limits.sideslip_max_deg": {"map", "cut"},
+    ACCELERATION: {"map", "cut", "step"},
+    "limits.rear_angle_max_deg": {"map", "cut", "step"},
+    "limits.slip_departure_percent": {"map", "cut", "step"},
+    "road.friction": {"map", "cut", "step", "margins"},
+    **dict.fromkeys(("controller.proportional_gain_s", "controller.integral_gain"), {"step", "margins"}),
+    **dict.fromkeys(("proportional_percent", "integral_percent"), {"step", "margins"}),
+    **{f"controller.tracking.{key}": {"step"} for key in ("lead_s", "yaw_increasing_max_deg", "trim_max_percent")},
+    "step.speed_km_h": {"map", "cut", "step"},
+    "step.angle_deg": {"map", "step"},
+    "step.road_percent": {"step"},
+}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_slider_moves_its_charts_by_keyboard(opened: Open, kind: str) -> None:
     page = opened(kind)
     page.settle()
-    begun, values_before = page.charts(), page.explorer.picture({})
+    begun = page.charts()
     for control in page.explorer.controls:
         before, count = page.charts(), page.drawn()
         slider = page.control(control.key).locator("input[type=range]")
@@ -205,9 +222,7 @@ def test_every_slider_moves_its_charts_by_keyboard(opened: Open, kind: str) -> N
         assert slider.get_attribute("aria-valuetext") == f"{value} {control.unit}"
         page.settle()
         after, count = page.charts(), page.drawn()
-        values = page.explorer.picture({control.key: float(value)})
-        parts = {name for name in CHARTS if values[name] != values_before[name]}
-        assert {name for name in CHARTS if before[name] != after[name]} >= parts, control.key
+        assert {name for name in CHARTS if before[name] != after[name]} >= MOVES[control.key], control.key
         page.page.click("#reset")
         page.after(count)
         page.settle()
