@@ -149,7 +149,7 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_p
 
 
 def test_error_against_flash_agrees_in_figure_and_table() -> None:
-    found = flash_table(solve_case(SMALL, "4ws-1"), SMALL, 1, bounds=(math.radians(1.0), math.radians(0.5)))
+    found = flash_table(solve_case(SMALL, "4ws-1"), SMALL, 1, bounds=(math.radians(4.0), math.radians(2.0)))
     (axes,) = flash_figure(found, "name").axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     lines = {str(line.get_label()): list(line.get_xdata()) for line in axes.get_lines()}
