@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from codegen.refmap.loss import loss_of_function
 from codegen.refmap.loss_simulation import MODES
 from codegen.refmap.map import from_arrays
 from codegen.refmap.place import Request
-from codegen.refmap.place_sweep import flash_table
+from codegen.refmap.place_sweep import FlashPoint, FlashTable
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.report.flash import flash_dict, flash_figure, flash_rows
@@ -148,15 +149,33 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_p
     assert "beyond the cap, continued" in {row[0] for row in table.rows}
 
 
-def test_error_against_flash_agrees_in_figure_and_table() -> None:
-    found = flash_table(solve_case(SMALL, "4ws-1"), SMALL, 1, bounds=(math.radians(4.0), math.radians(2.0)))
+def test_error_against_flash_agrees_in_figure_table_and_json() -> None:
+    """The points are made by hand: their search takes seconds. No table with even axes holds the smaller bound."""
+
+    def placed(size: int, error: float) -> Any:
+        total = SimpleNamespace(speed=np.zeros(size // 100), front_angle=np.zeros(7))
+        errors = SimpleNamespace(yaw_rate=error, yaw_rate_whole=error)
+        return SimpleNamespace(flash_bytes=size, bounded_error=error, total=total, error=errors, spacing="uneven", tables=1)
+
+    bounds = np.radians([1.0, 0.5])
+    sizes = {"even": (2_000, None), "uneven": (1_200, 1_800), "int16": (700, 900)}
+    made = {way: [size and placed(size, 0.9 * bound) for size, bound in zip(sizes[way], bounds, strict=True)] for way in sizes}
+    points = tuple(FlashPoint(way, bound, made[way][k]) for k, bound in enumerate(bounds) for way in sizes)
+    grid_error: Any = SimpleNamespace(yaw_rate_whole=math.radians(0.3), bounded=lambda tables: math.radians(0.3))
+    found = FlashTable(points, 1, "optimum", (20, 30), 4_000, grid_error)
     (axes,) = flash_figure(found, "name").axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    lines = {str(line.get_label()): list(line.get_xdata()) for line in axes.get_lines()}
-    sizes = [point["flash_bytes"] for point in flash_dict(found)["placed"] if point["way"] == "uneven"]
-    assert lines["uneven axes, float"] == sizes == sorted(sizes)
-    assert [row[2] for row in flash_rows(found)] == [f"{size:,}" for size in sizes]
-    assert lines["the map's own grid, float"] == [found.grid_bytes]
+    drawn = {str(line.get_label()): np.column_stack(line.get_data()).tolist() for line in axes.get_lines()}
+    assert drawn["even axes, float"] == [[2000.0, pytest.approx(0.9)]]
+    assert drawn["uneven axes, float"] == [[1200.0, pytest.approx(0.9)], [1800.0, pytest.approx(0.45)]]
+    assert drawn["the map's own grid, float"] == [[4000.0, pytest.approx(0.3)]]
+    assert flash_rows(found) == [
+        ("1", "2,000", "1,200", "700", "50.0", "30.0", "17.5", "12 x 7"),
+        ("0.5", "-", "1,800", "900", "-", "45.0", "22.5", "18 x 7"),
+    ]
+    data = flash_dict(found)
+    assert [point["flash_bytes"] for point in data["placed"]] == [2_000, 1_200, 700, None, 1_800, 900]
+    assert data["grid"] == {"breakpoints": [20, 30], "flash_bytes": 4_000, "error_rad_s": math.radians(0.3)}
 
 
 # --- runs --------------------------------------------------------------------------------------------------------------
