@@ -13,18 +13,15 @@ import numpy as np
 import pytest
 
 from codegen.config import KM_H, Config, preset
-from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import read_manifest
-from codegen.emit.write import write_folder
 from codegen.refmap import exact
 from codegen.refmap import map as npz
 from codegen.refmap.loss import loss_of_function
 from codegen.refmap.loss_simulation import MODES
 from codegen.refmap.map import from_arrays
-from codegen.refmap.place import Request
 from codegen.refmap.place_sweep import FlashPoint, FlashTable
 from codegen.refmap.problem import SteadyTurnProblem
-from codegen.refmap.solve import solve_case
+from codegen.refmap.total import Rule
 from codegen.report.flash import flash_dict, flash_figure, flash_rows
 from codegen.report.html import maps
 from codegen.report.html.blocks import Chart, Table, Text
@@ -47,8 +44,6 @@ GENERATED = Path(__file__).resolve().parents[3] / "generated"
 SPEED, ANGLE = np.array([10.0, 20.0, 30.0]), np.radians([1.0, 2.0])
 RATES = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
 FEASIBLE = np.array([[True, True], [True, True], [True, False]])
-GRID = preset().grid.model_copy(update={"speed_points": 26, "front_angle_points": 25})
-SMALL = preset().model_copy(update={"grid": GRID})
 
 
 def unpacked(packed: Any) -> np.ndarray:
@@ -139,14 +134,20 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_p
     codes = chart.figure["data"][0]["codes"]
     assert unpacked(codes).shape == (len(manifest["map"]["front_angle_rad"]), len(manifest["map"]["speed_m_s"]))
     assert codes["names"][unpacked(codes)[0, 0]] == "linear, from zero"
-    # With chosen breakpoints, the cells are those of the build.
-    options = BuildOptions("placed", request=Request(math.radians(0.5), None, "float", "--max-error 0.5deg/s"))
-    one = NamedMap("placed", solve_case(SMALL, "4ws-1"))
-    folder = build(one.map, SMALL, options, BuildInputs("placed.npz", "0" * 64, "map"))
-    write_folder(folder, tmp_path / "placed")
-    _, table = extended(one, SMALL, tmp_path / "placed")
-    assert counts(table) == {rule["text"]: rule["cells"] for rule in folder.manifest["map"]["rules"].values()}
-    assert "beyond the cap, continued" in {row[0] for row in table.rows}
+    # A build with chosen breakpoints has cells of its own.
+    cells = [Rule.ZERO + Rule.SOLVED, Rule.SOLVED + Rule.SOLVED, Rule.SOLVED + Rule.CONTINUED]
+    axes = {"speed_m_s": [5.0, 10.0, 20.0], "front_angle_rad": [0.0, 0.1], "rule_by_speed_and_front_angle": cells}
+    placed = {**manifest, "map": {**manifest["map"], **axes, "placement": {}}}
+    (tmp_path / "manifest.json").write_text(json.dumps(placed), encoding="utf-8")
+    chart, table = extended(solved, preset(), tmp_path)
+    assert {row[0]: row[2] for row in table.rows} == {
+        "as in the map": "4",
+        "linear, from zero": "1",
+        "beyond the cap, continued": "1",
+    }
+    codes = chart.figure["data"][0]["codes"]
+    names = [[codes["names"][code] for code in row] for row in unpacked(codes)]
+    assert (names[0][0], names[1][2]) == ("linear, from zero", "beyond the cap, continued")
 
 
 def test_error_against_flash_agrees_in_figure_table_and_json() -> None:
