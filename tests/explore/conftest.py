@@ -1,4 +1,4 @@
-"""Explorations of small maps: of the paper's PI and of the recommended controller."""
+"""Explorers of small maps (the paper's PI and the recommended controller), and a client of the server."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from codegen.explore.toml_file import Target, preset_bases
 from codegen.refmap import map as npz
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
-CASE = "4ws-2"
 KINDS = {"pi": "4ws2", "tracking": "4ws2-tracking"}
 
 
 def small(kind: str) -> Config:
-    """The committed map's configuration on a grid that is solved and compiled in no time."""
+    """Return the configuration of a committed map with a small grid."""
     config = npz.load(GENERATED / f"{KINDS[kind]}.npz").config
     assert config is not None
     data = config.model_dump(mode="json")
@@ -32,19 +31,23 @@ def small(kind: str) -> Config:
     return parse(data, "test")
 
 
+def explorer_of(kind: str) -> Explorer:
+    return Explorer(small(kind), "4ws-2", "small")
+
+
 @pytest.fixture(scope="session")
 def pi() -> Explorer:
-    return Explorer(small("pi"), CASE, "small")
+    return explorer_of("pi")
 
 
 @pytest.fixture(scope="session")
 def tracking() -> Explorer:
-    return Explorer(small("tracking"), CASE, "small")
+    return explorer_of("tracking")
 
 
 @dataclass
 class Answer:
-    """What came back."""
+    """Status, headers and body of a response."""
 
     status: int
     headers: dict[str, str]
@@ -57,19 +60,21 @@ class Answer:
 
 @dataclass
 class Client:
-    """Speaks plain HTTP to a server, and says what it is told to say."""
+    """A client that sends exactly the headers it is given."""
 
     server: ExploreServer
 
+    @property
+    def host(self) -> str:
+        return f"127.0.0.1:{self.server.server_port}"
+
     def ask(self, method: str, path: str, body: bytes | None = None, **headers: str | None) -> Answer:
-        """One request; a header of None is left out."""
+        """Send one request; a header of None is left out."""
         connection = http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=60)
         try:
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
-            given = {"Host": f"127.0.0.1:{self.server.server_port}"}
-            given |= {name.replace("_", "-"): value for name, value in headers.items()}  # type: ignore[misc]
-            if body is not None:
-                given.setdefault("Content-Length", str(len(body)))
+            length = {} if body is None else {"Content-Length": str(len(body))}
+            given = {"Host": self.host, **length, **{name.replace("_", "-"): value for name, value in headers.items()}}
             for name, value in given.items():
                 if value is not None:
                     connection.putheader(name, value)
@@ -80,9 +85,9 @@ class Client:
             connection.close()
 
     def post(self, path: str, data: object, **headers: str | None) -> Answer:
-        """As the page does it."""
+        """Send JSON, or bytes as they are, with the headers of the page."""
         usual = {"Content_Type": "application/json", "X_Explore_Key": self.server.key}
-        return self.ask("POST", path, json.dumps(data).encode(), **(usual | headers))
+        return self.ask("POST", path, data if isinstance(data, bytes) else json.dumps(data).encode(), **(usual | headers))
 
 
 @pytest.fixture

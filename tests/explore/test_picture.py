@@ -1,9 +1,10 @@
-"""What the page is shown, against what the project's own functions say of the same setting."""
+"""The figures of the page, against the functions of the project and against a fresh build of the same settings."""
 
 from __future__ import annotations
 
 import base64
 import json
+import threading
 from typing import Any
 
 import numpy as np
@@ -11,19 +12,23 @@ import pytest
 
 from codegen.config import KM_H, preset
 from codegen.design.margins import family_margins, nominal_margins
+from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.errors import CodegenError
+from codegen.errors import BuildError, CodegenError
 from codegen.explore.explorer import Explorer
 from codegen.explore.picture import binding_colours, figures
+from codegen.explore.recalibrated import _with_variables
 from codegen.refmap.map import Binding
 from codegen.refmap.solve import solve_case
 from codegen.report.html.maps import NamedMap, heat_maps
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import GREY
 from codegen.report.summary import binding_text
-from codegen.vehicle.tyre import AxleTyres
+from codegen.sil.closed_loop import ClosedLoop
+from codegen.sil.software import compile_build
+from hil_sim.scenarios import SCENARIOS
 
-MAP_KEYS = ("yaw_rate", "sideslip", "rear_angle", "binding")
+TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
 
 
 def unpacked(table: dict[str, Any]) -> np.ndarray:
@@ -32,7 +37,10 @@ def unpacked(table: dict[str, Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(table["bdata"]), dtype=kind).reshape(shape)
 
 
-def test_the_map_is_the_one_that_codegen_solve_makes(pi: Explorer) -> None:
+# --- the map -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_map_is_that_of_codegen_solve(pi: Explorer) -> None:
     moved = {"lambda": 150.0, "limits.sideslip_max_deg": 2.0}
     shown = pi.picture(moved)["map"]
     expected = solve_case(pi.configured(moved), pi.case)
@@ -43,39 +51,29 @@ def test_the_map_is_the_one_that_codegen_solve_makes(pi: Explorer) -> None:
     assert shown["feasible_percent"] == round(100.0 * expected.feasible.mean(), 1)
 
 
-def test_what_binds_is_told_in_words_and_keeps_its_colour(tracking: Explorer) -> None:
-    first = tracking.picture({})["map"]
-    later = tracking.picture({"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3})["map"]
-    assert later["binding_names"][: len(first["binding_names"])] == first["binding_names"]
-    expected = solve_case(
-        tracking.configured({"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}), tracking.case
-    )
-    cells = unpacked(later["binding"]).T
-    assert expected.active is not None
-    np.testing.assert_array_equal(cells == 255, ~expected.feasible)
-    only = "lateral acceleration"
-    np.testing.assert_array_equal(
-        cells == later["binding_names"].index(only), expected.feasible & (expected.active == Binding.LATERAL_ACCELERATION)
-    )
-    assert (cells == later["binding_names"].index(only)).any()
-    assert later["binding_colours"][: len(first["binding_names"])] == first["binding_colours"]
+def test_binding_constraints_keep_name_and_colour_and_share_them_with_the_report(tracking: Explorer) -> None:
+    first, later = (tracking.picture(moved)["map"] for moved in ({}, TIGHT))
+    for key in ("binding_names", "binding_colours"):
+        assert later[key][: len(first[key])] == first[key]
+    for moved, shown in (({}, first), (TIGHT, later)):
+        solved = solve_case(tracking.configured(moved), tracking.case)
+        assert solved.active is not None
+        cells, names = unpacked(shown["binding"]).T, shown["binding_names"]
+        np.testing.assert_array_equal(cells == 255, ~solved.feasible)
+        alone = solved.feasible & (solved.active == Binding.LATERAL_ACCELERATION)
+        assert alone.any() == bool(moved)
+        if moved:
+            np.testing.assert_array_equal(cells == names.index("lateral acceleration"), alone)
+        chart = next(each for each in heat_maps(NamedMap("map", solved)).charts if each.name == "map-binding")
+        traces = [trace for trace in chart.figure["data"] if trace.get("mode") == "markers"]
+        # Sets without a fixed colour take turns: in the report by the map, in the explorer from its start.
+        fixed = {binding_text(flags) for flags in BINDING_COLOURS} if moved else set(names)
+        theirs = {trace["name"]: trace["marker"]["color"] for trace in traces if trace["name"] in fixed}
+        own = dict(zip(names, shown["binding_colours"], strict=True))
+        assert theirs == {name: own[name] for name in theirs} and theirs
 
 
-@pytest.mark.parametrize("moved", [{}, {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}])
-def test_what_binds_has_the_colours_of_the_report(tracking: Explorer, moved: dict[str, float]) -> None:
-    shown = tracking.picture(moved)["map"]
-    own = dict(zip(shown["binding_names"], shown["binding_colours"], strict=True))
-    solved = solve_case(tracking.configured(moved), tracking.case)
-    chart = next(each for each in heat_maps(NamedMap("map", solved)).charts if each.name == "map-binding")
-    theirs = {trace["name"]: trace["marker"]["color"] for trace in chart.figure["data"] if trace.get("mode") == "markers"}
-    assert len(theirs) > 1
-    # Sets without a colour of their own take turns: in the report by the map, in the explorer from its beginning on.
-    fixed = {binding_text(flags) for flags in BINDING_COLOURS} if moved else set(theirs)
-    assert fixed & set(theirs)
-    assert {name: own[name] for name in theirs if name in fixed} == {name: theirs[name] for name in theirs if name in fixed}
-
-
-def test_sets_without_a_colour_of_their_own_take_the_report_s_others_in_turn_and_keep_them() -> None:
+def test_sets_without_a_fixed_colour_take_turns() -> None:
     single = [int(Binding.NONE), int(Binding.SLIP_REAR)]
     without = [flags for flags in range(256) if flags not in BINDING_COLOURS][: len(OTHER_COLOURS) + 1]
     assert binding_colours(single) == [BINDING_COLOURS[flags] for flags in single]
@@ -83,6 +81,11 @@ def test_sets_without_a_colour_of_their_own_take_the_report_s_others_in_turn_and
     colours = binding_colours(known)
     assert [colours[known.index(flags)] for flags in without] == [*OTHER_COLOURS, GREY]
     assert binding_colours(known[:4]) == colours[:4]
+
+
+# --- what a setting changes --------------------------------------------------------------------------------------------
+
+PARTS = ("map", "cut", "step", "margins")
 
 
 @pytest.mark.parametrize(
@@ -101,13 +104,12 @@ def test_sets_without_a_colour_of_their_own_take_the_report_s_others_in_turn_and
         ("step.road_percent", 60.0, {"step"}),
     ],
 )
-def test_each_setting_changes_what_it_should_and_nothing_else(pi: Explorer, key: str, value: float, parts: set[str]) -> None:
+def test_each_setting_changes_its_parts_alone(pi: Explorer, key: str, value: float, parts: set[str]) -> None:
     before, after = pi.picture({}), pi.picture({key: value})
-    changed = {part for part in ("map", "cut", "step", "margins") if json.dumps(before[part]) != json.dumps(after[part])}
-    assert changed == parts
+    assert {part for part in PARTS if json.dumps(before[part]) != json.dumps(after[part])} == parts
 
 
-def test_the_beginning_is_shown_beside_and_stays(pi: Explorer) -> None:
+def test_the_start_is_shown_beside_the_settings(pi: Explorer) -> None:
     begun = pi.picture({})
     moved = pi.picture({"lambda": 100.0, "controller.integral_gain": 0.4})
     assert moved["step"]["runs"]["start"] == begun["step"]["runs"]["now"]
@@ -116,73 +118,56 @@ def test_the_beginning_is_shown_beside_and_stays(pi: Explorer) -> None:
     assert moved["step"]["runs"]["passive"] == begun["step"]["runs"]["passive"]
 
 
-@pytest.mark.parametrize(
-    "moves",
-    [
-        ({"road.friction": 0.7}, {"road.friction": 0.5}),
-        ({"step.speed_km_h": 60.0}, {"step.speed_km_h": 80.0}),
-        ({"step.angle_deg": 60.0}, {"step.angle_deg": 30.0}),
-        ({"step.road_percent": 80.0}, {"step.road_percent": 60.0}),
-        ({"controller.integral_gain": 0.4}, {"controller.integral_gain": 0.2}),
-    ],
-    ids=lambda moves: next(iter(moves[0])),
-)
-def test_nothing_is_shown_of_the_move_before(pi: Explorer, moves: tuple[dict[str, float], dict[str, float]]) -> None:
-    """Two moves: the first leaves the start, and all that is kept is made anew; what is kept too long shows at the second."""
-    before, after = (pi.picture(moved) for moved in moves)
-    fresh = Explorer(pi.start, pi.case, "fresh").picture(moves[1])
-    for part in ("cut", "step", "margins"):
-        assert after[part] == fresh[part], part
-    assert before["step"] != after["step"]
+def test_nothing_remains_of_the_settings_before(pi: Explorer) -> None:
+    """The first of two moves leaves the start, so that everything kept is computed again; stale parts show at the second."""
+    values = {"road.friction": (0.7, 0.5), "step.speed_km_h": (60.0, 80.0), "step.angle_deg": (60.0, 30.0)}
+    values |= {"step.road_percent": (80.0, 60.0), "controller.integral_gain": (0.4, 0.2)}
+    for key, (one, other) in values.items():
+        before, after = pi.picture({key: one}), pi.picture({key: other})
+        fresh = Explorer(pi.start, pi.case, "fresh").picture({key: other})
+        assert [after[part] for part in PARTS[1:]] == [fresh[part] for part in PARTS[1:]], key
+        assert before["step"] != after["step"]
 
 
-def test_the_peak_of_the_rear_angle_is_that_of_its_magnitude(pi: Explorer) -> None:
-    signs = []
-    for speed in (30.0, 100.0):  # against the front wheels, and with them
-        shown = pi.picture({"step.speed_km_h": speed, "step.angle_deg": 30.0})["step"]
-        angles = np.array(shown["runs"]["now"]["rear_angle_deg"])
-        largest = angles[np.abs(angles).argmax()]
-        signs.append(np.sign(largest))
-        # Three digits of the figure, four of the curve.
-        assert shown["figures"]["now"]["rear_angle_peak_deg"] == pytest.approx(abs(largest), abs=6e-4)
-    assert signs == [-1.0, 1.0]
+# --- the step ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_paper_s_step_has_the_paper_s_figures(pi: Explorer) -> None:
-    figures = pi.picture({})["step"]["figures"]
-    # The cap of the map: (slip bound of the tyre over slip for each m/s^2) / speed, which the PI follows to the end.
-    tyres = AxleTyres.from_config(pi.start)
-    assert tyres.front_slip_bound > 0.0
+def test_the_figures_of_the_step(pi: Explorer) -> None:
+    shown = pi.picture({})["step"]["figures"]
+    # The PI follows the cap of the map, (slip bound of the tyre over slip for each m/s^2) / speed, to the end.
     cap = pi.calibration(pi.start).total.lateral_acceleration_cap / (42.5 * KM_H)
-    # An integrator: after 3 s the error is gone but for some 0.1 %.
-    assert np.radians(figures["now"]["yaw_rate_steady_deg_s"]) == pytest.approx(cap, rel=5e-3)
-    assert figures["passive"]["rear_angle_peak_deg"] == 0.0
-    assert figures["passive"]["sideslip_peak_deg"] > figures["now"]["sideslip_peak_deg"]
+    # An integrator: after 3 s an error of some 0.1 % remains.
+    assert np.radians(shown["now"]["yaw_rate_steady_deg_s"]) == pytest.approx(cap, rel=5e-3)
+    assert shown["passive"]["rear_angle_peak_deg"] == 0.0
+    assert shown["passive"]["sideslip_peak_deg"] > shown["now"]["sideslip_peak_deg"]
+    for speed, sign in ((30.0, -1.0), (100.0, 1.0)):  # against the front wheels, and with them
+        step = pi.picture({"step.speed_km_h": speed, "step.angle_deg": 30.0})["step"]
+        angles = np.array(step["runs"]["now"]["rear_angle_deg"])
+        largest = angles[np.abs(angles).argmax()]
+        assert np.sign(largest) == sign
+        # Three digits of the figure, four of the curve.
+        assert step["figures"]["now"]["rear_angle_peak_deg"] == pytest.approx(abs(largest), abs=6e-4)
 
 
-def test_a_step_that_does_not_settle_has_no_steady_figures() -> None:
-    """A yaw rate that still rises at the end: a tenth in its last second."""
-    time = 0.01 * np.arange(2_000)
-    record = np.zeros((time.size, 12))
-    record[:, 0], record[:, 3] = time, np.where(time > 10.0, 0.3 + 0.03 * (time - 10.0), 0.0)
-    shown = figures(record, preset())
-    assert (shown["settled"], shown["yaw_rate_steady_deg_s"], shown["overshoot_percent"], shown["rise_time_s"]) == (
-        *(False, None, None, None),
-    )
-    record[:, 3] = np.where(time > 10.0, 0.3, 0.0)
-    assert figures(record, preset())["settled"] is True
-
-
-def test_a_car_that_spins_has_no_figures(pi: Explorer) -> None:
+def test_a_step_that_spins_or_does_not_settle_has_no_steady_figures(pi: Explorer) -> None:
     shown = pi.picture({"road.friction": 0.5, "step.speed_km_h": 70.0, "step.road_percent": 50.0})
     assert {"spins": True} in shown["step"]["figures"].values()
     json.dumps(shown, allow_nan=False)
+    time = 0.01 * np.arange(2_000)
+    for slope in (0.03, 0.0):  # rad/s²; with a slope the yaw rate rises by a tenth in its last second
+        record = np.zeros((time.size, 12))
+        record[:, 0], record[:, 3] = time, np.where(time > 10.0, 0.3 + slope * (time - 10.0), 0.0)
+        found = figures(record, preset())
+        steady = [found[key] for key in ("yaw_rate_steady_deg_s", "overshoot_percent", "rise_time_s")]
+        assert (found["settled"], None in steady) == (slope == 0.0, slope != 0.0)
 
 
-def test_margins_are_those_of_the_configured_car(tracking: Explorer) -> None:
+# --- margins -----------------------------------------------------------------------------------------------------------
+
+
+def test_margins_are_those_of_the_design(pi: Explorer, tracking: Explorer) -> None:
     moved = {"proportional_percent": 130.0}
-    shown = tracking.picture(moved)["margins"]["now"]
-    config = tracking.configured(moved)
+    shown, config = tracking.picture(moved)["margins"]["now"], tracking.configured(moved)
     gains = law_of(config).gains(config)
     assert gains is not None
     speed = np.array(shown["speed_km_h"]) * KM_H
@@ -192,9 +177,13 @@ def test_margins_are_those_of_the_configured_car(tracking: Explorer) -> None:
     np.testing.assert_allclose(shown["phase_deg"], expected.phase_margin_deg, rtol=1e-3)
     assert shown["worst"]["gain_db"] == pytest.approx(min(shown["gain_db"]), abs=0.01)
     assert (shown["asked_gain_db"], shown["asked_phase_deg"]) == (8.0, 45.0)
+    kind = {"controller": pi.start.controller.model_copy(update={"kind": "feedforward"})}
+    without = Explorer(pi.start.model_copy(update=kind), pi.case, "small")
+    assert without.picture({"lambda": 500.0})["margins"] is None  # no feedback
+    assert not [control for control in without.controls if control.group == "controller"]
 
 
-def test_the_family_s_margins_are_those_of_codegen_tune(tracking: Explorer) -> None:
+def test_the_margins_of_the_family_are_those_of_codegen_tune(tracking: Explorer) -> None:
     shown = tracking.family({}, lambda: False)
     assert shown is not None
     gains = law_of(tracking.start).gains(tracking.start)
@@ -202,38 +191,102 @@ def test_the_family_s_margins_are_those_of_codegen_tune(tracking: Explorer) -> N
     speed = np.array(shown["speed_km_h"])[[0, -1]] * KM_H
     expected, _ = family_margins(tracking.start, speed, *gains(speed))
     np.testing.assert_allclose(np.array(shown["gain_db"])[[0, -1]], expected.gain_margin_db, rtol=1e-3)
-    # The tuned gains keep what was asked for, up to the end of the map.
+    # The tuned gains keep the required margins up to the end of the map.
     assert min(shown["gain_db"]) >= 8.0
     assert min(shown["phase_deg"]) >= 45.0
     assert shown["cars"] == 243
+    stale = iter((False, False, True))
+    assert tracking.family({}, lambda: next(stale)) is None  # a newer request ends the work
+    assert next(stale, None) is None
 
 
-def test_the_family_s_margins_are_left_where_nobody_waits_for_them(tracking: Explorer) -> None:
-    asked: list[int] = []
-
-    def is_stale() -> bool:
-        asked.append(len(asked))
-        return len(asked) > 2
-
-    assert tracking.family({}, is_stale) is None
-    assert len(asked) == 3
-
-
-def test_a_law_without_feedback_has_no_margins(pi: Explorer) -> None:
-    start = pi.start
-    without = Explorer(
-        start.model_copy(update={"controller": start.controller.model_copy(update={"kind": "feedforward"})}), pi.case, "small"
-    )
-    shown = without.picture({"lambda": 500.0})
-    assert shown["margins"] is None
-    assert not [control for control in without.controls if control.group == "controller"]
-
-
-def test_limits_that_leave_no_turn_are_one_line_and_the_next_picture_is_as_good_as_ever(pi: Explorer) -> None:
+def test_settings_without_a_feasible_point_are_rejected_and_leave_no_trace(pi: Explorer) -> None:
     grid = pi.start.grid.model_copy(update={"front_angle_min_deg": 4.0, "speed_min_km_h": 60.0})
     coarse = Explorer(pi.start.model_copy(update={"grid": grid}), pi.case, "coarse")
     before = coarse.picture({})
     with pytest.raises(CodegenError, match="no operating point of the grid is feasible"):
         coarse.picture({"limits.lateral_acceleration_max_g": 0.05})
-    after = coarse.picture({})
-    assert {**after, "took_ms": None} == {**before, "took_ms": None}
+    assert {**coarse.picture({}), "took_ms": None} == {**before, "took_ms": None}
+
+
+# --- the recalibrated C ------------------------------------------------------------------------------------------------
+
+FRICTION = {"road.friction": 0.5, "limits.sideslip_max_deg": 1.5}
+LIMITS = {
+    "lambda": 200.0,
+    "limits.rear_angle_max_deg": 2.0,
+    "limits.lateral_acceleration_max_g": 0.5,
+    "limits.slip_departure_percent": 8.0,
+}
+GAINS = {
+    "pi": {"controller.integral_gain": 0.3},
+    "tracking": {"integral_percent": 40.0, "proportional_percent": 150.0},
+}
+
+
+@pytest.mark.parametrize("kind", ["pi", "tracking"])
+def test_settings_run_as_a_fresh_build_of_them_bit_for_bit(kind: str, request: pytest.FixtureRequest) -> None:
+    explorer: Explorer = request.getfixturevalue(kind)
+    config = explorer.configured({**LIMITS, **FRICTION, **GAINS[kind]})
+    calibration = explorer.calibration(config)
+    folder = build(solve_case(config, explorer.case), config, BuildOptions("fresh"), BuildInputs("map.npz", "0" * 64, "map"))
+    fresh = ClosedLoop(compile_build(folder.files, folder.manifest))
+    # The step is within the map; the second scenario slides beyond it, on a road with less friction than the map's.
+    for scenario in (SCENARIOS["step-steer"], SCENARIOS["low-friction"]):
+        inputs = scenario.inputs(config)
+        fresh.reset()
+        expected = fresh.run(inputs)
+        assert np.ptp(expected[:, 3]) > 0.1  # rad/s: the car does turn
+        np.testing.assert_array_equal(explorer.run(calibration, inputs), expected)
+
+
+def test_every_setting_alone_changes_the_run(tracking: Explorer) -> None:
+    settings: list[dict[str, float]] = [{}, {"lambda": 100.0}, {"road.friction": 0.6}, {"proportional_percent": 200.0}]
+    settings += [{"limits.rear_angle_max_deg": 1.0}, {"limits.lateral_acceleration_max_g": 0.3}, {"integral_percent": 40.0}]
+    settings += [{"limits.slip_departure_percent": 3.0}, {"limits.sideslip_max_deg": 0.5}]
+    own = {"lead_s": 0.0, "yaw_increasing_max_deg": 0.05, "trim_max_percent": 0.0}
+    settings += [{f"controller.tracking.{key}": value} for key, value in own.items()]
+    inputs = [SCENARIOS[name].inputs(tracking.start) for name in ("step-steer", "low-friction")]
+    runs = {}
+    for moved in settings:
+        calibration = tracking.calibration(tracking.configured(moved))
+        run = b"".join(tracking.run(calibration, each).tobytes() for each in inputs)
+        assert run not in runs, (moved, runs.get(run))
+        runs[run] = moved
+
+
+def test_threads_do_not_share_settings(pi: Explorer) -> None:
+    inputs = SCENARIOS["step-steer"].inputs(pi.start)
+    calibrations = [pi.calibration(pi.configured(moved)) for moved in ({}, FRICTION)]
+    expected = [pi.run(calibration, inputs) for calibration in calibrations]
+    assert not np.array_equal(*expected)
+    wrong: list[int] = []
+
+    def work(which: int) -> None:
+        for _ in range(20):
+            if not np.array_equal(pi.run(calibrations[which], inputs), expected[which]):
+                wrong.append(which)
+
+    threads = [threading.Thread(target=work, args=(which,)) for which in (0, 1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_the_look_up_of_the_c_agrees_with_the_cut(tracking: Explorer) -> None:
+    calibration = tracking.calibration(tracking.configured(FRICTION))
+    shown = tracking.picture(FRICTION | {"step.speed_km_h": 90.0})["cut"]["now"]
+    yaw_rate = tracking._software.look_up(calibration, 25.0, np.radians(np.array(shown["front_angle_deg"])))
+    # Four digits after the point are sent, in deg/s, and the angles are rounded likewise.
+    np.testing.assert_allclose(np.degrees(yaw_rate), shown["yaw_rate_deg_s"], atol=2e-3)
+
+
+def test_a_missing_constant_is_an_error() -> None:
+    source = {"src/a.c": b"ARS_SECTION_CONST static const float limit = 1.0f;\nfloat f(void) { return limit; }\n"}
+    assert b"return explore.limit;" in _with_variables(source, ("limit",))["src/a.c"]
+    with pytest.raises(BuildError, match="other"):
+        _with_variables(source, ("limit", "other"))
+    with pytest.raises(BuildError, match="limit"):
+        _with_variables(source | {"src/b.c": source["src/a.c"]}, ("limit",))

@@ -1,8 +1,9 @@
-"""The button: what is written, what is kept, and what is never written over."""
+"""The button that writes a file: its content, and the files that it never overwrites."""
 
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from codegen.explore.controls import ExploreError
 from codegen.explore.explorer import Explorer
 from codegen.explore.toml_file import Existing, Target, preset_bases, whole
 
-from .conftest import Client
+from .conftest import GENERATED, Client
 
 MOVED = {"lambda": 500.0, "limits.rear_angle_max_deg": 2.5, "road.friction": 0.7}
 
@@ -22,48 +23,55 @@ def sha(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("kind", ["pi", "tracking"])
-@pytest.mark.parametrize("bases", [(), preset_bases()], ids=["bare", "presets"])
-def test_the_file_says_exactly_what_was_explored(
-    kind: str, bases: tuple[str, ...], tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    explorer: Explorer = request.getfixturevalue(kind)
-    config = explorer.configured(MOVED)
-    target = Target(tmp_path / "ars.toml", bases)
-    target.write(config, None)
-    assert configuration.load(target.path) == config
-    assert [path.name for path in tmp_path.iterdir()] == ["ars.toml"]
+def refusal(target: Target, config: configuration.Config) -> Existing:
+    """Return the question before a file is replaced; the file stays as it is."""
+    before = target.path.read_bytes()
+    with pytest.raises(Existing) as caught:
+        target.write(config, None)
+    assert target.path.read_bytes() == before
+    return caught.value
 
 
-def test_a_preset_that_fits_brings_its_comments(tmp_path: Path) -> None:
-    """The paper's car on the paper's grid: the commented preset with other numbers."""
+def test_the_file_holds_exactly_the_settings(pi: Explorer, tracking: Explorer, tmp_path: Path) -> None:
+    for number, (explorer, bases) in enumerate([(pi, preset_bases()), (pi, ()), (tracking, preset_bases())]):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        config = explorer.configured(MOVED)
+        Target(folder / "ars.toml", bases).write(config, None)
+        assert configuration.load(folder / "ars.toml") == config
+        assert [path.name for path in folder.iterdir()] == ["ars.toml"]
+    data = pi.start.model_dump(mode="json")
+    data["cases"]["a.b"] = data["cases"].pop("fws")
+    data["grid"]["speed_breakpoints_km_h"] = [20.0, 45.5, 120.0]
+    config = configuration.parse(data, "test")
+    assert configuration.parse(tomllib.loads(whole(config)), "test") == config
+
+
+def test_a_matching_preset_brings_its_comments(tmp_path: Path) -> None:
     start = configuration.preset()
     config = start.model_copy(update={"limits": start.limits.model_copy(update={"rear_angle_max_deg": 2.5})})
     target = Target(tmp_path / "ars.toml", preset_bases())
     target.write(config, None)
     before, after = configuration.preset_text().splitlines(), target.path.read_text(encoding="utf-8").splitlines()
-    assert [line for line in before if line not in after] == [
-        "rear_angle_max_deg = 3.5      # in the map; the actuator's own limit stands in [rear_actuator]"
-    ]
-    assert "rear_angle_max_deg = 2.5      # in the map; the actuator's own limit stands in [rear_actuator]" in after
+    (line,) = [line for line in before if line not in after]
+    assert line == "rear_angle_max_deg = 3.5      # in the map; the actuator's own limit stands in [rear_actuator]"
+    assert line.replace("3.5", "2.5") in after
 
 
-def test_an_existing_file_is_left_until_the_user_says_so_and_keeps_its_comments(tracking: Explorer, tmp_path: Path) -> None:
+def test_an_existing_file_is_replaced_only_on_confirmation_and_keeps_its_comments(tracking: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     own = whole(tracking.start).replace("[limits]", "# Measured by Ann.\n[limits]")
     target.path.write_text(own, encoding="utf-8")
     config = tracking.configured({"limits.rear_angle_max_deg": 2.5, "integral_percent": 50.0})
-    with pytest.raises(Existing) as caught:
-        target.write(config, None)
-    assert target.path.read_text(encoding="utf-8") == own
-    assert "comments stay" in caught.value.text
-    assert "limits.rear_angle_max_deg: 3.5 → 2.5" in caught.value.changes
-    target.write(config, caught.value.sha256)
+    question = refusal(target, config)
+    assert "comments stay" in question.text
+    assert "limits.rear_angle_max_deg: 3.5 → 2.5" in question.changes
+    target.write(config, question.sha256)
     assert configuration.load(target.path) == config
     assert "# Measured by Ann.\n[limits]" in target.path.read_text(encoding="utf-8")
 
 
-def test_the_user_s_word_is_for_the_file_that_was_seen(pi: Explorer, tmp_path: Path) -> None:
+def test_a_confirmation_is_for_the_file_that_was_seen(pi: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     target.path.write_text("old", encoding="utf-8")
     seen = sha(target.path)
@@ -77,60 +85,32 @@ def test_the_user_s_word_is_for_the_file_that_was_seen(pi: Explorer, tmp_path: P
     assert not target.path.exists()
 
 
-def test_a_file_of_another_car_is_told_to_be_replaced_whole(pi: Explorer, tmp_path: Path) -> None:
+def test_a_file_of_another_car_or_none_at_all_is_replaced_whole(pi: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     target.path.write_text(configuration.preset_text().replace("2335.07", "1500.0"), encoding="utf-8")
-    with pytest.raises(Existing) as caught:
-        target.write(pi.start, None)
-    assert "All of it would be replaced" in caught.value.text
-    assert "vehicle.mass_kg: 1500.0 → 2335.07" in caught.value.changes
-    target.write(pi.start, caught.value.sha256)
-    assert configuration.load(target.path) == pi.start
+    question = refusal(target, pi.start)
+    assert "All of it would be replaced" in question.text
+    assert "vehicle.mass_kg: 1500.0 → 2335.07" in question.changes
+    for content in (target.path.read_bytes(), b"not toml [", b"\xff\xfe", b"", b"[vehicle]\nwheels = 4\n"):
+        target.path.write_bytes(content)
+        target.write(pi.start, refusal(target, pi.start).sha256)
+        assert configuration.load(target.path) == pi.start
 
 
-@pytest.mark.parametrize("content", [b"not toml [", b"\xff\xfe", b"", b"[vehicle]\nwheels = 4\n"])
-def test_what_is_no_configuration_is_replaced_only_on_the_user_s_word(pi: Explorer, tmp_path: Path, content: bytes) -> None:
-    target = Target(tmp_path / "ars.toml")
-    target.path.write_bytes(content)
-    with pytest.raises(Existing) as caught:
-        target.write(pi.start, None)
-    assert target.path.read_bytes() == content
-    target.write(pi.start, caught.value.sha256)
-    assert configuration.load(target.path) == pi.start
-
-
-def test_a_link_a_folder_and_a_build_are_refused(pi: Explorer, tmp_path: Path) -> None:
-    outside = tmp_path / "outside.toml"
+def test_links_folders_and_builds_are_refused(pi: Explorer, tmp_path: Path) -> None:
+    outside, path = tmp_path / "outside.toml", tmp_path / "ars.toml"
     outside.write_text("mine", encoding="utf-8")
-    inner = tmp_path / "inner"
-    inner.mkdir()
-    (inner / "ars.toml").symlink_to(outside)
+    path.symlink_to(outside)
     with pytest.raises(CodegenError, match="a link"):
-        Target(inner / "ars.toml").write(pi.start, sha(outside))
+        Target(path).write(pi.start, sha(outside))
     assert outside.read_text(encoding="utf-8") == "mine"
-    (inner / "ars.toml").unlink()
-    (inner / "ars.toml").mkdir()
-    with pytest.raises(CodegenError, match="not a file"):
-        Target(inner / "ars.toml").write(pi.start, None)
-    build = Path(__file__).resolve().parents[2] / "generated" / "4ws2"
-    with pytest.raises(CodegenError, match="inside a build"):
-        Target(build / "ars.toml").write(pi.start, None)
-    assert not (build / "ars.toml").exists()
-
-
-def test_a_folder_that_is_gone_is_one_line(pi: Explorer, tmp_path: Path) -> None:
-    with pytest.raises(CodegenError, match="folder does not exist"):
-        Target(tmp_path / "gone" / "ars.toml").write(pi.start, None)
-
-
-def test_odd_names_and_lists_survive(pi: Explorer) -> None:
-    import tomllib
-
-    data = pi.start.model_dump(mode="json")
-    data["cases"]["a.b"] = data["cases"].pop("fws")
-    data["grid"]["speed_breakpoints_km_h"] = [20.0, 45.5, 120.0]
-    config = configuration.parse(data, "test")
-    assert configuration.parse(tomllib.loads(whole(config)), "test") == config
+    path.unlink()
+    path.mkdir()
+    build = GENERATED / "4ws2" / "ars.toml"
+    for wrong, expected in ((path, "not a file"), (build, "inside a build"), (tmp_path / "gone/ars.toml", "does not exist")):
+        with pytest.raises(CodegenError, match=expected):
+            Target(wrong).write(pi.start, None)
+    assert not build.exists()
 
 
 def test_the_button_through_the_server(client: Client, tmp_path: Path) -> None:

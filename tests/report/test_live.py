@@ -1,4 +1,4 @@
-"""The live view of a run: what it says, in every size of terminal, and that it leaves the bench alone."""
+"""The live view of a run: its numbers, its charts at every terminal size, and no load on the thread of the bench."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -23,43 +24,51 @@ from codegen.sil.software import Status
 from hil_sim.diagnostics import DIAGNOSTICS, causes
 
 CALM = LiveSample(0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, Status.TRACKING, 0, 0.01, 0, 0)
+LOOK = Look(76, 21)
 
 
-def a_run(cycles: int, **changes: object) -> History:
-    """Cycles of 10 ms."""
+def history_of(cycles: int, **changes: Any) -> History:
+    """Return cycles of 10 ms; a callable value is a function of the cycle."""
     history = History()
     for cycle in range(cycles):
-        history.add(replace(CALM, time=cycle * 0.01, **changes))  # type: ignore[arg-type]
+        values = {name: value(cycle) if callable(value) else value for name, value in changes.items()}
+        history.add(replace(CALM, time=cycle * 0.01, **values))
     return history
 
 
-def row_of(history: History, label: str, look: Look | None = None) -> str:
-    rows = [row.plain for row in draw(history, look or Look(76, 21))]
-    return next(row for row in rows if row.strip().startswith(label))
+def row_of(history: History, label: str, look: Look = LOOK) -> Any:
+    return next(row for row in draw(history, look) if row.plain.strip().startswith(label))
 
 
-def console_of(width: int = 80, height: int = 24, **options: object) -> Console:
-    settings: dict[str, object] = {"force_terminal": True, "color_system": "truecolor", "legacy_windows": False, "_environ": {}}
-    return Console(file=io.StringIO(), width=width, height=height, **(settings | options))  # type: ignore[arg-type]
+def console_of(width: int = 80, height: int = 24, encoding: str = "utf-8", **options: Any) -> Console:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    settings = {"force_terminal": True, "color_system": "truecolor", "legacy_windows": False, "_environ": {}}
+    return Console(file=stream, width=width, height=height, **(settings | options))
 
 
 def printed(console: Console) -> str:
-    assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue()
+    console.file.seek(0)
+    return console.file.read()
 
 
-def test_the_bits_are_those_of_the_generated_c() -> None:
+def view_on(console: Console, **changes: Any) -> LiveView:
+    """Return a view with 900 samples."""
+    view = LiveView("a scenario with a rather long name", "socketcan:vcan0", "native", "real time", console=console)
+    for cycle in range(900):
+        view._samples.append(replace(CALM, time=0.01 * cycle, status=cycle % 6, **changes))
+    return view
+
+
+# --- rows --------------------------------------------------------------------------------------------------------------
+
+
+def test_diagnostic_bits_are_those_of_the_generated_c() -> None:
     assert {bit: name for bit, (name, _) in DIAGNOSTICS.items()} == {cause.bit: cause.name for cause in IN_THE_C}
-    assert len({words for _, words in DIAGNOSTICS.values()}) == 16
-
-
-def test_causes_in_words() -> None:
-    assert causes(0) == ()
+    assert len({words for _, words in DIAGNOSTICS.values()}) == len(causes(0xFFFF)) == 16
     assert causes(1 << 1 | 1 << 15 | 1 << 20) == ("motion CRC wrong", "timeout", "bit 20")
-    assert len(causes(0xFFFF)) == 16
 
 
-def test_numbers_are_in_degrees() -> None:
+def test_numbers_are_in_degrees_and_missing_ones_leave_a_gap() -> None:
     sample = replace(CALM, yaw_rate=0.2, yaw_rate_reference=0.25, sideslip=-0.03, rear_angle_command=0.05, rear_angle=0.04)
     history = History()
     history.add(replace(sample, rear_angle=0.039))
@@ -67,157 +76,55 @@ def test_numbers_are_in_degrees() -> None:
     expected = {"Yaw rate": "11.46 deg/s", "reference": "14.32 deg/s", "Sideslip": "-1.72 deg", "command": "2.86 deg"}
     # 0.001 rad in 10 ms
     for label, number in (expected | {"Rear angle": "2.29 deg", "rate": "5.73 deg/s"}).items():
-        assert f" {number} " in f"{row_of(history, label)} "
-
-
-def test_what_is_not_available_is_said_and_leaves_a_gap() -> None:
-    history = a_run(100, yaw_rate_reference=math.nan, rear_angle_command=math.inf)
-    assert "n/a" in row_of(history, "reference")
-    assert "n/a" in row_of(history, "command")
+        assert f" {number} " in f"{row_of(history, label).plain} "
+    history = history_of(100, yaw_rate_reference=math.nan, rear_angle_command=math.inf)
+    found = ["n/a" in row_of(history, label).plain for label in ("reference", "command", "Yaw rate")]
+    assert found == [True, True, False]
     assert history.traces["yaw_rate_reference"].bins == {}
-    assert "n/a" not in row_of(history, "Yaw rate")
 
 
-def test_progress_and_cycle() -> None:
-    row = row_of(a_run(251), "━")
+def test_progress_cycle_times_and_losses() -> None:
+    assert [row.plain for row in draw(History(), LOOK)] == ["waiting for the first cycle"]
+    row = row_of(history_of(251), "━").plain
     assert "2.50 s of 10.00 s   25 %  cycle 251" in row
     bar = row.split("  2.50")[0]
     assert bar.count("━") / len(bar) == pytest.approx(0.25, abs=0.5 / len(bar))  # rounded to a character
     endless = History()
     endless.add(replace(CALM, duration=math.inf, time=72.0))
-    assert draw(endless, Look(76, 21))[0].plain == "72.00 s  cycle 1"
-
-
-def test_before_the_first_cycle() -> None:
-    assert [row.plain for row in draw(History(), Look(76, 21))] == ["waiting for the first cycle"]
-
-
-def test_cycle_times_are_those_of_the_last_second() -> None:
-    history = History()
-    for cycle in range(301):
-        slow = {100: 0.5, 250: 0.0149}.get(cycle, 0.010)
-        history.add(replace(CALM, time=cycle * 0.01, cycle_time=0.0097 if cycle == 300 else slow))
-    assert " 9.70 min · 10.05 mean · 14.90 max ms" in row_of(history, "Cycle time")
+    assert draw(endless, LOOK)[0].plain == "72.00 s  cycle 1"
+    slow = {100: 0.5, 250: 0.0149, 300: 0.0097}
+    history = history_of(301, cycle_time=lambda cycle: slow.get(cycle, 0.010))
+    assert " 9.70 min · 10.05 mean · 14.90 max ms" in row_of(history, "Cycle time").plain  # of the last second
     assert len(history.cycle_times) == 100
+    for changes, styles in (({"lost_frames": 7, "late_cycles": 3}, {"bold red", "bold yellow"}), ({}, set())):
+        row = row_of(history_of(5, **changes), "Lost frames")
+        assert {"bold red", "bold yellow"} & {str(span.style) for span in row.spans} == styles
+        assert not changes or re.search(r"Lost frames +7 +late cycles 3$", row.plain)
 
 
-def test_losses_are_counted_and_stand_out() -> None:
-    history = a_run(5, lost_frames=7, late_cycles=3)
-    row = next(row for row in draw(history, Look(76, 21)) if row.plain.startswith("Lost frames"))
-    assert re.search(r"Lost frames +7 +late cycles 3$", row.plain)
-    assert {"bold red", "bold yellow"} <= {str(span.style) for span in row.spans}
-    calm = next(row for row in draw(a_run(5), Look(76, 21)) if row.plain.startswith("Lost frames"))
-    assert not {"bold red", "bold yellow"} & {str(span.style) for span in calm.spans}
-
-
-@pytest.mark.parametrize("status", list(Status))
-def test_status_by_name(status: Status) -> None:
-    assert status.name in row_of(a_run(3, status=status), "Status")
-
-
-def test_colours_tell_states_apart() -> None:
-    rows = [next(row for row in draw(a_run(3, status=one), Look(76, 21)) if row.plain.startswith("Status")) for one in Status]
-    assert len({str(row.spans[0].style) for row in rows}) == len(Status)
-
-
-def test_a_status_that_is_none() -> None:
-    assert "unknown (9)" in row_of(a_run(3, status=9), "Status")
-
-
-def test_one_degraded_cycle_shows_in_the_history() -> None:
-    history = History()
-    for cycle in range(1000):
-        status = {300: Status.DEGRADED, 600: Status.FAIL_SAFE, 601: Status.STANDBY}.get(cycle, Status.TRACKING)
-        history.add(replace(CALM, time=cycle * 0.01, status=status))
-    marks = row_of(history, "Status")[34:]
-    assert len(marks) == 42
-    assert set(marks) == {"─", "D", "F"}
+def test_every_status_has_its_name_and_colour_and_leaves_a_mark() -> None:
+    rows = {status: row_of(history_of(3, status=status), "Status") for status in Status}
+    assert all(status.name in row.plain for status, row in rows.items())
+    assert len({str(row.spans[0].style) for row in rows.values()}) == len(Status)
+    assert "unknown (9)" in row_of(history_of(3, status=9), "Status").plain
+    incidents = {300: Status.DEGRADED, 600: Status.FAIL_SAFE, 601: Status.STANDBY}
+    marks = row_of(history_of(1000, status=lambda cycle: incidents.get(cycle, Status.TRACKING)), "Status").plain[34:]
+    assert (len(marks), set(marks)) == (42, {"─", "D", "F"})
     assert (marks.index("D"), marks.index("F")) == (12, 25)  # 3 s and 6 s of 10 s
 
 
-def test_a_cause_of_one_cycle_is_told_and_kept() -> None:
-    history = a_run(10)
-    history.add(replace(CALM, time=0.10, diagnostics=1 << 1))
+def test_a_cause_of_one_cycle_is_shown_and_kept() -> None:
+    history = history_of(11, diagnostics=lambda cycle: (cycle == 10) << 1)
     history.add(replace(CALM, time=0.11))
-    assert "motion CRC wrong" in row_of(history, "Diagnostics")
-    assert "none" in row_of(history, "earlier")
+    assert "motion CRC wrong" in row_of(history, "Diagnostics").plain
+    assert "none" in row_of(history, "earlier").plain
     history.add(replace(CALM, time=2.0, diagnostics=1 << 15))
-    assert row_of(history, "Diagnostics").split("  ")[-1] == "timeout"
-    assert "motion CRC wrong ×1" in row_of(history, "earlier")
-
-
-def test_many_causes_go_on_a_second_row() -> None:
-    history = History()
-    history.add(replace(CALM, diagnostics=0x1F))
-    history.add(replace(CALM, time=5.0))
-    rows = [row.plain for row in draw(history, Look(76, 21))][-2:]
-    assert "motion missing ×1" in rows[0]
-    assert "motion lost in between ×1" in rows[1]
-
-
-@pytest.mark.parametrize(
-    ("needed", "top"), [(0.0, 1.0), (1.0, 1.0), (1.01, 1.5), (1.9, 2.0), (2.3, 3.0), (14.0, 15.0), (70.0, 70.0), (71.0, 100.0)]
-)
-def test_scales(needed: float, top: float) -> None:
-    trace = Trace()
-    trace.add(1.0, -needed, 0.05)
-    assert scale([trace], Window.of(2.0, 10.0), 1.0) == pytest.approx(top, rel=1e-12)
-
-
-def test_a_window_holds_a_short_run_and_moves_with_a_long_one() -> None:
-    assert Window.of(3.0, 10.0) == Window(0.0, 10.0)
-    assert Window.of(10.0, 10.0).start == pytest.approx(0.05)  # the sample at the end has a bin of its own
-    for duration in (60.0, math.inf, 0.0):
-        assert Window.of(20.0, duration) == Window(0.0, 30.0)
-        moved = Window.of(45.0, duration)
-        assert moved.length == 30.0
-        assert moved.start + moved.length == pytest.approx(45.15)  # up to the end of the bin
-
-
-def sampled(signal: Callable[[float], float]) -> Trace:
-    trace = Trace()
-    for cycle in range(1000):
-        trace.add(cycle * 0.01, signal(cycle * 0.01), 10.0 / BINS)
-    return trace
-
-
-def cells(trace: Trace, columns: int = 20, rows: int = 5, ascii_only: bool = False) -> list[str]:
-    return [row.plain for row in chart([Line(trace, "cyan")], Window.of(5.0, 10.0), 1.0, (columns, rows), ascii_only)]
-
-
-def test_a_chart_has_zero_in_the_middle_and_the_extremes_at_its_edges() -> None:
-    assert cells(Trace()) == [" " * 20, " " * 20, "┈" * 20, " " * 20, " " * 20]
-    assert cells(sampled(lambda time: 1.0))[0] == chr(0x2809) * 20  # the upper two dots
-    assert cells(sampled(lambda time: -1.0))[4] == chr(0x28C0) * 20  # the lower two
-    assert {*cells(sampled(lambda time: 0.0))[2]} <= {chr(0x2812), chr(0x2824)}  # the two in the middle
-    assert cells(sampled(lambda time: -99.0))[4] == chr(0x28C0) * 20
-    assert cells(sampled(lambda time: 99.0))[0] == chr(0x2809) * 20  # beyond the axis: at its edge
-
-
-def test_a_chart_runs_from_left_to_right_without_holes() -> None:
-    rows = cells(sampled(lambda time: 0.2 * time - 1.0))
-    assert rows[4].startswith(rows[4].strip(" "))
-    assert rows[0].endswith(rows[0].strip(" "))
-    step = cells(sampled(lambda time: -1.0 if time < 5.0 else 1.0))
-    assert all(any(0x2800 < ord(one) <= 0x28FF for one in row) for row in step)
-    assert step[4][:9] == chr(0x28C0) * 9
-    assert step[0][11:] == chr(0x2809) * 9
-
-
-def test_a_peak_of_one_cycle_is_drawn() -> None:
-    rows = cells(sampled(lambda time: 1.0 if abs(time - 7.02) < 0.005 else 0.0))
-    assert rows[0][14] != " "
-    assert rows[0].count(" ") == 19
-
-
-def test_bins_wider_than_dots_leave_no_holes() -> None:
-    assert cells(sampled(lambda time: 1.0), columns=300)[0].strip() == chr(0x2809) * 300
-
-
-def test_what_was_asked_for_can_be_told_without_colour() -> None:
-    trace = sampled(lambda time: 1.0)
-    assert chart([Line(trace, "", dotted=True)], Window.of(5.0, 10.0), 1.0, (20, 5))[0].plain == chr(0x2801) * 20
-    assert ".." in row_of(a_run(3), "reference", Look(76, 21, no_colour=True))
+    assert row_of(history, "Diagnostics").plain.split("  ")[-1] == "timeout"
+    assert "motion CRC wrong ×1" in row_of(history, "earlier").plain
+    many = history_of(1, diagnostics=0x1F)
+    many.add(replace(CALM, time=5.0))
+    rows = [row.plain for row in draw(many, LOOK)][-2:]
+    assert "motion missing ×1" in rows[0] and "motion lost in between ×1" in rows[1]
 
 
 @pytest.mark.parametrize(
@@ -230,86 +137,102 @@ def test_what_was_asked_for_can_be_told_without_colour() -> None:
         ("rear_angle_command", 9, "magenta"),
     ],
 )
-def test_each_signal_is_drawn_where_its_number_stands(signal: str, first: int, style: str) -> None:
+def test_each_signal_is_drawn_beside_its_number(signal: str, first: int, style: str) -> None:
     """0.1 rad, 5.73 deg: near the top of an axis to 7 deg, on the first of its rows, in the colour of its label."""
-    history = a_run(500, **{signal: 0.1})
-    top, *_, bottom = draw(history, Look(76, 21))[first : first + (3 if signal == "sideslip" else 5)]
-    assert top.plain[27:34].strip() == "7"
-    assert bottom.plain[27:34].strip() == "-7"
+    history = history_of(500, **{signal: 0.1})
+    top, *_, bottom = draw(history, LOOK)[first : first + (3 if signal == "sideslip" else 5)]
+    assert (top.plain[27:34].strip(), bottom.plain[27:34].strip()) == ("7", "-7")
     assert re.fullmatch("[\u2801-\u28ff]{21} *", top.plain[34:])  # half of the run
     assert style in {str(span.style) for span in top.spans if span.start == 34}
     without_colour = draw(history, Look(76, 21, no_colour=True))[first].plain[34:55]
     assert (chr(0x2802) in without_colour or chr(0x2804) in without_colour) == (style == "magenta")  # every other dot
 
 
-def test_a_long_run_does_not_grow() -> None:
+# --- charts ------------------------------------------------------------------------------------------------------------
+
+
+def trace_of(signal: Callable[[float], float]) -> Trace:
     trace = Trace()
-    for cycle in range(200_000):
-        trace.add(cycle * 0.01, 1.0, 30.0 / BINS)
-    assert len(trace.bins) <= 2 * BINS
-    assert len(trace.shown(Window.of(1999.99, math.inf))) == BINS
+    for cycle in range(1000):
+        trace.add(cycle * 0.01, signal(cycle * 0.01), 10.0 / BINS)
+    return trace
+
+
+def cells(trace: Trace, columns: int = 20, dotted: bool = False) -> list[str]:
+    return [row.plain for row in chart([Line(trace, "cyan", dotted=dotted)], Window.of(5.0, 10.0), 1.0, (columns, 5))]
+
+
+def test_scales_and_windows() -> None:
+    for needed, top in ((0.0, 1.0), (1.0, 1.0), (1.01, 1.5), (1.9, 2.0), (2.3, 3.0), (14.0, 15.0), (70.0, 70.0), (71.0, 100.0)):
+        trace = Trace()
+        trace.add(1.0, -needed, 0.05)
+        assert scale([trace], Window.of(2.0, 10.0), 1.0) == pytest.approx(top, rel=1e-12)
+    assert Window.of(3.0, 10.0) == Window(0.0, 10.0)
+    assert Window.of(10.0, 10.0).start == pytest.approx(0.05)  # the sample at the end has a bin of its own
+    for duration in (60.0, math.inf, 0.0):
+        assert Window.of(20.0, duration) == Window(0.0, 30.0)
+        moved = Window.of(45.0, duration)
+        assert (moved.length, moved.start + moved.length) == (30.0, pytest.approx(45.15))  # up to the end of the bin
+    trace = Trace()
+    for cycle in range(20_000):
+        trace.add(cycle * 0.1, 1.0, 30.0 / BINS)
+    assert len(trace.bins) <= 2 * BINS  # a long run does not grow
+    assert len(trace.shown(Window.of(1999.9, math.inf))) >= BINS / 2
+
+
+def test_a_chart_shows_value_time_and_peaks() -> None:
+    upper, lower = chr(0x2809), chr(0x28C0)
+    assert cells(Trace()) == [" " * 20, " " * 20, "┈" * 20, " " * 20, " " * 20]
+    for value, row, mark in ((1.0, 0, upper), (99.0, 0, upper), (-1.0, 4, lower), (-99.0, 4, lower)):
+        assert cells(trace_of(lambda time, value=value: value))[row] == mark * 20  # beyond the axis: at its edge
+    assert {*cells(trace_of(lambda time: 0.0))[2]} <= {chr(0x2812), chr(0x2824)}  # the two in the middle
+    assert cells(trace_of(lambda time: 1.0), columns=300)[0].strip() == upper * 300  # bins wider than dots leave no holes
+    assert cells(trace_of(lambda time: 1.0), dotted=True)[0] == chr(0x2801) * 20
+    step = cells(trace_of(lambda time: -1.0 if time < 5.0 else 1.0))
+    assert all(any(0x2800 < ord(one) <= 0x28FF for one in row) for row in step)
+    assert (step[4][:9], step[0][11:]) == (lower * 9, upper * 9)
+    peak = cells(trace_of(lambda time: 1.0 if abs(time - 7.02) < 0.005 else 0.0))[0]
+    assert peak[14] != " " and peak.count(" ") == 19
+
+
+# --- terminals ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-@pytest.mark.parametrize("size", [(80, 24), (132, 50), (200, 100), (60, 17), (40, 14), (20, 10)])
-def test_it_fits(size: tuple[int, int], encoding: str) -> None:
+@pytest.mark.parametrize("size", [(80, 24), (200, 100), (60, 17), (20, 10)])
+def test_the_view_fits_the_terminal(size: tuple[int, int], encoding: str) -> None:
     width, height = size
-    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-    console = Console(
-        file=stream,
-        width=width,
-        height=height,
-        force_terminal=True,
-        legacy_windows=False,
-        _environ={},
-        color_system="truecolor",
-    )
-    view = LiveView("a scenario with a rather long name", "socketcan:vcan0", "native", "real time", console=console)
-    view._samples.extend(
-        replace(CALM, time=0.01 * cycle, diagnostics=0xFFFF, yaw_rate=9.99, status=cycle % 6) for cycle in range(900)
-    )
-    console.print(view.picture())  # what the encoding lacks would raise
-    stream.seek(0)
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", stream.read()).splitlines()
+    console = console_of(width, height, encoding)
+    console.print(view_on(console, diagnostics=0xFFFF, yaw_rate=9.99).picture())  # characters outside the encoding would raise
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", printed(console)).splitlines()
     assert {len(line) for line in lines} == {width}
     assert len(lines) <= max(height - 1, 16)  # numbers alone take 15 rows
-    if size == (80, 24):
-        assert len(lines) == 23
+    assert size != (80, 24) or len(lines) == 23
     assert any("Yaw rate" in line for line in lines)
     if width >= 60:
         drawn = any("***" in line if encoding == "ascii" else re.search("[\u2801-\u28ff]{3}", line) for line in lines)
         assert drawn == (height >= 20)
 
 
-def test_ascii_where_there_is_no_more() -> None:
-    history = a_run(500, diagnostics=0xFFFF, yaw_rate=0.1)
-    text = "\n".join(row.plain for row in draw(history, Look(76, 21, ascii_only=True)))
-    assert text.isascii()
-    assert "****" in text
-    assert "motion missing" in text
-
-
-def test_no_color() -> None:
+def test_without_colour_the_reference_is_dotted() -> None:
     console = console_of(_environ={"NO_COLOR": "1"})
-    view = LiveView("step", "virtual", "cffi", "lock-step", console=console)
-    view._samples.extend(replace(CALM, time=0.01 * cycle, lost_frames=3, status=4) for cycle in range(9))
-    console.print(view.picture())
+    console.print(view_on(console, lost_frames=3).picture())
     codes = {code for group in re.findall(r"\x1b\[([0-9;]*)m", printed(console)) for code in group.split(";")}
     assert codes <= {"", "0", "1", "2"}  # bold and dim
     assert "reference .." in printed(console)
 
 
 @pytest.mark.parametrize("options", [{"force_terminal": False}, {"quiet": True}, {"_environ": {"TERM": "dumb"}}])
-def test_nothing_is_printed_where_nobody_looks(options: dict[str, object]) -> None:
+def test_nothing_is_printed_without_a_terminal(options: dict[str, object]) -> None:
     console = console_of(**options)
     with LiveView("step", "virtual", "cffi", "lock-step", console=console) as view:
         view.update(CALM)
-        assert not view._samples  # nothing would ever take them
+        assert not view._samples  # nothing would remove them
     assert printed(console) == ""
 
 
 def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All drawing while the run goes on is another thread's."""
+    """Another thread draws while the run goes on."""
     drawn = []
     real = LiveView.picture
     monkeypatch.setattr(LiveView, "picture", lambda view: (drawn.append(threading.current_thread()), real(view))[1])
@@ -318,63 +241,45 @@ def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
         started = len(drawn)
         for cycle in range(3000):
             view.update(replace(CALM, time=0.01 * cycle))
-        here = [one for one in drawn[started:] if one is threading.main_thread()]
-    assert here == []
-    assert view._history.cycles == 3000  # none is left at the end
+        assert threading.main_thread() not in drawn[started:]
+    assert view._history.cycles == 3000  # none remains at the end
     assert "cycle 3000" in printed(console)
 
 
-def test_the_interpreter_is_shared_finely_while_it_draws() -> None:
-    sys.setswitchinterval(0.004)
-    view = LiveView("step", "virtual", "cffi", "real time", console=console_of())
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+def test_the_end_restores_the_interpreter_and_keeps_the_picture_of_a_failure(error: type[BaseException] | None) -> None:
+    console, before = console_of(), sys.getswitchinterval()
+    view = LiveView("step", "virtual", "cffi", "lock-step", console=console)
     view.__enter__()
     assert sys.getswitchinterval() < 0.001
-    view.__exit__(KeyboardInterrupt, None, None)
-    assert sys.getswitchinterval() == pytest.approx(0.004)
-    sys.setswitchinterval(0.005)  # Python's own
-
-
-def test_a_good_end_clears_the_screen_and_a_bad_one_leaves_the_picture() -> None:
-    def ending(error: type[BaseException] | None) -> str:
-        console = console_of()
-        view = LiveView("step", "virtual", "cffi", "lock-step", console=console)
-        view.__enter__()
-        view.update(CALM)
-        view.__exit__(error, None, None)
-        return printed(console)[-60:]
-
-    erase = "\x1b[2K"
-    assert erase in ending(None)
-    assert erase not in ending(KeyboardInterrupt)
-    assert "virtual" in ending(KeyboardInterrupt)
+    view.update(CALM)
+    view.__exit__(error, None, None)
+    assert sys.getswitchinterval() == pytest.approx(before)
+    ending = printed(console)[-60:]
+    assert ("\x1b[2K" in ending, "virtual" in ending) == ((True, False) if error is None else (False, True))
 
 
 numbers = st.floats(-1e3, 1e3) | st.just(math.nan) | st.just(math.inf)
-
-
-@given(
-    st.lists(
-        st.builds(
-            LiveSample,
-            time=st.floats(0.0, 200.0),
-            duration=st.just(60.0),
-            **dict.fromkeys(TRACES, numbers),
-            status=st.integers(0, 15),
-            diagnostics=st.integers(0, 0xFFFF),
-            cycle_time=st.floats(0.0, 10.0),
-            lost_frames=st.integers(0, 10**6),
-            late_cycles=st.integers(0, 10**6),
-        ),
-        max_size=8,
-    ),
-    st.integers(1, 150),
-    st.integers(1, 60),
+samples = st.builds(
+    LiveSample,
+    time=st.floats(0.0, 200.0),
+    duration=st.just(60.0),
+    **dict.fromkeys(TRACES, numbers),
+    status=st.integers(0, 15),
+    diagnostics=st.integers(0, 0xFFFF),
+    cycle_time=st.floats(0.0, 10.0),
+    lost_frames=st.integers(0, 10**6),
+    late_cycles=st.integers(0, 10**6),
 )
-def test_no_run_breaks_it(samples: list[LiveSample], columns: int, rows: int) -> None:
+
+
+@settings(max_examples=50)
+@given(st.lists(samples, max_size=8), st.integers(1, 150), st.integers(1, 60), st.booleans())
+def test_any_run_fits_any_size(run: list[LiveSample], columns: int, rows: int, ascii_only: bool) -> None:
     history = History()
-    for sample in sorted(samples, key=lambda one: one.time):
+    for sample in sorted(run, key=lambda one: one.time):
         history.add(sample)
-    for ascii_only in (False, True):
-        drawn = draw(history, Look(columns, rows, ascii_only))
-        assert all(row.cell_len <= columns for row in drawn)
-        assert not samples or len(drawn) <= max(rows, 13)
+    drawn = draw(history, Look(columns, rows, ascii_only))
+    assert all(row.cell_len <= columns for row in drawn)
+    assert not run or len(drawn) <= max(rows, 13)
+    assert not ascii_only or all(row.plain.isascii() for row in drawn)

@@ -1,4 +1,4 @@
-"""The tables of the test set say what was measured, and fit the page."""
+"""The tables of the test suite show the values of its result, and fit the page."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from codegen.report.suite_tables import WIDTH, columns, failures, sections, verd
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.requirements import Requirement
 from hil_sim.suite.tracking import Outside, SuiteResult
-from tests.report import made_suite
-from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, spun, with_table
+from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, spun, third_party, with_table
 
 
 @pytest.fixture(scope="module")
@@ -20,12 +19,14 @@ def good() -> SuiteResult:
     return made()
 
 
-def text_of(result: SuiteResult) -> str:
-    return "\n".join(f"{title}\n{text}" for title, text in sections(result))
+def text_of(result: SuiteResult, start: str) -> str:
+    """Return a section as one line."""
+    (text,) = [text for title, text in sections(result) if title.startswith(start)]
+    return " ".join(text.split())
 
 
 def section(result: SuiteResult, start: str) -> list[list[str]]:
-    """Lines of a section without its ruler, split at two blanks or more."""
+    """Return the rows of a section without its ruler, split at two blanks or more."""
     (text,) = [text for title, text in sections(result) if title.startswith(start)]
     lines = [line for line in text.splitlines() if not set(line) <= {"-", " "}]
     return [[cell.strip() for cell in line.split("  ") if cell.strip()] for line in lines]
@@ -36,130 +37,96 @@ def row(result: SuiteResult, start: str, first: str) -> list[str]:
     return found
 
 
-def test_everything_fits_the_page_and_is_ascii(good: SuiteResult) -> None:
+def test_every_table_fits_the_page_and_names_the_subjects(good: SuiteResult) -> None:
     bad = with_table(good, "tracking", "friction-40-wrong", tuple(spun("tracking", cell, "x") for cell in CELLS))
     for result in (good, bad):
-        text = text_of(result)
+        text = "\n".join(f"{title}\n{text}" for title, text in sections(result))
         assert max(map(len, text.splitlines())) <= WIDTH == 120
         assert text.isascii()
-
-
-def test_all_subjects_stand_beside_each_other(good: SuiteResult) -> None:
     for start in ("Overshoot", "Settling", "Largest", "Spins", "The paper's step", "Rise time", "Sine", "Third party"):
         assert tuple(section(good, start)[0]) == SUBJECTS
+    text = columns([("", "a", "bb")], [("x", "1", "22"), ("long", "333", "4")])
+    assert text == "        a  bb\n----  ---  --\nx       1  22\nlong  333   4"
 
 
-def test_requirements_stand_below_their_subject_matter(good: SuiteResult) -> None:
+def test_requirements_are_met_missed_or_not_measured(good: SuiteResult) -> None:
     lines = section(good, "What is asked")
-    assert lines[1] == ["C1, actuator lag 20 ms"]
-    assert lines[2] == ["overshoot", "at most 2 %", "2.00 %", "met"]
+    assert lines[1:3] == [["C1, actuator lag 20 ms"], ["overshoot", "at most 2 %", "2.00 %", "met"]]
     flat = [cell for line in lines for cell in line]
     assert "NOT MET" not in flat
     assert flat.count("met") == len(good.requirements)
     assert ["instructions of the worst step", "at most 1500", "1040", "met"] in lines
-
-
-def test_what_fails_is_told_and_a_missed_goal_is_no_failure(good: SuiteResult) -> None:
     slow = tuple(cell_result("tracking", cell, "lag-100", overshoot_percent=9.0) for cell in CELLS)
     missed_goal = with_table(good, "tracking", "lag-100", slow)
     assert failures(missed_goal.requirements) == []
-    assert [line[3] for line in section(missed_goal, "What is asked") if line[:2] == ["overshoot", "at most 5 %"]] == [
-        "goal, missed"
-    ]
+    goals = [line[3] for line in section(missed_goal, "What is asked") if line[:2] == ["overshoot", "at most 5 %"]]
+    assert goals == ["goal, missed"]
     wide = tuple(cell_result("tracking", cell, "nominal", sideslip_max_deg=4.25) for cell in CELLS)
     failed = with_table(good, "tracking", "nominal", wide)
     assert failures(failed.requirements) == ["all cells, as configured: |sideslip| 4.25 deg (at most 3.2 deg)"]
     assert ["|sideslip|", "at most 3.2 deg", "4.25 deg", "NOT MET", CELLS[0].title] in section(failed, "What is asked")
-
-
-def test_what_was_not_measured_has_no_figure(good: SuiteResult) -> None:
     alone = good.with_outside(Outside())
     assert ["instructions of the worst step", "at most 1500", "-", "not measured"] in section(alone, "What is asked")
     assert not any(title.startswith("Third party") for title, _ in sections(alone))
     assert verdict(Requirement("m", "f", "", "at most", 1.0, None, False)) == "NOT MET"
 
 
-def test_overshoot_is_mean_and_largest(good: SuiteResult) -> None:
+def test_overshoot_settling_and_spins_of_each_condition(good: SuiteResult) -> None:
     # 0.5, 1, 1.5 and 2 % over the shares for tracking; 20 to 80 % for the PI; the passive car without its last three cells.
     kept = [8.0 * (cell.share or 0.0) / 0.25 for cell in CELLS[:-3]]
     wanted = ["1.2 / 2.0", "50.0 / 80.0", "10.0 / 16.0", "12.5 / 20.0", f"{sum(kept) / len(kept):.1f} / 32.0"]
     assert row(good, "Overshoot", "as configured") == wanted
     assert [line[0] for line in section(good, "Overshoot")[1:]] == [condition.title for condition in CONDITIONS]
-
-
-def test_cells_that_never_settle_and_spins_are_counted(good: SuiteResult) -> None:
     assert row(good, "Settling", "friction 0.6, no estimate") == ["0.50", "1 never", "0.50", "0.50", "0.50"]
     assert row(good, "Spins, of 24 cells", "friction 0.6, no estimate") == ["-", "3", "-", "-", "3"]
     assert row(good, "Spins, of 24 cells", "as configured") == ["-", "-", "-", "-", "3"]
     none_left = with_table(good, "pi", "nominal", tuple(spun("pi", cell, "nominal") for cell in CELLS))
-    assert row(none_left, "Overshoot", "as configured")[1] == "-"
-    assert row(none_left, "Largest", "as configured")[1] == "-"
+    assert [row(none_left, start, "as configured")[1] for start in ("Overshoot", "Largest")] == ["-", "-"]
 
 
-def test_papers_step_at_each_lag(good: SuiteResult) -> None:
+def test_step_margins_sines_and_third_party(good: SuiteResult) -> None:
     c1 = {**good.c1, "pi": {lag.name: spun("pi", CELLS[0], lag.name) for lag in LAGS}}
     lines = section(replace(good, c1=c1), "The paper's step")
     assert [line[0] for line in lines[1::4]] == [lag.title for lag in LAGS]
     assert lines[1][1:4] == ["overshoot (%)", "2.0", "spin"]
     assert lines[3] == ["rise to 90 % (s)", "0.30", "spin", "0.28", "0.31", "0.33"]
-
-
-def test_margins_of_the_car_and_of_the_family(good: SuiteResult) -> None:
     assert row(good, "Margins", "60 km/h") == ["20.0 / 80 / 1.20", "8.5 / 46 / 1.70"] * 2
     assert row(good, "Margins", "120 km/h")[-1] == "unstable"
     assert not any(title.startswith("Margins") for title, _ in sections(replace(good, margins={})))
+    assert row(good, "Sine", "120 km/h, 0.5 Hz") == ["0.90 / -15", "0.90 / -12", "0.90 / -14", "0.90 / -16", "spin"]
+    assert row(good, "Third party", third_party()["pi"][-1].cell.title)[:2] == ["1.8 / 0.50 / 2.5", "spin"]
 
 
-def test_price_is_told_with_figures(good: SuiteResult) -> None:
-    (told,) = [text for title, text in sections(good) if title == "Where tracking is worse"]
-    told = " ".join(told.split())
-    assert "It rises to 90 % later than pi at 25 km/h by 0.05 s (0.30 against 0.25), at 42.5 km/h" in told
+def test_the_trade_offs_are_named_with_figures(good: SuiteResult) -> None:
+    worse = text_of(good, "Where tracking is worse")
+    assert "It rises to 90 % later than pi at 25 km/h by 0.05 s (0.30 against 0.25), at 42.5 km/h" in worse
     # 100 times the rise time at 1 Hz.
-    assert "at 120 km/h and 1 Hz phase -30 deg against -25" in told
-    assert "of the map's" not in told  # the gain is the same for both
-    assert "Nobody whose car never spins overshoots less." in told
-
-
-def test_price_is_told_against_cells_that_both_survive(good: SuiteResult) -> None:
-    """Where the PI spins, its rise times elsewhere say nothing of these cells."""
+    assert "at 120 km/h and 1 Hz phase -30 deg against -25" in worse
+    assert "of the map's" not in worse  # the gain is the same for both
+    assert "Nobody whose car never spins overshoots less." in worse
+    # Only cells in which both cars survive are compared.
     fast = tuple(
         spun("pi", cell, "nominal") if cell.speed_km_h == 25.0 else cell_result("pi", cell, "nominal", rise_time_s=0.4)
         for cell in CELLS
     )
-    (told,) = [text for title, text in sections(with_table(good, "pi", "nominal", fast)) if title.startswith("Where")]
-    assert "It rises no slower than pi at any speed." in told
-
-
-def test_a_baseline_that_does_better_is_named(good: SuiteResult) -> None:
+    assert "It rises no slower than pi at any speed." in text_of(with_table(good, "pi", "nominal", fast), "Where")
     soft = tuple(cell_result("tracking", cell, "relaxation-600", overshoot_percent=32.0) for cell in CELLS)
-    result = with_table(good, "tracking", "relaxation-600", soft)
-    (told,) = [text for title, text in sections(result) if title == "Where tracking is worse"]
-    assert "relaxation length 0.6 m 32 % against 16 % of feedforward" in " ".join(told.split())
+    worse = text_of(with_table(good, "tracking", "relaxation-600", soft), "Where tracking is worse")
+    assert "relaxation length 0.6 m 32 % against 16 % of feedforward" in worse
 
 
-def test_a_spin_in_the_sine_and_on_the_third_partys_plant(good: SuiteResult) -> None:
-    assert row(good, "Sine", "120 km/h, 0.5 Hz") == ["0.90 / -15", "0.90 / -12", "0.90 / -14", "0.90 / -16", "spin"]
-    last = made_suite.third_party()["pi"][-1].cell.title
-    assert row(good, "Third party", last)[:2] == ["1.8 / 0.50 / 2.5", "spin"]
-
-
-def test_sets_are_stated(good: SuiteResult) -> None:
-    (told,) = [" ".join(text.split()) for title, text in sections(good) if title.startswith("What was tuned")]
-    assert "243 linear cars" in told
-    assert "at 30, 50, 70, 90 and 110 km/h with 35, 65 and 95 %" in told
-    assert "at 25, 42.5, 60, 80, 100 and 120 km/h with 25, 50, 75 and 100 %" in told
-    assert suite_tables.STRUCTURE_SET in told
-
-
-def test_a_run_of_few_conditions_still_reads(good: SuiteResult) -> None:
-    """No condition was driven: what is left are the paper's step, margins and the sets."""
+def test_the_sets_are_stated_and_a_part_of_them_is_enough(good: SuiteResult) -> None:
+    sets = text_of(good, "What was tuned")
+    for expected in (
+        "243 linear cars",
+        "at 30, 50, 70, 90 and 110 km/h with 35, 65 and 95 %",
+        "at 25, 42.5, 60, 80, 100 and 120 km/h with 25, 50, 75 and 100 %",
+        suite_tables.STRUCTURE_SET,
+    ):
+        assert expected in sets
     little = replace(good, conditions=(), results={name: {} for name in SUBJECTS}, rise_times={}).with_outside(Outside())
-    titles = [title for title, _ in sections(little)]
-    assert not any(title.startswith(("Overshoot", "Rise time", "Third party")) for title in titles)
-    assert "Rise times were not compared in this run." in text_of(little)
-    assert NOMINAL.title not in text_of(little).split("The paper's step")[1]
-
-
-def test_columns_line_up() -> None:
-    text = columns([("", "a", "bb")], [("x", "1", "22"), ("long", "333", "4")])
-    assert text == "        a  bb\n----  ---  --\nx       1  22\nlong  333   4"
+    made_of = list(sections(little))
+    assert not any(title.startswith(("Overshoot", "Rise time", "Third party")) for title, _ in made_of)
+    text = "\n".join(f"{title}\n{text}" for title, text in made_of)
+    assert "Rise times were not compared in this run." in text
+    assert NOMINAL.title not in text.split("The paper's step")[1]

@@ -1,52 +1,53 @@
-"""The page: whole, deterministic, and closed against what its data hold and against the network."""
+"""The page of a report, and the files that a report reads."""
 
 from __future__ import annotations
 
-import base64
+import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from codegen.config import parse, preset
-from codegen.emit.folder import read_manifest
+from codegen.config import preset
+from codegen.errors import CodegenError
+from codegen.export import runs as exported
 from codegen.report.html import build, page
 from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, gather, read
-from codegen.report.html.loop import margins_chart
-from codegen.report.html.report import Material, sections
+from codegen.report.html.inputs import FAULT_KEYS, named, read_files
+from codegen.report.html.report import sections
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
+from hil_sim.frames import Frame
+from hil_sim.logs import BusLog
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 EVIL = "</script><script>alert(1)</script><!-- & 'x' \"y\""
+CAN = preset().can
 
 
 def nothing(done: int, total: int) -> None: ...
 
 
-@pytest.fixture(scope="module")
-def material() -> Material:
-    """Of a committed build, without a run."""
-    return gather(read(Request(GENERATED / "4ws2.npz", build=GENERATED / "4ws2", simulate=False)), nothing)
-
-
-def test_the_same_input_gives_the_same_bytes(material: Material) -> None:
+def test_the_page_of_a_build_is_reproducible_self_contained_and_linked() -> None:
+    """Everything that could load something, outside of Plotly's own code, which a test in the browser watches."""
+    material = gather(read(Request(GENERATED / "4ws2.npz", build=GENERATED / "4ws2", simulate=False)), nothing)
     first, second = (page.render("report", list(sections(material))) for _ in range(2))
     assert first == second
-
-
-def test_nothing_comes_from_the_network(material: Material) -> None:
-    """All that could load something, outside of Plotly's own code, which the browser's test watches."""
-    text = page.render("report", list(sections(material))).decode("utf-8")
-    own = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    own = re.sub(r"<script>.*?</script>", "", first.decode("utf-8"), flags=re.DOTALL)
     assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", own)
     assert not re.findall(r"url\(|@import", own)
     assert "default-src 'none'" in own
+    ids = re.findall(r'\bid="([^"]+)"', own)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'href="#([^"]+)"', own)) <= set(ids)
+    assert set(re.findall(r'(?:aria-labelledby|for)="([^"]+)"', own)) <= set(ids)
 
 
-def test_no_text_can_leave_its_place() -> None:
+def test_text_is_escaped() -> None:
     figure = {"data": [{"type": "scatter", "name": EVIL}], "layout": {}}
     blocks = (Text(EVIL), Table(EVIL, (EVIL, "b"), [(EVIL, "c")]), Chart("x", figure, EVIL, EVIL))
     text = page.render(EVIL, [Section("s", EVIL, blocks)]).decode("utf-8")
@@ -55,74 +56,144 @@ def test_no_text_can_leave_its_place() -> None:
     assert page.prose("`a` <b>") == "<code>a</code> &lt;b&gt;"
 
 
-def test_ids_are_unique_and_links_lead_somewhere(material: Material) -> None:
-    text = page.render("report", list(sections(material))).decode("utf-8")
-    own = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
-    ids = re.findall(r'\bid="([^"]+)"', own)
-    assert len(ids) == len(set(ids))
-    assert set(re.findall(r'href="#([^"]+)"', own)) <= set(ids)
-    assert set(re.findall(r'(?:aria-labelledby|for)="([^"]+)"', own)) <= set(ids)
-
-
-def test_the_record_of_verify_is_told_in_full(material: Material) -> None:
-    blocks = list(build.verification_blocks(GENERATED / "4ws2"))
-    table = next(block for block in blocks if isinstance(block, Table))
-    assert [row[3] for row in table.rows] == ["passed"] * len(CHECKS)
-    captions = [block.caption.partition(" (")[0] for block in blocks if isinstance(block, Table)]
-    assert captions[1:] == ["Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
-
-
-def test_a_build_without_a_record_or_with_an_older_one_is_told(tmp_path: Path) -> None:
-    for name in ("manifest.json", "verify.json"):
-        (tmp_path / name).write_bytes((GENERATED / "4ws2" / name).read_bytes())
-    with (tmp_path / "manifest.json").open("ab") as file:
-        file.write(b"\n")
-    first = next(iter(build.verification_blocks(tmp_path)))
-    assert isinstance(first, Text)
-    assert "of an older build" in first.text
-    for content in ("{}", "junk"):
-        (tmp_path / "verify.json").write_text(content, encoding="utf-8")
-        (only,) = build.verification_blocks(tmp_path)
-        assert isinstance(only, Text)
-        assert "verify.json beside this build is damaged" in only.text
-    (tmp_path / "verify.json").unlink()
-    (only,) = build.verification_blocks(tmp_path)
-    assert isinstance(only, Text)
-    assert "Nothing is recorded" in only.text
-
-
-def test_an_edited_file_is_told(tmp_path: Path) -> None:
+def test_the_record_of_the_verification_is_complete_current_or_named_as_neither(tmp_path: Path) -> None:
+    tables = [block for block in build.verification_blocks(GENERATED / "4ws2") if isinstance(block, Table)]
+    assert [row[3] for row in tables[0].rows] == ["passed"] * len(CHECKS)
+    captions = [block.caption.partition(" (")[0] for block in tables[1:]]
+    assert captions == ["Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
     folder = tmp_path / "4ws2"
     shutil.copytree(GENERATED / "4ws2", folder)
+
+    def first(blocks: Any) -> str:
+        block = next(iter(blocks))
+        assert isinstance(block, Text)
+        return block.text
+
     (folder / "ars.dbc").write_text("edited", encoding="utf-8")
-    first = next(iter(build.manifest_blocks(folder)))
-    assert isinstance(first, Text)
-    assert first.text == "Edited since it was made: ars.dbc."
+    assert first(build.manifest_blocks(folder)) == "Edited since it was made: ars.dbc."
+    with (folder / "manifest.json").open("ab") as file:
+        file.write(b"\n")
+    assert "of an older build" in first(build.verification_blocks(folder))
+    for content in ("{}", "junk"):
+        (folder / "verify.json").write_text(content, encoding="utf-8")
+        assert "verify.json beside this build is damaged" in first(build.verification_blocks(folder))
+    (folder / "verify.json").unlink()
+    assert "Nothing is recorded" in first(build.verification_blocks(folder))
 
 
-def test_margins_are_those_of_the_design() -> None:
-    """The recommended controller keeps what it was designed for; the paper's does not, at speed."""
-    manifest = read_manifest(GENERATED / "4ws2-tracking")
-    config = parse(manifest["configuration"], "manifest")
-    chart = margins_chart({"tracking": config, "pi": preset()})
-    assert chart is not None
-
-    def least(name: str, axis: str) -> float:
-        trace = next(each for each in chart.figure["data"] if each["name"] == name and each["yaxis"] == axis)
-        return float(np.nanmin(np.frombuffer(base64.b64decode(trace["y"]["bdata"]), "<f4")))
-
-    # Half a decibel and two degrees are what the points between the breakpoints of the design may lack.
-    assert least("tracking, worst of the family", "y") > config.tuning.gain_margin_db - 0.5
-    assert least("tracking, worst of the family", "y2") > config.tuning.phase_margin_deg - 2.0
-    assert least("pi, worst of the family", "y2") == 0.0
-    feedforward = preset().model_copy(update={"controller": preset().controller.model_copy(update={"kind": "feedforward"})})
-    assert margins_chart({"feedforward": feedforward}) is None
-
-
-def test_a_map_of_the_users_own_makes_a_report(tmp_path: Path) -> None:
+def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
     np.savez(tmp_path / "own.npz", vx=[10.0, 20.0], delta_f=[0.02, 0.04], yaw_rate=[[0.1, 0.2], [0.15, 0.25]])
     found = gather(read(Request(tmp_path / "own.npz")), nothing)
     assert not found.configured
     made = {section.name: section for section in sections(found)}
     assert "compared" not in made
     assert page.render("own", list(made.values()))
+
+
+# --- files -------------------------------------------------------------------------------------------------------------
+
+
+def record() -> np.ndarray:
+    """Return two samples with a number of its own in each place; the status is one that exists."""
+    made = np.arange(24.0).reshape(2, len(RECORD_COLUMNS)) / 100.0
+    made[:, 0], made[:, -1] = (0.0, 0.01), (0.0, 1.0)
+    return made
+
+
+Sent = tuple[int, float, bool]
+"""Identifier, time in s, and whether the frame was received."""
+
+
+def log(path: Path, frames: list[Sent]) -> Path:
+    with BusLog(path) as bus_log:
+        for identifier, time, received in frames:
+            bus_log.write(Frame(identifier, bytes(8), time), received=received)
+    return path
+
+
+def cycles(periods: tuple[float, ...], delay: float = 0.004) -> list[Sent]:
+    """Return the frames of cycles that begin after `periods` (s), each answered after `delay`."""
+    frames: list[Sent] = []
+    for now in np.cumsum((0.0, *periods)):
+        frames += [(0x101, now, False), (0x102, now, False), (CAN.rear_steer_command.id, now + delay, True)]
+    return frames
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mf4"])
+def test_a_run_is_read_from_every_format(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    exported.save(record(), path)
+    found = read_files([f"mine={path}"], CAN)
+    np.testing.assert_array_equal(found.runs["mine"], record())
+    assert not found.logs
+    assert found.faults is None
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".mf4"])
+def test_a_log_gives_periods_and_answer_times(tmp_path: Path, suffix: str) -> None:
+    (found,) = read_files([str(log(tmp_path / f"bus{suffix}", cycles((0.01, 0.012, 0.008))))], CAN).logs
+    # A log has microseconds or better.
+    for name in ("VehicleMotion", "VehicleConditions"):
+        np.testing.assert_allclose(found.periods[name], [10.0, 12.0, 8.0], atol=2e-3)
+    np.testing.assert_allclose(found.answers, [4.0] * 4, atol=2e-3)
+    assert found.cycle == 10.0
+    assert not found.is_simulated
+
+
+def test_echoes_late_answers_and_simulated_time(tmp_path: Path) -> None:
+    """A frame that its sender hears counts once, at its sending; an answer after the next sample belongs to that one."""
+    late = enumerate((0.0, 0.002, 0.0))
+    echo: list[Sent] = [each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))]
+    one: list[Sent] = [*((0x101, 0.01 * k, False) for k in range(3)), (0x201, 0.013, True)]
+    for name, frames, expected in (("echo", echo, []), ("one", one, [3.0])):
+        (found,) = read_files([str(log(tmp_path / f"{name}.blf", frames))], CAN).logs
+        np.testing.assert_allclose(found.periods["VehicleMotion"], [10.0, 10.0], atol=2e-3)
+        np.testing.assert_allclose(found.answers, expected, atol=2e-3)
+    # In lock-step a command has the time of its sample, and the log contains no punctuality.
+    (found,) = read_files([str(log(tmp_path / "bus.asc", cycles((0.01,) * 5, delay=0.0)))], CAN).logs
+    np.testing.assert_allclose(found.answers, [0.0] * 6, atol=1e-3)
+    assert found.is_simulated
+
+
+def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault = dict.fromkeys(FAULT_KEYS, 0.0) | {"injected": "a frame lost", "seen": [], "reached": "DEGRADED", "violations": []}
+    path = tmp_path / "faults.json"
+    path.write_text(json.dumps({"faults": [fault]}), encoding="utf-8")
+    found = read_files([str(path)], CAN).faults
+    assert found is not None
+    assert [entry["injected"] for entry in found] == ["a frame lost"]
+    monkeypatch.chdir(tmp_path)
+    assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
+    assert named("a/b.csv") == ("b", Path("a/b.csv"))
+    Path("x=y.csv").touch()  # a file may have such a name
+    assert named("x=y.csv") == ("x=y", Path("x=y.csv"))
+    exported.save(record(), tmp_path / "run.csv")
+    with pytest.raises(CodegenError, match="a second run called 'run'"):
+        read_files(["run.csv", "run.csv"], CAN)
+
+
+def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
+    exported.save(np.vstack([record(), np.where(np.arange(12) == 0, np.inf, 0.0)]), tmp_path / "endless.csv")
+    exported.save(np.tile(record()[:1], (2, 1)), tmp_path / "twice.csv")
+    log(tmp_path / "foreign.blf", [(0x77, 0.0, False), (0x77, 0.01, False)])
+    for name, content, expected in (
+        ("none.csv", None, "no such file"),
+        ("twice.csv", None, "time_s does not rise"),
+        ("endless.csv", None, "time_s is not finite"),
+        ("foreign.blf", None, "no frame with an id of the build (0x101"),
+        ("header.csv", "a,b\n1,2\n", "not the header of a run"),
+        ("short.csv", ",".join(RECORD_COLUMNS) + "\n", "fewer than two samples"),
+        ("x.blf", "not a log", "no log of a CAN bus"),
+        ("x.parquet", "not parquet", "no run that can be read"),
+        ("x.mf4", "not MF4", "no run that can be read"),
+        ("table.json", "{}", "not what `codegen faults --json` prints"),
+        ("list.json", "[]", "not what `codegen faults --json` prints"),
+        ("entry.json", '{"faults": [{"injected": 1}]}', "not what `codegen faults --json` prints"),
+        ("x.txt", "x", "nothing that a report is made of"),
+    ):
+        if content is not None:
+            (tmp_path / name).write_text(content, encoding="utf-8")
+        with pytest.raises(CodegenError) as error:
+            read_files([str(tmp_path / name)], CAN)
+        assert expected in error.value.what
+        assert error.value.remedy

@@ -1,0 +1,63 @@
+"""Pages in the headless Chromium of the system, driven by Playwright. Needs the package chromium."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """The browser, started once for the part."""
+    from playwright.sync_api import sync_playwright
+
+    if CHROMIUM is None:
+        pytest.skip("Chromium is missing: install the package chromium")
+    with sync_playwright() as playwright:
+        # As root, as in a container, Chromium refuses its sandbox; SwiftShader stands in for a graphics card.
+        options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(autouse=True)
+def closed_pages(chromium: Any) -> Iterator[None]:
+    """Close the pages of a test after it; they would keep a processor busy."""
+    before = list(chromium.contexts)
+    yield
+    for context in chromium.contexts:
+        if context not in before:
+            context.close()
+
+
+TIMEOUT_MS = 240_000
+"""Longest wait for a page that never shows what a test waits for; a busy machine takes its time."""
+HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
+"""Messages of the browser on the speed of drawing in software."""
+
+
+@dataclass
+class Watch:
+    """Errors and warnings of a page, and the addresses that it requests."""
+
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def follow(self, page: Any) -> Any:
+        """Begin before the page is opened. Returns the page, with a timeout for a busy machine."""
+        page.set_default_timeout(TIMEOUT_MS)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._record)
+        page.on("request", lambda request: self.requests.append(request.url))
+        return page
+
+    def _record(self, message: Any) -> None:
+        if message.type in ("error", "warning") and not any(hint in message.text for hint in HINTS):
+            self.errors.append(message.text)

@@ -1,0 +1,414 @@
+"""The page of the explorer in headless Chromium: charts, sliders, the button that writes a file, and errors."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from codegen import config as configuration
+from codegen.cli.explore_command import _leading_to
+from codegen.explore.explorer import Explorer
+from codegen.explore.server import ExploreServer
+from codegen.explore.toml_file import Target, preset_bases
+from codegen.refmap.solve import solve_case
+from codegen.report.html.charts import scale_of
+from tests.explore.conftest import KINDS, explorer_of
+
+from .conftest import Watch
+
+CHARTS = ("map", "step", "cut", "margins")
+LAMBDA, ACCELERATION = "lambda", "limits.lateral_acceleration_max_g"
+
+COUNT_REQUESTS = """
+let underWay = 0;
+const came = (more) => { document.documentElement.dataset.underWay = String(underWay += more); };
+const ask = window.fetch;
+window.fetch = async (...what) => {
+    came(1);
+    const answer = await ask(...what);
+    const read = answer.json.bind(answer);
+    answer.json = async () => {
+        const data = await read();
+        // After the code that waits for this answer has continued.
+        const channel = new MessageChannel();
+        channel.port1.onmessage = () => came(-1);
+        channel.port2.postMessage(null);
+        return data;
+    };
+    return answer;
+};
+"""
+
+
+class Page:
+    """A server for an explorer, and its page."""
+
+    def __init__(self, chromium: Any, explorer: Explorer, folder: Path, width: int = 1440, scheme: str = "light") -> None:
+        self.explorer, self.folder, self.watch = explorer, folder, Watch()
+        self.server = ExploreServer(explorer, Target(folder / "ars.toml", preset_bases()))
+        self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01})
+        self.thread.start()
+        self.page = self.watch.follow(chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme))
+        self.page.add_init_script(COUNT_REQUESTS)
+        self.page.goto(self.server.address)
+        self.page.wait_for_selector("#pictures[data-drawn]")
+
+    def end(self) -> None:
+        if self.thread.is_alive():
+            self.server.shutdown()
+            self.thread.join()
+            self.server.server_close()
+
+    def drawn(self) -> int:
+        """Return how often the charts were drawn."""
+        return int(self.page.get_attribute("#pictures", "data-drawn") or 0)
+
+    def after(self, count: int) -> None:
+        """Wait until the charts are drawn again, more than `count` times in all."""
+        self.page.wait_for_selector(f'#pictures:not([data-drawn="{count}"])')
+
+    def settle(self) -> None:
+        """Wait for the margins of the family, which arrive last, of the newest settings."""
+        newest = self.page.get_attribute("#pictures", "data-wanted")
+        self.page.wait_for_selector(f'#margins[data-family="{newest}"]')
+
+    def answered(self) -> None:
+        """Wait until no request is under way."""
+        self.page.wait_for_selector('html[data-under-way="0"]')
+
+    def chart(self, name: str) -> list[dict[str, Any]]:
+        """Return the traces of a chart as Plotly holds them."""
+        traces: list[dict[str, Any]] = self.page.evaluate(
+            """(id) => document.getElementById(id).data.map((trace) => ({
+                type: trace.type, name: trace.name ?? "", x: Array.from(trace.x ?? []), y: Array.from(trace.y ?? []),
+                z: Array.from(trace.z ?? [], (row) => Array.from(row, String).join()).join(";") }))""",
+            name,
+        )
+        return traces
+
+    def charts(self) -> dict[str, str]:
+        return {name: repr(self.chart(name)) for name in CHARTS}
+
+    def control(self, key: str) -> Any:
+        return self.page.locator(f'.control[data-key="{key}"]')
+
+    def number(self, key: str) -> Any:
+        return self.control(key).locator("input[type=number]")
+
+    def fill(self, key: str, value: str) -> None:
+        """Type a value and wait for its charts."""
+        count = self.drawn()
+        self.number(key).fill(value)
+        self.after(count)
+
+    def status(self) -> str:
+        text: str = self.page.inner_text("#status")
+        return text
+
+    def check_quiet(self, allowed: str = "no error") -> None:
+        """Check that the page reports no error and requests nothing from elsewhere."""
+        assert [error for error in self.watch.errors if allowed not in error] == []
+        origin = f"http://127.0.0.1:{self.server.server_port}/"
+        assert [each for each in self.watch.requests if not each.startswith((origin, "data:", "blob:"))] == []
+        assert f"{origin}plotly.js" in self.watch.requests
+
+
+Open = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def explorers() -> dict[str, Explorer]:
+    return {kind: explorer_of(kind) for kind in KINDS}
+
+
+@pytest.fixture
+def opened(chromium: Any, explorers: dict[str, Explorer], tmp_path: Path) -> Iterator[Open]:
+    """Open the page of an explorer, by default of the PI's; end its server after the test."""
+    pages: list[Page] = []
+
+    def open_page(explorer: Explorer | str = "pi", **options: Any) -> Page:
+        pages.append(Page(chromium, explorers[explorer] if isinstance(explorer, str) else explorer, tmp_path, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.end()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_charts_are_drawn_described_and_reachable_at_every_width(opened: Open, kind: str) -> None:
+    page = opened(kind)
+    page.settle()
+    heat = page.chart("map")
+    assert (heat[0]["type"], len(heat[0]["x"]), len(heat[0]["y"])) == ("heatmap", 21, 25)
+    assert "phase conversion" in {trace["name"] for trace in heat}
+    step = page.chart("step")
+    assert {"these settings", "at the start", "passive car", "reference", "limit"} <= {trace["name"] for trace in step}
+    yaw_rate = next(trace for trace in step if trace["name"] == "these settings")
+    assert yaw_rate["y"] == page.explorer.picture({})["step"]["runs"]["now"]["yaw_rate_deg_s"]
+    assert {trace["name"] for trace in page.chart("margins")} >= {"these settings", "asked for", "worst of the family"}
+    # Plotly draws a line as a path with a shape, a heat map as an image.
+    for name, least in (("step", 9), ("cut", 4), ("margins", 6)):
+        paths = [path.get_attribute("d") or "" for path in page.page.locator(f"#{name} .scatterlayer path.js-line").all()]
+        assert len(paths) >= least and all("L" in path or "C" in path for path in paths), name
+    image = page.page.locator("#map .heatmaplayer image")
+    assert (image.get_attribute("xlink:href") or image.get_attribute("href") or "").startswith("data:image/png")
+    assert page.page.locator("#figures tr").count() == 11
+    for name in CHARTS:
+        caption = page.page.locator(f"#{page.page.get_attribute(f'#{name}', 'aria-describedby')}")
+        assert caption.evaluate("(element) => element.tagName") == "FIGCAPTION"
+        assert len(caption.inner_text()) > 20, name
+    for control in page.explorer.controls:
+        label = f"{control.label} ({control.unit})" if control.unit else control.label
+        assert page.page.get_by_role("spinbutton", name=label, exact=True).count() == 1, label
+        assert page.page.get_by_role("slider", name=control.label, exact=True).count() == 1, label
+    page.page.locator("body").press("Tab")
+    reached, active = set(), "document.activeElement.closest('[data-key]')?.dataset.key ?? document.activeElement.id"
+    for _ in range(2 * len(page.explorer.controls) + 12):
+        reached.add(page.page.evaluate(active))
+        page.page.keyboard.press("Tab")
+    assert {control.key for control in page.explorer.controls} | {"write", "theme", "quantity"} <= reached
+    page.page.locator(".control input").first.focus()
+    assert page.page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    page.check_quiet()
+    for width in (390, 820):
+        narrow = opened(kind, width=width)
+        assert narrow.page.evaluate("document.documentElement.scrollWidth") == width
+        for name in CHARTS:
+            box = narrow.page.locator(f"#{name} .main-svg").first.bounding_box()
+            assert box["x"] >= 0.0 and box["x"] + box["width"] <= width and box["width"] > 250.0
+        assert narrow.page.locator("#write").is_visible()
+
+
+# The charts that change after a few steps of the keyboard; some sliders go to their lower end.
+MOVES = {
+    LAMBDA: {"map", "cut", "step"},
+    "limits.sideslip_max_deg": {"map", "cut"},
+    ACCELERATION: {"map", "cut", "step"},
+    "limits.rear_angle_max_deg": {"map", "cut", "step"},
+    "limits.slip_departure_percent": {"map", "cut", "step"},
+    "road.friction": {"map", "cut", "step", "margins"},
+    "controller.proportional_gain_s": {"step", "margins"},
+    "controller.integral_gain": {"step", "margins"},
+    "proportional_percent": {"step", "margins"},
+    "integral_percent": {"step", "margins"},
+    **{f"controller.tracking.{key}": {"step"} for key in ("lead_s", "yaw_increasing_max_deg", "trim_max_percent")},
+    "step.speed_km_h": {"map", "cut", "step"},
+    "step.angle_deg": {"map", "step"},
+    "step.road_percent": {"step"},
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_slider_moves_its_charts_by_keyboard(opened: Open, kind: str) -> None:
+    page = opened(kind)
+    page.settle()
+    begun = page.charts()
+    for control in page.explorer.controls:
+        before, count = page.charts(), page.drawn()
+        slider = page.control(control.key).locator("input[type=range]")
+        slider.focus()
+        for key in ["Home"] if control.key.startswith(("limits.", "controller.tracking.")) else ["ArrowRight", "ArrowRight"]:
+            page.page.keyboard.press(key)
+        page.after(count)
+        page.page.wait_for_selector("#status:has-text('Up to date')")
+        value = page.number(control.key).input_value()
+        assert float(value) != pytest.approx(control.value, rel=1e-6), control.key
+        assert page.control(control.key).get_attribute("class") == "control changed"
+        assert "was" in page.control(control.key).locator(".was").inner_text()
+        assert slider.get_attribute("aria-valuetext") == f"{value} {control.unit}"
+        page.settle()
+        after, count = page.charts(), page.drawn()
+        assert {name for name in CHARTS if before[name] != after[name]} >= MOVES[control.key], control.key
+        page.page.click("#reset")
+        page.after(count)
+        page.settle()
+        assert page.page.locator(".control.changed").count() == 0
+        assert page.page.is_disabled("#reset")
+    assert page.charts() == begun
+    page.check_quiet()
+
+
+def test_a_typed_number_is_used_and_a_wrong_one_gives_one_line(opened: Open) -> None:
+    page = opened()
+    messages = page.page.evaluate_handle(
+        """() => {
+            const said = [];
+            const text = document.getElementById("status");
+            const watching = new MutationObserver(() => said.push(text.textContent));
+            watching.observe(text, { childList: true, characterData: true, subtree: true });
+            return said;
+        }"""
+    )
+    before = page.charts()
+    page.fill(LAMBDA, "123.5")
+    page.settle()
+    changed, count = page.charts(), page.drawn()
+    assert changed["map"] != before["map"]
+    assert messages.json_value() == []  # a screen reader is not interrupted by a move
+    assert page.page.get_attribute("#status", "aria-live") == "polite"
+    for value, expected in (("-5", "Sideslip weight λ: give a number from 0 to 10000000"), ("", "give a number")):
+        page.number(LAMBDA).fill(value)
+        assert expected in page.status()
+    assert (page.charts(), page.drawn()) == (changed, count)
+    page.page.click("#reset")
+    page.after(count)
+    assert page.number(LAMBDA).input_value() == "3000"
+    page.settle()
+    page.number("limits.rear_angle_max_deg").fill("")
+    page.page.click("#reset")
+    assert page.number("limits.rear_angle_max_deg").input_value() == "3.5"
+    page.check_quiet()
+
+
+def test_settings_without_a_map_keep_the_last_charts(opened: Open, explorers: dict[str, Explorer]) -> None:
+    start = explorers["pi"].start
+    grid = start.grid.model_copy(update={"front_angle_min_deg": 4.0, "speed_min_km_h": 60.0})
+    page = opened(Explorer(start.model_copy(update={"grid": grid}), "4ws-2", "coarse"))
+    page.settle()
+
+    def families() -> int:
+        return sum(address.endswith("/api/family") for address in page.watch.requests)
+
+    before, count = page.charts(), families()
+    page.page.clock.install()  # the timers of the page wait for the test
+    page.number(ACCELERATION).fill("0.05")
+    page.page.wait_for_selector("#status.bad")
+    assert "no operating point of the grid is feasible" in page.status()
+    assert "Traceback" not in page.page.inner_text("body")
+    # Another gain would have another family of margins; settings that are refused have none.
+    page.number("controller.integral_gain").fill("0.4")
+    page.answered()
+    page.page.clock.run_for(10_000)
+    page.answered()
+    assert (families(), page.charts()) == (count, before)
+    page.page.clock.resume()
+    page.fill(ACCELERATION, "0.8")
+    assert "Up to date" in page.status()
+    page.settle()
+    assert page.charts()["margins"] != before["margins"]
+    page.check_quiet(allowed="422")  # Chromium itself writes the refused request to the console
+
+
+def test_only_the_last_of_many_values_is_computed(opened: Open) -> None:
+    page = opened()
+    page.page.evaluate(
+        """() => {
+            const slider = document.querySelector('[data-key="lambda"] input[type=range]');
+            for (let place = 0; place <= 200; place++) {
+                slider.value = place;
+                slider.dispatchEvent(new Event("input"));
+            }
+        }"""
+    )
+    value = float(page.number(LAMBDA).input_value())
+    page.settle()
+    shown = next(trace for trace in page.chart("step") if trace["name"] == "these settings")
+    assert shown["y"] == page.explorer.picture({LAMBDA: value})["step"]["runs"]["now"]["yaw_rate_deg_s"]
+    assert page.drawn() <= 5  # one under way and one behind it, not two hundred
+    page.check_quiet()
+
+
+def test_every_table_of_the_map_has_its_colours(opened: Open) -> None:
+    page, seen = opened(), set()
+    for choice, scale in (("yaw_rate", "viridis"), ("sideslip", "PuOr_r"), ("rear_angle", "RdBu_r"), ("binding", None)):
+        page.page.select_option("#quantity", choice)
+        seen.add(page.chart("map")[0]["z"])
+        colours = page.page.evaluate("document.getElementById('map').data[0].colorscale")
+        assert scale is None or colours == scale_of(scale)
+    assert len(seen) == 4
+    legend = page.page.evaluate(
+        """() => Object.fromEntries(document.getElementById("map").data
+            .filter((trace) => trace.showlegend).map((trace) => [trace.name, trace.marker.color]))"""
+    )
+    shown = page.explorer.picture({})["map"]
+    assert legend == dict(zip(shown["binding_names"], shown["binding_colours"], strict=True))
+    assert [colour for _, colour in colours] == [colour for colour in shown["binding_colours"] for _ in range(2)]
+    page.page.hover("#map .nsewdrag", position={"x": 40, "y": 200})
+    assert "km/h" in (page.page.locator("#map .hoverlayer").text_content() or "")
+    page.check_quiet()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_button_writes_a_file_and_replaces_one_only_on_confirmation(opened: Open, kind: str) -> None:
+    page = opened(kind)
+    path = page.folder / "ars.toml"
+    page.fill(LAMBDA, "750")
+    page.page.click("#write")
+    page.page.wait_for_selector("#status:has-text('is written')")
+    config = configuration.load(path)
+    assert config == page.explorer.configured({LAMBDA: 750.0})
+    solve_case(config, "4ws-2")
+    assert "codegen solve --config ars.toml --case 4ws-2 -o small.npz" in page.status()
+    path.write_text(configuration.preset_text(), encoding="utf-8")
+    before = path.read_bytes()
+    for leave in (lambda: page.page.click("#cancel"), lambda: page.page.keyboard.press("Escape")):
+        page.page.click("#write")
+        page.page.wait_for_selector("#confirm[open]")
+        assert "grid.speed_points: 101 → 21" in page.page.inner_text("#confirm")
+        leave()
+        page.page.wait_for_selector("#status:has-text('left as it was')")
+        assert path.read_bytes() == before
+    page.page.click("#write")
+    page.page.click("#replace")
+    page.page.wait_for_selector("#status:has-text('is written')")
+    assert configuration.load(path) == config
+    page.check_quiet(allowed="409")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_themes_change_ground_and_ink(opened: Open, scheme: str) -> None:
+    page = opened(scheme=scheme)
+
+    def is_light() -> tuple[bool, bool]:
+        colours = page.page.evaluate(
+            "[getComputedStyle(document.body).backgroundColor,"
+            " getComputedStyle(document.querySelector('#step .xtick text')).fill]"
+        )
+        ground, ink = (sum(float(part) for part in colour.strip("rgba()").split(",")[:3]) / 3.0 for colour in colours)
+        return ground > 200.0, ink < 100.0
+
+    assert is_light() == (scheme == "light",) * 2
+    page.page.click("#theme")
+    assert is_light() == (scheme != "light",) * 2
+    page.check_quiet()
+
+
+def test_a_slider_of_ratios_has_a_stop_at_zero(opened: Open, explorers: dict[str, Explorer]) -> None:
+    data = explorers["pi"].start.model_dump(mode="json")
+    data["cases"]["4ws-2"]["sideslip_weight_per_s2"] = 0.0
+    page = opened(Explorer(configuration.parse(data, "test"), "4ws-2", "small"))
+    slider, number, seen = page.control(LAMBDA).locator("input[type=range]"), page.number(LAMBDA), []
+    assert (slider.input_value(), number.input_value()) == ("0", "0")
+    slider.focus()
+    for key in ("ArrowRight", "ArrowRight", "Home", "End"):
+        page.page.keyboard.press(key)
+        seen.append(float(number.input_value()))
+    # The last stop is the one next to the end: half a step of 2 %.
+    assert seen == [10.0, 10.2, 0.0, pytest.approx(1e5, rel=0.01)]
+    number.fill("0")
+    assert slider.input_value() == "0"
+    assert page.control(LAMBDA).get_attribute("class") == "control"
+    page.settle()
+    page.check_quiet()
+
+
+def test_addresses_keys_and_a_server_that_has_ended(opened: Open, chromium: Any, tmp_path: Path) -> None:
+    page = opened()
+    other = page.watch.follow(chromium.new_page())
+    other.goto(_leading_to(page.server.address, tmp_path).as_uri())
+    other.wait_for_url(page.server.address)
+    other.wait_for_selector("#pictures[data-drawn]")
+    assert page.watch.errors == []
+    assert other.goto(f"http://127.0.0.1:{page.server.server_port}/").status == 403
+    assert "open the whole address" in other.inner_text("body")
+    page.settle()
+    page.end()
+    page.page.route("**/*", lambda route: route.abort())  # a connection that is still open would be answered
+    page.number(LAMBDA).fill("750")
+    page.page.wait_for_selector("#status:has-text('still running')")
