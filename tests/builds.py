@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -135,6 +135,14 @@ def paper(precision: Precision = "single") -> Built:
 def of_kind(kind: Kind, precision: Precision = "single") -> Built:
     """The build of a kind of controller around the paper's 4WS-2 map."""
     return paper(precision) if kind == "pi" else make(paper_map(), CONFIGS[kind], precision)
+
+
+def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
+    """Return a folder with one place of its C changed. Raises LookupError: the text does not stand there exactly once."""
+    text = folder.files[path].decode("ascii")
+    if text.count(old) != 1:
+        raise LookupError(f"{path} holds {text.count(old)} times, instead of once: {old}")
+    return replace(folder, files={**folder.files, path: text.replace(old, new).encode("ascii")})
 
 
 def _grid(**changes: Any) -> ReferenceMap:

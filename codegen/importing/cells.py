@@ -81,7 +81,7 @@ def split(text: str, where: object) -> Cells:
     Raises:
         ImportFault: there is no table, or a line has another number of cells than the first, or a title stands above the names.
     """
-    lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip(' \t\r\f\v;,"')]
+    lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if not _is_empty(line)]
     comments = [(number, line) for number, line in lines if line.lstrip()[0] in COMMENT]
     lines = [(number, line) for number, line in lines if line.lstrip()[0] not in COMMENT]
     said = SAID_SEPARATOR.fullmatch(lines[0][1]) if lines else None
@@ -110,6 +110,11 @@ def split(text: str, where: object) -> Cells:
                 remedy=f"give each line the same number of cells, and {A_TITLE}",
             )
     return Cells(head, tuple(rows), decimal_comma)
+
+
+def _is_empty(line: str) -> bool:
+    """Whether a line holds nothing but white space, separators and quotes."""
+    return all(mark.isspace() or mark in ';,"' for mark in line)
 
 
 def _separator(line: str) -> str | None:

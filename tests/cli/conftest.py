@@ -71,14 +71,16 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def refused(run: Run, here: Path) -> Refused:
+def refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Refused:
     """`refused("build", ...)`: exit code 2, one line on standard error, nothing on standard output, nothing changed on disk.
 
     Returns the line.
     """
 
+    monkeypatch.chdir(tmp_path)
+
     def command(*arguments: object) -> str:
-        before = everything_in(here)
+        before = everything_in(tmp_path)
         answer = run(*arguments)
         assert answer.code == 2, answer
         lines = answer.err.splitlines()
@@ -86,7 +88,7 @@ def refused(run: Run, here: Path) -> Refused:
         assert lines[0].startswith("error: ")
         assert "Traceback" not in answer.err
         assert answer.out == ""
-        assert everything_in(here) == before
+        assert everything_in(tmp_path) == before
         return lines[0]
 
     return command

@@ -67,16 +67,6 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path, hil
     assert parquet.read_table("run.parquet").column("yaw_rate_rad_s").to_pylist() == load_csv(Path("run.csv"))[:, 3].tolist()
 
 
-def test_hil_in_real_time_reports_times(run: Run, short: Path, hil: tuple[object, ...]) -> None:
-    short.write_text('name = "quick"\nbase = "ecu-loss"\nduration_s = 10.2\n', encoding="utf-8")
-    answer = run(*hil, "--real-time", "--json")
-    assert answer.code == 0, answer
-    figures = json.loads(answer.out)["bus_figures"]
-    assert figures["cycles"] == 1020
-    assert figures["times"]["response_median_ms"] > 0.0
-    assert figures["cycles_in_status"]["FAIL_SAFE"] > 0  # the second without an ECU
-
-
 def test_sil_through_can_with_faults_and_sensors(run: Run, here: Path) -> None:
     options = ("sil", "--build", BUILD, "--can", "--sensors", "--scenario", "ecu-loss", "--json")
     one, other = (json.loads(run(*options, "--seed", seed).out) for seed in (3, 4))

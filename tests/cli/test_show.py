@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from codegen.refmap import map as npz
-from codegen.refmap import place_sweep
 from codegen.refmap.solve import solve_case
 from codegen.report.html.blocks import Chart, Gallery, Text
 from codegen.report.html.compare import comparison
@@ -147,54 +146,6 @@ def test_a_stack(run: Run, here: Path, method: str) -> None:
     assert (data["friction"], [(one["friction"], one["feasible_cells"]) for one in data["stack"]]) == (0.9, [(0.5, cells[0])])
     shown = run("show", "alone.npz")
     assert "friction" not in shown.out
-
-
-def test_error_against_flash_as_table_plot_and_json(run: Run, maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(place_sweep, "BOUNDS", (math.radians(1.0), math.radians(0.5)))
-    answer = run("show", maps["linear"], "--flash", "--plot", "flash.png")
-    assert answer.code == 0
-    assert Path("flash.png").read_bytes().startswith(b"\x89PNG")
-    lines = answer.out.splitlines()
-    assert "as it is 22 x 22 breakpoints" in lines[0]
-    assert [line.split()[0] for line in lines if line[:1].isdigit()] == ["1", "0.5"]
-    steps = [line.split(" %, ")[-1] for line in answer.err.splitlines()]
-    named = [f"{bound} deg/s, {way}" for bound in ("1", "0.5") for way in ("even", "uneven", "int16")]
-    assert steps == [*named, "placing breakpoints: 100 %"]
-    data = json.loads(run("show", maps["linear"], "--flash", "--json").out)
-    assert {point["way"] for point in data["placed"]} == {"even", "uneven", "int16"}
-    for point in data["placed"]:
-        assert point["error_whole_domain_rad_s"] <= point["max_error_rad_s"]
-        assert point["flash_bytes"] < data["grid"]["flash_bytes"]
-
-
-def test_a_way_that_cannot_hold_a_bound_is_not_tried_for_a_smaller_one(
-    maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reference_map = npz.load(maps["linear"])
-    found = place_sweep.Maker.for_error
-    asked: list[float] = []
-
-    def for_error(self: place_sweep.Maker, bound: float, spacings: tuple[place_sweep.Spacing, ...]) -> object:
-        if spacings == ("even",):
-            asked.append(bound)
-            return None
-        return found(self, bound, spacings)
-
-    monkeypatch.setattr(place_sweep.Maker, "for_error", for_error)
-    bounds = (math.radians(1.0), math.radians(0.9))
-    steps: list[tuple[int, int, str]] = []
-    assert reference_map.config is not None
-    made = place_sweep.flash_table(
-        reference_map, reference_map.config, 1, bounds=bounds, progress=lambda *step: steps.append(step)
-    )
-    assert asked == [bounds[0]]
-    assert [point.placed is None for point in made.points] == [True, False, False] * 2
-    named = [
-        *enumerate(("1 deg/s, even", "1 deg/s, uneven", "1 deg/s, int16")),
-        (4, "0.9 deg/s, uneven"),
-        (5, "0.9 deg/s, int16"),
-    ]
-    assert steps == [*((done, 6, step) for done, step in named), (6, 6, "")]
 
 
 def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) -> None:

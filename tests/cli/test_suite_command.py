@@ -13,7 +13,6 @@ import pytest
 
 from codegen import config as configuration
 from codegen.cli.suite_command import instructions_of_step
-from codegen.config import Config
 from codegen.errors import ConfigError
 from codegen.verify.budgets.measure import measure
 from codegen.verify.check import Effort, Subject
@@ -83,21 +82,6 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
     assert everything_in(Path()) == {}
 
 
-def test_suite_of_a_build(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
-    seen = suite(good, edited=("src/ars_map.c",), notes=("the multi-body car is missing",))
-    answer = run("sil", "--suite", "tracking", "--build", BUILD, "-o", "pictures", "--plot", "one.png")
-    assert answer.code == 0, answer
-    assert answer.out.startswith(f"suite tracking: {BUILD}\n")
-    assert seen[0].folder == BUILD
-    assert answer.err.splitlines() == [
-        "note: src/ars_map.c was changed after the build; it was tested as it is",
-        "note: the multi-body car is missing",
-    ]
-    assert {path.name for path in Path("pictures").iterdir()} == PICTURES
-    assert Path("one.png").read_bytes() == Path("pictures/overview.png").read_bytes()
-    assert answer.out.count("plot: ") == len(PICTURES) + 1
-
-
 def test_suite_as_json(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
     suite(good, notes=("a note",))
     answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")
@@ -123,35 +107,6 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     (line,) = answer.err.splitlines()
     assert " more; see the first table" in line
     assert "…" not in line
-
-
-def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through frames too, whose quantisation is in the figures of the baselines then."""
-    found = candidate.tuned
-    small = configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
-    designs: dict[str, Config] = {}
-
-    def design(config: Config, *more: Any) -> Config:
-        key = config.to_json()
-        if key not in designs:
-            designs[key] = found(config.model_copy(update={"tuning": small}), *more)
-        return designs[key]
-
-    monkeypatch.setattr(candidate, "tuned", design)
-    sil = ("sil", "--build", BUILD, "--csv", "run.csv")
-    alone = json.loads(run(*sil, "--json").out)["metrics"]
-    record = Path("run.csv").read_bytes()
-    answer = run(*sil, "--baselines", "--plot", "run.png")
-    assert answer.code == 0, answer
-    assert answer.out.splitlines()[1].split() == ["controlled", "tracking", "feedforward", "proportional", "passive"]
-    assert Path("run.csv").read_bytes() == record
-    assert Path("run.png").read_bytes().startswith(b"\x89PNG")
-    framed, direct = (json.loads(run(*sil, "--baselines", "--json", *more).out)["metrics"] for more in (("--can",), ()))
-    assert direct["controlled"] == alone["controlled"]
-    assert direct["tracking"]["overshoot_percent"] < 2.0 < direct["controlled"]["overshoot_percent"]
-    assert framed["feedforward"] != direct["feedforward"]
-    steady = direct["feedforward"]["yaw_rate_steady_deg_s"]
-    assert framed["feedforward"]["yaw_rate_steady_deg_s"] == pytest.approx(steady, rel=1e-2)
 
 
 def test_a_baseline_that_cannot_be_tuned_is_noted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,30 +53,6 @@ def stored(path: Path) -> Config:
     return config
 
 
-def test_the_trim_is_raised_to_the_need_of_a_map_of_the_nonlinear_tyre(run: Run, here: Path) -> None:
-    map_path = solve(write_config(grid=(31, 41), more=NONLINEAR), "nonlinear")
-    answer = run("tune", "--map", map_path, "-o", map_path)
-    assert answer.code == 0, answer
-    trim = stored(map_path).controller.tracking.trim_max_percent
-    assert trim > 1.0 and trim == int(trim)
-    assert f"controller.tracking.trim_max_percent: {trim:g} instead of 1; " in answer.out
-    assert "trim_max_percent" not in json.loads(run("tune", "--map", map_path, "-o", map_path, "--json").out)  # enough now
-    build = run("build", "--map", map_path, "-o", "x")
-    assert build.code == 0 and "slip bounds" not in build.err
-
-
-def test_a_grid_too_coarse_for_any_trim(run: Run, here: Path) -> None:
-    map_path = solve(write_config(more=NONLINEAR), "nonlinear")
-    for changed in ("20 instead of 1", "20"):  # the second time it stays
-        answer = run("tune", "--map", map_path, "-o", map_path)
-        assert answer.code == 0, answer
-        assert f"controller.tracking.trim_max_percent: {changed}, the largest, and not enough: " in answer.out
-        assert "a finer [grid]" in answer.out.splitlines()[-1]
-    assert stored(map_path).controller.tracking.trim_max_percent == 20.0
-    data = run("build", "--map", map_path, "-o", "x").err
-    assert "no trim takes back so much, and a finer [grid]" in data and "keeps them" not in data
-
-
 def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved: Path) -> None:
     before = npz.load(solved)
     answer = run("tune", "--map", solved, "-o", "tuned.npz")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -137,7 +138,7 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     log, passed, sample = tmp_path / "log", tmp_path / "passed", Part("sample", "it works", (), ())
     monkeypatch.setattr(Part, "folder", folder)
     monkeypatch.setenv("PYTEST_ADDOPTS", "-p tests.evidence.conftest -p no:cacheprovider -n0")
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         (folder / "test_sample.py").write_text(TESTS.format(log=str(log), long="assert False"), encoding="utf-8")
         failed = pytest_part.run(sample, Effort(), passed)
@@ -150,8 +151,7 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert (skipped.verdict, len(skipped.findings)) == (Verdict.NOT_RUN, 1)
         assert "no cmake" in skipped.findings[0]
     finally:
-        for path in folder.rglob("*.py"):
-            path.unlink()
+        shutil.rmtree(folder)
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)

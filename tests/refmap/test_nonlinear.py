@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -133,22 +132,6 @@ def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
 
 def test_the_pi_follows_the_map_itself() -> None:
     assert "reference_model_excess" not in built(nonlinear_map(), nonlinear(PAPER, "4ws-2")).manifest
-
-
-def test_a_build_of_kind_tracking_reports_the_excess_of_its_reference_model() -> None:
-    """The evidence tier drives at the operating point that is named."""
-    folder = built(with_car(nonlinear_map(), tracking()), tracking())
-    assert not folder.manifest["reference_model_excess"]["enough"]
-    named = re.search(r"trim_max_percent = (\d+) keeps them", excess_note(folder.manifest))
-    assert named is not None
-    enough = tracking(float(named[1]))
-    mended = built(with_car(nonlinear_map(), enough), enough)
-    assert mended.manifest["reference_model_excess"]["enough"] and excess_note(mended.manifest) == ""
-    # It is that of the tables in the build, not of the solved map.
-    config, found = tracking(), with_car(nonlinear_map(), tracking())
-    total = extend(found, config, config.steering.front_angle_stop)
-    turned = replace(total, rear_angle=total.rear_angle - math.radians(0.2))
-    assert model_excess(found, turned, config).percent > model_excess(found, total, config).percent + 1.0
 
 
 def test_a_map_of_linear_tyres_has_no_excess_to_report() -> None:

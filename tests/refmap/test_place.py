@@ -15,7 +15,6 @@ import pytest
 
 from codegen.errors import BuildError
 from codegen.refmap import exact
-from codegen.refmap.axis import Axis
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap, from_arrays
@@ -27,9 +26,8 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.refmap.storage import RAW_MAX
 from codegen.refmap.total import Rule
-from tests import shared
 from tests.refmap.cars import CASES, PAPER, changed, nonlinear, paper_map, paper_total
-from tests.refmap.placing import ROUNDING, coarsely, errors_against_optimum, largest_error, placed, rear_angle_error, truth_of
+from tests.refmap.placing import ROUNDING, coarsely, largest_error, placed, rear_angle_error, truth_of
 
 WIDE = math.radians(1.0)
 BARE_BOUND = math.radians(4.0)
@@ -136,25 +134,6 @@ def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     assert Rule.CONTINUED.value not in uneven.total.rule
 
 
-def test_a_search_does_not_depend_on_earlier_searches_and_fills_the_bytes_of_a_bound() -> None:
-    """A search for bytes finds no larger error than a search for a bound, but for its step (`TIGHTER`, 3 %)."""
-    target = Target(1, np.float32, "float")
-    used, fresh = (Maker(ground_of(bare(), PAPER), target) for _ in range(2))
-    assert used.for_error(2.0 * BARE_BOUND) is not None
-    again, first = (maker.for_error(BARE_BOUND, ("uneven",)) for maker in (used, fresh))
-    assert again is not None and first is not None
-    for name in ("speed", "front_angle", "yaw_rate", "rear_angle", "rule"):
-        np.testing.assert_array_equal(getattr(again.total, name), getattr(first.total, name))
-    even = used.for_error(BARE_BOUND, ("even",))
-    assert even is not None and even.bounded_error <= BARE_BOUND
-    best = used.for_error(BARE_BOUND)  # the spacing with fewer bytes
-    assert best is not None and best.flash_bytes <= min(even.flash_bytes, first.flash_bytes)
-    assert all(Axis.from_breakpoints(axis).even for axis in (even.total.speed, even.total.front_angle))
-    filled = used.for_flash(first.flash_bytes, ("uneven",))
-    assert filled is not None and filled.flash_bytes <= first.flash_bytes
-    assert filled.bounded_error <= first.bounded_error / 0.97
-
-
 def test_a_request_that_cannot_be_met_is_refused_with_one_that_can() -> None:
     """The evidence tier requests errors that no table can have."""
     for max_error, max_flash, place, remedy in (
@@ -164,18 +143,6 @@ def test_a_request_that_cannot_be_met_is_refused_with_one_that_can() -> None:
         with pytest.raises(BuildError) as caught:
             choose(bare(), PAPER, Request(max_error, max_flash, "float", ""), 1, np.float32)
         assert caught.value.where == place and remedy in caught.value.remedy and "\n" not in str(caught.value)
-
-
-def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum() -> None:
-    config = coarsely(nonlinear(PAPER, "4ws-2"))
-    reference_map = shared.once("coarse nonlinear map", lambda: solve_case(config, "4ws-2"))
-    maker = Maker(ground_of(reference_map, config), Target(2, np.float32, "float"))
-    found = maker.for_error(WIDE, ("uneven",))
-    assert found is not None and found.origin == "surfaces" and 0.0 < found.gap < 0.03 * WIDE
-    yaw_rate, rear_angle = errors_against_optimum(config, "4ws-2", found.total)
-    assert 0.4 * WIDE < yaw_rate <= found.error.yaw_rate_whole <= found.bounded_error <= WIDE
-    assert rear_angle <= found.error.rear_angle
-    assert maker.for_error(0.99 * maker.gap) is None  # no table is more accurate than its ground
 
 
 # --- the ground that the error is measured against ----------------------------------------------------------------------

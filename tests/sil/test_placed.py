@@ -3,14 +3,7 @@
 from __future__ import annotations
 
 from tests import builds
-from tests.sil.placed import BOUND, check_placed, judges_of_map, placed
-
-
-def test_int16_stack() -> None:
-    case, found = placed("tracking", "single", "int16", "stack")
-    for judge in judges_of_map(case):
-        judge.run(case)
-    check_placed(case, found)
+from tests.sil.placed import BOUND, check_placed, placed
 
 
 def test_the_manifest_states_request_scales_and_errors() -> None:

@@ -11,7 +11,7 @@ import pytest
 from codegen.report.paper import Reproduction, reproduce
 from codegen.report.published import PAPER_TABLE
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")

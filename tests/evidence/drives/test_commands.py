@@ -1,0 +1,182 @@
+"""Commands that search or drive for long."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen import config as configuration
+from codegen.config import Config
+from codegen.refmap import map as npz
+from codegen.refmap import place_sweep
+from hil_sim.suite import candidate
+from hil_sim.suite.candidate import Candidate
+from hil_sim.suite.tracking import SuiteResult
+from tests.cli.conftest import BUILD, MAP, TRACKING, Run, edit
+from tests.cli.test_report_command import ALONE
+from tests.cli.test_suite_command import PICTURES, SMALL_TUNING
+from tests.cli.test_tune import NONLINEAR, solve, stored, write_config
+
+
+def test_error_against_flash_as_table_plot_and_json(run: Run, maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(place_sweep, "BOUNDS", (math.radians(1.0), math.radians(0.5)))
+    answer = run("show", maps["linear"], "--flash", "--plot", "flash.png")
+    assert answer.code == 0
+    assert Path("flash.png").read_bytes().startswith(b"\x89PNG")
+    lines = answer.out.splitlines()
+    assert "as it is 22 x 22 breakpoints" in lines[0]
+    assert [line.split()[0] for line in lines if line[:1].isdigit()] == ["1", "0.5"]
+    steps = [line.split(" %, ")[-1] for line in answer.err.splitlines()]
+    named = [f"{bound} deg/s, {way}" for bound in ("1", "0.5") for way in ("even", "uneven", "int16")]
+    assert steps == [*named, "placing breakpoints: 100 %"]
+    data = json.loads(run("show", maps["linear"], "--flash", "--json").out)
+    assert {point["way"] for point in data["placed"]} == {"even", "uneven", "int16"}
+    for point in data["placed"]:
+        assert point["error_whole_domain_rad_s"] <= point["max_error_rad_s"]
+        assert point["flash_bytes"] < data["grid"]["flash_bytes"]
+
+
+def test_a_way_that_cannot_hold_a_bound_is_not_tried_for_a_smaller_one(
+    maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference_map = npz.load(maps["linear"])
+    found = place_sweep.Maker.for_error
+    asked: list[float] = []
+
+    def for_error(self: place_sweep.Maker, bound: float, spacings: tuple[place_sweep.Spacing, ...]) -> object:
+        if spacings == ("even",):
+            asked.append(bound)
+            return None
+        return found(self, bound, spacings)
+
+    monkeypatch.setattr(place_sweep.Maker, "for_error", for_error)
+    bounds = (math.radians(1.0), math.radians(0.9))
+    steps: list[tuple[int, int, str]] = []
+    assert reference_map.config is not None
+    made = place_sweep.flash_table(
+        reference_map, reference_map.config, 1, bounds=bounds, progress=lambda *step: steps.append(step)
+    )
+    assert asked == [bounds[0]]
+    assert [point.placed is None for point in made.points] == [True, False, False] * 2
+    named = [
+        *enumerate(("1 deg/s, even", "1 deg/s, uneven", "1 deg/s, int16")),
+        (4, "0.9 deg/s, uneven"),
+        (5, "0.9 deg/s, int16"),
+    ]
+    assert steps == [*((done, 6, step) for done, step in named), (6, 6, "")]
+
+
+def test_a_build_is_driven_and_its_faults_tried(run: Run, here: Path) -> None:
+    answer = run("report", "--map", MAP, "--build", BUILD, "-o", "report.html", "--json")
+    assert answer.code == 0, answer
+    data = json.loads(answer.out)
+    assert data["notes"] == []
+    assert data["bytes"] == Path("report.html").stat().st_size
+    assert {"runs", "margins", "map-loss", "compare-difference-1"} <= set(data["charts"])
+    text = Path("report.html").read_text(encoding="utf-8")
+    for run_name in ("pi", "tracking", "passive car"):
+        assert f'<th scope="col" class="number">{run_name}</th>' in text
+    assert "4 samples lost: one too many" in text
+
+
+def test_cars_and_maps_that_differ(run: Run, here: Path) -> None:
+    answer = run("report", "--map", TRACKING.with_suffix(".npz"), "--build", BUILD, *ALONE, "-o", "report.html")
+    assert answer.code == 0
+    assert "was built from another map" in answer.err
+    np.savez("own.npz", vx=[10.0, 20.0], delta_f=[0.02, 0.04], yaw_rate=[[0.1, 0.2], [0.15, 0.25]])
+    Path("ars.toml").write_text(configuration.preset_text(), encoding="utf-8")
+    edit(Path("ars.toml"), ("mass_kg = 2335.07", "mass_kg = 1450.0"))
+    # The car of a bare map is that of its build.
+    assert run("build", "--map", "own.npz", "--config", "ars.toml", "-o", "b").code == 0
+    answer = run("report", "--map", "own.npz", "--build", "b", *ALONE, "-o", "report.html")
+    assert (answer.code, answer.err) == (0, "report: 10 %\nreport: 30 %\nreport: 100 %\n")
+    assert "<td>1450 kg</td>" in Path("report.html").read_text(encoding="utf-8").replace('<td class="">', "<td>")
+    shutil.copy(MAP, "own.npz")
+    assert run("build", "--map", "own.npz", "--config", "ars.toml", "-o", "b").code == 0
+    answer = run("report", "--map", "own.npz", "--build", "b", *ALONE, "-o", "report.html")
+    assert "describes another car than the map was solved for" in answer.err
+
+
+def test_suite_of_a_build(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
+    seen = suite(good, edited=("src/ars_map.c",), notes=("the multi-body car is missing",))
+    answer = run("sil", "--suite", "tracking", "--build", BUILD, "-o", "pictures", "--plot", "one.png")
+    assert answer.code == 0, answer
+    assert answer.out.startswith(f"suite tracking: {BUILD}\n")
+    assert seen[0].folder == BUILD
+    assert answer.err.splitlines() == [
+        "note: src/ars_map.c was changed after the build; it was tested as it is",
+        "note: the multi-body car is missing",
+    ]
+    assert {path.name for path in Path("pictures").iterdir()} == PICTURES
+    assert Path("one.png").read_bytes() == Path("pictures/overview.png").read_bytes()
+    assert answer.out.count("plot: ") == len(PICTURES) + 1
+
+
+def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through frames too, whose quantisation is in the figures of the baselines then."""
+    found = candidate.tuned
+    small = configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
+    designs: dict[str, Config] = {}
+
+    def design(config: Config, *more: Any) -> Config:
+        key = config.to_json()
+        if key not in designs:
+            designs[key] = found(config.model_copy(update={"tuning": small}), *more)
+        return designs[key]
+
+    monkeypatch.setattr(candidate, "tuned", design)
+    sil = ("sil", "--build", BUILD, "--csv", "run.csv")
+    alone = json.loads(run(*sil, "--json").out)["metrics"]
+    record = Path("run.csv").read_bytes()
+    answer = run(*sil, "--baselines", "--plot", "run.png")
+    assert answer.code == 0, answer
+    assert answer.out.splitlines()[1].split() == ["controlled", "tracking", "feedforward", "proportional", "passive"]
+    assert Path("run.csv").read_bytes() == record
+    assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+    framed, direct = (json.loads(run(*sil, "--baselines", "--json", *more).out)["metrics"] for more in (("--can",), ()))
+    assert direct["controlled"] == alone["controlled"]
+    assert direct["tracking"]["overshoot_percent"] < 2.0 < direct["controlled"]["overshoot_percent"]
+    assert framed["feedforward"] != direct["feedforward"]
+    steady = direct["feedforward"]["yaw_rate_steady_deg_s"]
+    assert framed["feedforward"]["yaw_rate_steady_deg_s"] == pytest.approx(steady, rel=1e-2)
+
+
+def test_hil_in_real_time_reports_times(run: Run, short: Path, hil: tuple[object, ...]) -> None:
+    short.write_text('name = "quick"\nbase = "ecu-loss"\nduration_s = 10.2\n', encoding="utf-8")
+    answer = run(*hil, "--real-time", "--json")
+    assert answer.code == 0, answer
+    figures = json.loads(answer.out)["bus_figures"]
+    assert figures["cycles"] == 1020
+    assert figures["times"]["response_median_ms"] > 0.0
+    assert figures["cycles_in_status"]["FAIL_SAFE"] > 0  # the second without an ECU
+
+
+def test_the_trim_is_raised_to_the_need_of_a_map_of_the_nonlinear_tyre(run: Run, here: Path) -> None:
+    map_path = solve(write_config(grid=(31, 41), more=NONLINEAR), "nonlinear")
+    answer = run("tune", "--map", map_path, "-o", map_path)
+    assert answer.code == 0, answer
+    trim = stored(map_path).controller.tracking.trim_max_percent
+    assert trim > 1.0 and trim == int(trim)
+    assert f"controller.tracking.trim_max_percent: {trim:g} instead of 1; " in answer.out
+    assert "trim_max_percent" not in json.loads(run("tune", "--map", map_path, "-o", map_path, "--json").out)  # enough now
+    build = run("build", "--map", map_path, "-o", "x")
+    assert build.code == 0 and "slip bounds" not in build.err
+
+
+def test_a_grid_too_coarse_for_any_trim(run: Run, here: Path) -> None:
+    map_path = solve(write_config(more=NONLINEAR), "nonlinear")
+    for changed in ("20 instead of 1", "20"):  # the second time it stays
+        answer = run("tune", "--map", map_path, "-o", map_path)
+        assert answer.code == 0, answer
+        assert f"controller.tracking.trim_max_percent: {changed}, the largest, and not enough: " in answer.out
+        assert "a finer [grid]" in answer.out.splitlines()[-1]
+    assert stored(map_path).controller.tracking.trim_max_percent == 20.0
+    data = run("build", "--map", map_path, "-o", "x").err
+    assert "no trim takes back so much, and a finer [grid]" in data and "keeps them" not in data
