@@ -148,27 +148,6 @@ def test_a_stack(run: Run, here: Path, method: str) -> None:
     assert "friction" not in shown.out
 
 
-def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) -> None:
-    options = ("build", "--map", maps["linear"], "--max-error", "0.01rad/s", "--storage", "int16", "-o", "x")
-    first = run(*options)
-    assert first.code == 0
-    assert "breakpoints, " in first.out and "bytes: at most" in first.out
-    assert run(*options, "--check").code == 0
-    assert run(*options[:5], "-o", "x", "--check").code == 1
-    assert "--max-error 0.01rad/s --storage int16 -o DIR" in Path("x/README.md").read_text(encoding="ascii")
-    data = json.loads(run(*options, "--max-flash", "1kB", "--json").out)["placement"]
-    assert data["flash_bytes"] <= 1000
-    assert data["error_rad_s"] <= data["error_whole_domain_rad_s"] <= 0.01
-    assert json.loads(Path("x/manifest.json").read_bytes())["options"] == {
-        "kind": "pi",
-        "max_error_rad_s": 0.01,
-        "max_flash_bytes": 1000,
-        "precision": "single",
-        "prefix": "ars",
-        "storage": "int16",
-    }
-
-
 def test_quantities_are_read_with_their_unit() -> None:
     from codegen.cli.values import memory_size, yaw_rate_error
 

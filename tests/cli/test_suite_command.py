@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +11,7 @@ from typing import Any
 import pytest
 
 from codegen import config as configuration
-from codegen.cli.suite_command import instructions_of_step
 from codegen.errors import ConfigError
-from codegen.verify.budgets.measure import measure
-from codegen.verify.check import Effort, Subject
 from hil_sim.suite import candidate, whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.tracking import SuiteResult
@@ -56,17 +52,6 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
         return seen
 
     return give
-
-
-def test_the_instructions_are_those_of_the_check_of_budgets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are counted in another process, so the function must be one that can be sent there."""
-    monkeypatch.setattr("codegen.verify.budgets.measure.SAMPLES", 60)
-    monkeypatch.setattr("codegen.verify.budgets.measure.ROUNDS", 1)
-    subject = Subject.read(BUILD)
-    found = pickle.loads(pickle.dumps(instructions_of_step))(subject.files, subject.manifest)
-    expected = measure(subject, Effort()).counts["controller_step"].with_limiter
-    assert expected is not None
-    assert found == expected.largest > 200
 
 
 def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:

@@ -77,29 +77,6 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     assert after.config.model_copy(update={"controller": was}) == before.config
 
 
-def test_the_table_and_the_json_show_the_stored_schedule(run: Run, solved: Path) -> None:
-    answer = run("tune", "--map", solved, "-o", "tuned.npz")
-    schedule = stored(Path("tuned.npz")).controller.tracking.schedule
-    assert schedule is not None
-    lines = answer.out.splitlines()
-    demands = "at least 8 dB, 45 deg, and a peak sensitivity of at most 1.8"
-    assert lines[0] == f"tuned.npz: 9 cars, delay of 1 samples; asked for: {demands}"
-    assert lines[-1].startswith("the configured car: at least ")
-    columns = ("speed_km_h", "proportional_gain_s", "integral_gain", "gain_margin_db", "phase_margin_deg", "sensitivity")
-    rows = [line.split() for line in lines[4:-1]]
-    for number, name in enumerate(columns):
-        assert [float(row[number]) for row in rows] == getattr(schedule, name)
-    assert all(" ".join(row[7:]).startswith("lag 50 ms") for row in rows)
-    result = json.loads(run("tune", "--map", solved, "-o", "tuned.npz", "--json").out)
-    assert (result["map"], result["configuration"], result["family"]) == ("tuned.npz", "map", 9)
-    assert result["demands"] == {"gain_margin_db": 8.0, "phase_margin_deg": 45.0, "sensitivity_max": 1.8}
-    assert result["configured_car"]["enough"] is True
-    assert [row["integral_gain"] for row in result["breakpoints"]] == schedule.integral_gain
-    assert {row["cars"] for row in result["breakpoints"][:4]} == {9}
-    factors = {"mass_factor", "front_stiffness_factor", "rear_stiffness_factor"}
-    assert result["breakpoints"][0]["limiting"].keys() == {"actuator_lag", "relaxation_length", *factors}
-
-
 def test_a_given_configuration_counts_and_is_stored(run: Run, solved: Path) -> None:
     """Also for a user's own table, which has none. The output may be the map itself, and a second run changes nothing."""
     speeds = "[controller.inputs]\nspeed_max_km_h = "

@@ -10,23 +10,26 @@ import pytest
 VARIABLE = "ARS_EVIDENCE_PASSED"
 
 
-def _passed() -> Path | None:
-    return Path(os.environ[VARIABLE]) if VARIABLE in os.environ else None
+class Passed:
+    """Writes the tests that pass to a file; in the process that starts the workers, for all of them."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" and report.passed:
+            with self._path.open("a", encoding="utf-8") as stream:
+                stream.write(f"{report.nodeid}\n")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if VARIABLE in os.environ and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Passed(Path(os.environ[VARIABLE])))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    path = _passed()
-    if path is None or not path.is_file():
-        return
-    before = set(path.read_text(encoding="utf-8").splitlines())
-    done = [item for item in items if item.nodeid in before]
-    items[:] = [item for item in items if item.nodeid not in before]
-    config.hook.pytest_deselected(items=done)
-
-
-def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Runs in the process that starts the workers, for all of them."""
-    path = _passed()
-    if path is not None and "PYTEST_XDIST_WORKER" not in os.environ and report.when == "call" and report.passed:
-        with path.open("a", encoding="utf-8") as stream:
-            stream.write(f"{report.nodeid}\n")
+    path = Path(os.environ.get(VARIABLE, ""))
+    if VARIABLE in os.environ and path.is_file():
+        before = set(path.read_text(encoding="utf-8").splitlines())
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in before])
+        items[:] = [item for item in items if item.nodeid not in before]

@@ -23,7 +23,6 @@ from codegen.refmap.map import Binding, ReferenceMap, load
 from codegen.refmap.model_excess import model_excess
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.problem import breakpoints
-from codegen.refmap.stack import solve_stack
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import AxleTyres
 from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map
@@ -141,17 +140,6 @@ def test_a_map_of_linear_tyres_has_no_excess_to_report() -> None:
     assert "reference_model_excess" not in built(linear, config).manifest
     total = extend(linear, config, config.steering.front_angle_stop)
     assert model_excess(linear, total, config).percent <= config.controller.tracking.trim_max_percent == 1.0
-
-
-def test_the_excess_is_the_largest_of_every_friction() -> None:
-    """On a slippery road the same error of a table is a larger part of what the map requires."""
-    config = changed(tracking(), grid={"speed_points": 31, "front_angle_points": 30})
-    stack = solve_stack(config, "4ws-2", [0.4, 0.9])
-    total = extend(stack, config, config.steering.front_angle_stop)
-    found = model_excess(stack, total, config)
-    assert found.friction == 0.4
-    alone = model_excess(replace(stack, layers=()), replace(total, layers=()), config)
-    assert alone.friction == 0.9 and alone.percent < found.percent
 
 
 @pytest.mark.parametrize(

@@ -72,13 +72,6 @@ def test_a_fault_is_found(
     assert re.match(f"{name}: {finding}", outcome.findings[0]), outcome.findings
 
 
-def test_an_input_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzzing, "SECONDS_MAX", 1.0)
-    monkeypatch.setattr(fuzzing, "HARNESSES", ("step",))
-    outcome = checked(planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }"))
-    assert (outcome.findings, outcome.verdict) == (("step: an input does not end",), Verdict.FAILED)
-
-
 def test_c_that_does_not_compile_fails_and_without_a_compiler_it_cannot_run(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n"))
     (finding,) = outcome.findings

@@ -83,14 +83,6 @@ def test_a_build_has_the_same_bits_on_a_core() -> None:
 
 
 @pytest.mark.usefixtures("no_dynamics")
-def test_double_precision_runs_on_cores_with_its_fpu() -> None:
-    found = checked(planted.subject_of(builds.made("tracking", "uneven", precision="double")))
-    assert found.findings == ()
-    assert "model" in found.figures["rows"]
-    assert any("double precision" in limit for limit in found.limits)
-
-
-@pytest.mark.usefixtures("no_dynamics")
 def test_a_difference_of_the_byte_order_is_found() -> None:
     body = (
         "    union { uint16_t word; uint8_t bytes[2]; } unpacked;\n"
@@ -107,20 +99,6 @@ def test_a_difference_of_the_byte_order_is_found() -> None:
     assert found.figures["mismatches"]["PowerPC, big-endian"]["random steps"] == 0
 
 
-@pytest.mark.usefixtures("steps_only")
-def test_dynamics_beyond_their_bound_are_found() -> None:
-    body = (
-        "    ars_dynamics_state_t result = planted_ars_dynamics_magic_formula(state, input);\n"
-        "#ifdef __powerpc__\n    result.yaw_rate *= 1.00001f;\n#endif\n    return result;"
-    )
-    found = checked(planted.wrapped(PI, "ars_dynamics_magic_formula", body))
-    assert not any(any(counts.values()) for counts in found.figures["mismatches"].values())
-    (finding,) = found.findings
-    assert finding.startswith("PowerPC, big-endian: dynamics, magic_formula.yaw_rate is ")
-    assert ", further apart than " in finding
-    assert found.verdict is Verdict.FAILED
-
-
 @pytest.mark.usefixtures("no_dynamics", "steps_only")
 def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     on(monkeypatch, CORTEX_M4F)
@@ -133,20 +111,6 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
         "Cortex-M4F: the self-test of the build says no",
     )
     assert found.verdict is Verdict.FAILED
-
-
-@pytest.mark.parametrize(
-    ("body", "verdict", "finding"),
-    [
-        ("    while (result > -2.0f) { result += 0.0f; }", Verdict.NOT_RUN, "it might never return: src/ars_limiter.c:"),
-        ("    result = ;", Verdict.FAILED, "src/ars_limiter.c:"),
-    ],
-)
-def test_c_that_does_not_run(monkeypatch: pytest.MonkeyPatch, body: str, verdict: Verdict, finding: str) -> None:
-    on(monkeypatch, CORTEX_M4F)
-    found = checked(planted.limiter(PI, body))
-    assert found.verdict is verdict
-    assert finding in found.findings[0]
 
 
 @pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("elftools.elf.elffile", "pyelftools"), ("", "ziglang")])

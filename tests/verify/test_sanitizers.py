@@ -10,11 +10,9 @@ from dataclasses import replace
 import pytest
 
 from codegen.emit.folder import Folder
-from codegen.errors import BuildError
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
-from codegen.verify.pil import runners
 from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import sanitized, served_ecu, trap_build
 from hil_sim import fault_catalogue
@@ -167,24 +165,3 @@ def test_the_trap_build_decides_where_the_host_finds_nothing(monkeypatch: pytest
     assert outcome.verdict is Verdict.NOT_RUN
     assert outcome.findings[0].startswith("trap build: ziglang: it is not installed; ")
     assert outcome.figures["scenarios"] == 9
-
-
-def test_undefined_behaviour_traps_in_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The limiter and the dynamics, which are run apart. The row is counted over all parts that a stream is cut into."""
-    monkeypatch.setattr(runners, "DATA_BYTES", 8 * 1024)
-    counting = "    static int32_t calls = INT32_MAX - 700;\n\n    calls++;"
-    subject = with_wrapped(
-        replace(PI, files=planted.limiter(PI, counting).files),
-        dynamics_linear=(
-            "    ars_dynamics_state_t result = planted_ars_dynamics_linear(state, input);\n"
-            "    result.yaw_rate += 0.0f * (float)(int)(1.0e30f * input->speed);\n    return result;"
-        ),
-    )
-    line = 1 + subject.files["src/ars_limiter.c"].decode().splitlines().index("    calls++;")
-    limiter, dynamics = trap_build.trapped(subject, QUICK)
-    assert limiter.startswith(f"src/ars_limiter.c:{line}: signed integer addition overflow")
-    assert ", on the Cortex-M4F; random steps, step 700: restart = " in limiter
-    assert re.match(r"src/ars_dynamics\.c:\d+: Floating-point to integer conversion overflowed, ", dynamics)
-    assert "; dynamics, point 0: wrong_call = 0, " in dynamics
-    with pytest.raises(BuildError, match=r"^src/ars_limiter\.c:\d+: "):
-        trap_build.trapped(planted.limiter(PI, "    result = ;"), QUICK)

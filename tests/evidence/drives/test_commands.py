@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,9 +14,12 @@ import numpy as np
 import pytest
 
 from codegen import config as configuration
+from codegen.cli.suite_command import instructions_of_step
 from codegen.config import Config
 from codegen.refmap import map as npz
 from codegen.refmap import place_sweep
+from codegen.verify.budgets.measure import measure
+from codegen.verify.check import Effort, Subject
 from hil_sim.suite import candidate
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.tracking import SuiteResult
@@ -180,3 +184,58 @@ def test_a_grid_too_coarse_for_any_trim(run: Run, here: Path) -> None:
     assert stored(map_path).controller.tracking.trim_max_percent == 20.0
     data = run("build", "--map", map_path, "-o", "x").err
     assert "no trim takes back so much, and a finer [grid]" in data and "keeps them" not in data
+
+
+def test_breakpoints_for_an_error_and_a_size(run: Run, maps: dict[str, Path]) -> None:
+    options = ("build", "--map", maps["linear"], "--max-error", "0.01rad/s", "--storage", "int16", "-o", "x")
+    first = run(*options)
+    assert first.code == 0
+    assert "breakpoints, " in first.out and "bytes: at most" in first.out
+    assert run(*options, "--check").code == 0
+    assert run(*options[:5], "-o", "x", "--check").code == 1
+    assert "--max-error 0.01rad/s --storage int16 -o DIR" in Path("x/README.md").read_text(encoding="ascii")
+    data = json.loads(run(*options, "--max-flash", "1kB", "--json").out)["placement"]
+    assert data["flash_bytes"] <= 1000
+    assert data["error_rad_s"] <= data["error_whole_domain_rad_s"] <= 0.01
+    assert json.loads(Path("x/manifest.json").read_bytes())["options"] == {
+        "kind": "pi",
+        "max_error_rad_s": 0.01,
+        "max_flash_bytes": 1000,
+        "precision": "single",
+        "prefix": "ars",
+        "storage": "int16",
+    }
+
+
+def test_the_instructions_are_those_of_the_check_of_budgets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are counted in another process, so the function must be one that can be sent there."""
+    monkeypatch.setattr("codegen.verify.budgets.measure.SAMPLES", 60)
+    monkeypatch.setattr("codegen.verify.budgets.measure.ROUNDS", 1)
+    subject = Subject.read(BUILD)
+    found = pickle.loads(pickle.dumps(instructions_of_step))(subject.files, subject.manifest)
+    expected = measure(subject, Effort()).counts["controller_step"].with_limiter
+    assert expected is not None
+    assert found == expected.largest > 200
+
+
+def test_the_table_and_the_json_show_the_stored_schedule(run: Run, solved: Path) -> None:
+    answer = run("tune", "--map", solved, "-o", "tuned.npz")
+    schedule = stored(Path("tuned.npz")).controller.tracking.schedule
+    assert schedule is not None
+    lines = answer.out.splitlines()
+    demands = "at least 8 dB, 45 deg, and a peak sensitivity of at most 1.8"
+    assert lines[0] == f"tuned.npz: 9 cars, delay of 1 samples; asked for: {demands}"
+    assert lines[-1].startswith("the configured car: at least ")
+    columns = ("speed_km_h", "proportional_gain_s", "integral_gain", "gain_margin_db", "phase_margin_deg", "sensitivity")
+    rows = [line.split() for line in lines[4:-1]]
+    for number, name in enumerate(columns):
+        assert [float(row[number]) for row in rows] == getattr(schedule, name)
+    assert all(" ".join(row[7:]).startswith("lag 50 ms") for row in rows)
+    result = json.loads(run("tune", "--map", solved, "-o", "tuned.npz", "--json").out)
+    assert (result["map"], result["configuration"], result["family"]) == ("tuned.npz", "map", 9)
+    assert result["demands"] == {"gain_margin_db": 8.0, "phase_margin_deg": 45.0, "sensitivity_max": 1.8}
+    assert result["configured_car"]["enough"] is True
+    assert [row["integral_gain"] for row in result["breakpoints"]] == schedule.integral_gain
+    assert {row["cars"] for row in result["breakpoints"][:4]} == {9}
+    factors = {"mass_factor", "front_stiffness_factor", "rear_stiffness_factor"}
+    assert result["breakpoints"][0]["limiting"].keys() == {"actuator_lag", "relaxation_length", *factors}

@@ -1,4 +1,4 @@
-"""Builds with chosen breakpoints: the look-up of one as int16, and what the manifest states of it."""
+"""What the manifest states of chosen breakpoints."""
 
 from __future__ import annotations
 
