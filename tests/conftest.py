@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from tests import shared
+
+pytest.register_assert_rewrite(*(f"tests.sil.{path.stem}" for path in Path(__file__).with_name("sil").glob("checks_*.py")))
 
 os.environ["MPLBACKEND"] = "Agg"
 

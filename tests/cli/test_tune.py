@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from codegen import config as configuration
-from codegen.config import Config, parse
+from codegen.config import Config
 from codegen.design.margins import gains_of, weakest
 from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case
@@ -75,31 +74,6 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     untuned = controller.tracking.model_copy(update={"schedule": None})
     was = controller.model_copy(update={"kind": "pi", "tracking": untuned})
     assert after.config.model_copy(update={"controller": was}) == before.config
-
-
-def test_a_given_configuration_counts_and_is_stored(run: Run, solved: Path) -> None:
-    """Also for a user's own table, which has none. The output may be the map itself, and a second run changes nothing."""
-    speeds = "[controller.inputs]\nspeed_max_km_h = "
-    other = write_config((f"{speeds}400.0", f"{speeds}150.0"))
-    speed, angle = np.array([5.0, 15.0, 30.0]), np.array([0.02, 0.05, 0.1])
-    np.savez("bare.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 3.2, angle), 5.0 / speed[:, np.newaxis]))
-    for path in (solved, Path("bare.npz")):
-        before = npz.load(path)
-        answer = run("tune", "--map", path, "--config", other, "-o", path, "--json")
-        assert answer.code == 0, answer
-        assert json.loads(answer.out)["configuration"] == "ars.toml"
-        config = stored(path)
-        assert config.controller.inputs.speed_max_km_h == 150.0
-        assert config.controller.kind == "tracking"
-        assert config.controller.tracking.schedule is not None
-        assert config.controller.tracking.schedule.speed_km_h[-1] == 150.0
-        assert parse(config.model_dump(mode="json"), "again") == config
-        after = npz.load(path)
-        assert after.case == before.case
-        np.testing.assert_array_equal(before.yaw_rate, after.yaw_rate)
-        first = path.read_bytes()
-        assert run("tune", "--map", path, "-o", path).code == 0
-        assert path.read_bytes() == first
 
 
 def test_demands_that_cannot_be_met_leave_the_map_alone(run: Run, solved: Path, here: Path) -> None:

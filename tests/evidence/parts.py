@@ -30,6 +30,7 @@ class Part:
         shows: what it shows if it passes, one sentence without its full stop.
         subject: patterns of the files that it is about, relative to the checkout. own: patterns of the code that it runs.
         module: module with `run`; empty for a folder of pytest files.
+        worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
         is_optional: whether the part may be missing, because few have its tool.
     """
 
@@ -38,6 +39,7 @@ class Part:
     subject: tuple[str, ...]
     own: tuple[str, ...]
     module: str = ""
+    worker_count: int = 2
     is_optional: bool = False
 
     @property
@@ -158,6 +160,7 @@ PARTS = (
         "the bench works on real SocketCAN",
         ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*"),
         ("tests/evidence/vcan/*",),
+        worker_count=0,  # one guest for all tests, which go by its clock
     ),
     Part(
         "browser",

@@ -26,8 +26,7 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     with tempfile.TemporaryDirectory() as name:
         result = Path(name) / "result.xml"
         command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={result}", *(["-m", "not long"] if effort.quick else [])]
-        # The tests on vcan run in one guest, by its clock.
-        command += ["-n", "0" if part.name == "vcan" else "2", str(part.folder)]
+        command += ["-n", str(part.worker_count), str(part.folder)]
         done = subprocess.run(command, cwd=ROOT, env=os.environ | {PROGRESS_VARIABLE: str(passed)}, check=False)
         if not result.is_file():
             return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))

@@ -40,7 +40,7 @@ def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
         module = ModuleType(f"evidence_{name}")
         module.run = run  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        return Part(name, "it works", ("*.c",), (), module.__name__, is_optional)
+        return Part(name, "it works", ("*.c",), (), module.__name__, is_optional=is_optional)
 
     return make
 
@@ -135,9 +135,9 @@ def test_long():
 
 def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = ROOT / "build" / f"evidence-sample-{tmp_path.name}"
-    log, passed, sample = tmp_path / "log", tmp_path / "passed", Part("sample", "it works", (), ())
+    log, passed, sample = tmp_path / "log", tmp_path / "passed", Part("sample", "it works", (), (), worker_count=0)
     monkeypatch.setattr(Part, "folder", folder)
-    monkeypatch.setenv("PYTEST_ADDOPTS", "-p tests.evidence.conftest -p no:cacheprovider -n0")
+    monkeypatch.setenv("PYTEST_ADDOPTS", "-p tests.evidence.conftest -p no:cacheprovider")
     folder.mkdir(parents=True, exist_ok=True)
     try:
         (folder / "test_sample.py").write_text(TESTS.format(log=str(log), long="assert False"), encoding="utf-8")

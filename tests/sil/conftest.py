@@ -1,34 +1,10 @@
-"""The paper's build as a fixture; asserts of the checks report what they compared."""
+"""The paper's build as a fixture."""
 
 from __future__ import annotations
 
 import pytest
 
-pytest.register_assert_rewrite(
-    *(
-        f"tests.sil.checks_{name}"
-        for name in (
-            "calibration",
-            "control",
-            "edges",
-            "edges_law",
-            "edges_units",
-            "kinds",
-            "limiter",
-            "lookup",
-            "map_reference",
-            "parameters",
-            "reference",
-            "reference_model",
-            "selftest",
-            "supervision",
-            "task",
-            "tracking",
-        )
-    )
-)
-
-from tests import builds  # noqa: E402 - after the registration, which it would defeat
+from tests import builds
 
 
 @pytest.fixture(scope="session")

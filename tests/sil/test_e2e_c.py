@@ -66,7 +66,6 @@ def test_the_crc_is_that_of_python(data_id: int, data: bytes) -> None:
 
 
 SETTINGS = [E2e(), E2e(max_delta_counter_init=0, max_no_new_or_repeated_data=14, sync_counter_init=0)]
-SETTINGS += [E2e(max_delta_counter_init=3, max_no_new_or_repeated_data=1, sync_counter_init=4)]
 EVENTS = st.lists(
     st.one_of(
         st.just(("next", 1)),
@@ -85,7 +84,7 @@ def software_with(settings: E2e) -> Software:
     return builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": Can(e2e=settings)})).software
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=["default", "strict", "lax"])
+@pytest.mark.parametrize("settings", SETTINGS, ids=["default", "strict"])
 @given(events=EVENTS)
 def test_receivers_go_through_the_same_states(settings: E2e, events: list[tuple[str, int]]) -> None:
     ours, reference, counter = CReceiver(software_with(settings)), Receiver(settings), 3

@@ -15,7 +15,7 @@ import pytest
 
 from codegen import config as configuration
 from codegen.cli.suite_command import instructions_of_step
-from codegen.config import Config
+from codegen.config import Config, parse
 from codegen.refmap import map as npz
 from codegen.refmap import place_sweep
 from codegen.verify.budgets.measure import measure
@@ -239,3 +239,28 @@ def test_the_table_and_the_json_show_the_stored_schedule(run: Run, solved: Path)
     assert {row["cars"] for row in result["breakpoints"][:4]} == {9}
     factors = {"mass_factor", "front_stiffness_factor", "rear_stiffness_factor"}
     assert result["breakpoints"][0]["limiting"].keys() == {"actuator_lag", "relaxation_length", *factors}
+
+
+def test_a_given_configuration_counts_and_is_stored(run: Run, solved: Path) -> None:
+    """Also for a user's own table, which has none. The output may be the map itself, and a second run changes nothing."""
+    speeds = "[controller.inputs]\nspeed_max_km_h = "
+    other = write_config((f"{speeds}400.0", f"{speeds}150.0"))
+    speed, angle = np.array([5.0, 15.0, 30.0]), np.array([0.02, 0.05, 0.1])
+    np.savez("bare.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 3.2, angle), 5.0 / speed[:, np.newaxis]))
+    for path in (solved, Path("bare.npz")):
+        before = npz.load(path)
+        answer = run("tune", "--map", path, "--config", other, "-o", path, "--json")
+        assert answer.code == 0, answer
+        assert json.loads(answer.out)["configuration"] == "ars.toml"
+        config = stored(path)
+        assert config.controller.inputs.speed_max_km_h == 150.0
+        assert config.controller.kind == "tracking"
+        assert config.controller.tracking.schedule is not None
+        assert config.controller.tracking.schedule.speed_km_h[-1] == 150.0
+        assert parse(config.model_dump(mode="json"), "again") == config
+        after = npz.load(path)
+        assert after.case == before.case
+        np.testing.assert_array_equal(before.yaw_rate, after.yaw_rate)
+        first = path.read_bytes()
+        assert run("tune", "--map", path, "-o", path).code == 0
+        assert path.read_bytes() == first
