@@ -69,5 +69,5 @@ def build_folder(kind: str = "pi", precision: Precision = "single") -> Path:
     with alone(f"build folder {kind} {precision}") as path:
         place = path / "4ws2"
         if not place.exists():
-            write_folder(builds.of_kind(kind, precision).folder, place)  # type: ignore[arg-type]
+            write_folder(builds.of_kind(kind, precision).folder, place)
         return place

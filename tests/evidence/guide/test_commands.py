@@ -15,7 +15,7 @@ QUICK = ("README.md", "docs/own-map.md")
 
 
 def runnable(page: str) -> list[Block]:
-    """Return the blocks of a page that are run here; those with vcan0 are run in tests/can."""
+    """Return the blocks of a page that are run here; those with vcan0 are run in tests/evidence/vcan."""
     found = [block for block in blocks(page) if not block.needs_vcan]
     return found if any(block.language in ("console", "sh", "python") or block.mark is not None for block in found) else []
 

@@ -102,7 +102,7 @@ LEFT_BY_WORK = (
     "build/run.png",
     "dist/ars_codegen-0.1.0-py3-none-any.whl",
     "codegen/__pycache__/config.cpython-311.pyc",
-    "tests/can/__pycache__/x.pyc",
+    "tests/evidence/vcan/__pycache__/x.pyc",
     ".mypy_cache/3.11/x.json",
     ".pytest_cache/v/x",
     ".ruff_cache/x",

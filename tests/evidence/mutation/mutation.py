@@ -28,7 +28,7 @@ from tests.evidence.mutation.judging import SURVIVED, Bench, units_of
 from tests.evidence.mutation.mutants import Mutant, definitions, mutants_of
 from tests.evidence.mutation.planted import planted_in
 from tests.evidence.progress import Progress
-from tests.sil.case import COMMITTED, named
+from tests.sil.case import COMMITTED, Case, named
 from tests.sil.library import Compiler
 from tests.sil.suite import Judge, judges_of
 
@@ -104,7 +104,7 @@ def campaign(
                           *planted_in(case, unit)] for path, unit in units.items()}  # fmt: skip
             own = {path: mutants for path, mutants in own.items() if mutants}
             known |= {definitions(unit) for unit in units.values()}
-            benches.append(Bench(case, own, units, {path: list(judges_of(case.kind, path)) for path in own}))
+            benches.append(Bench(case, own, units, {path: _able(case, judges_of(case.kind, path)) for path in own}))
             benches[-1].prepare()
             tally.faults += [f"{case.name}: unaltered, it fails {name}: {text}" for name, text in benches[-1].faults.items()]
         todo = [(index, path, number) for index, bench in enumerate(benches) for path, mutants in bench.mutants.items()
@@ -125,6 +125,11 @@ def campaign(
                 if most is None:
                     tally.powerless = _powerless(benches, judges, tally)
     return tally
+
+
+def _able(case: Case, judges: Sequence[Judge]) -> list[Judge]:
+    """Return the judges that can judge a case: some know the cap of a map for one friction only."""
+    return [judge for judge in judges if not (judge.of_one_layer and case.built.total.layers)]
 
 
 def _chosen(benches: Sequence[Bench], todo: list[tuple[int, str, int]], most: int | None) -> list[tuple[int, str, int]]:
