@@ -43,12 +43,12 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     rows: list[tuple[Part, Outcome, float]] = []
     for part in chosen:
         print(f"... {part.name}", file=sys.stderr, flush=True)
-        begun = time.monotonic()
+        begun, hashes = time.monotonic(), part.hashes()
         outcome = run_part(part, Effort(options.quick))
         rows.append((part, outcome, time.monotonic() - begun))
         form: Form = "quick" if options.quick else "full"
         if outcome.verdict is not Verdict.NOT_RUN:
-            Record.read(part, records).keep(form, outcome, rows[-1][2], records)
+            Record.read(part, records).keep(form, outcome, hashes, rows[-1][2], records)
     Console(width=max(100, min(160, Console().width))).print(_table(rows))
     for part, outcome, _ in rows:
         for finding in outcome.findings[:FINDINGS_SHOWN]:

@@ -41,10 +41,14 @@ class Record:
         """Whether a full or a quick run passed on what is there now, so that the record speaks of it."""
         return self.is_current("full") or self.is_current("quick")
 
-    def keep(self, form: Form, outcome: Outcome, seconds: float, folder: Path = RECORDS) -> None:
-        """Write a run into the record; the run of the other form stays."""
+    def keep(self, form: Form, outcome: Outcome, hashes: dict[str, str], seconds: float, folder: Path = RECORDS) -> None:
+        """Write a run into the record; the run of the other form stays.
+
+        Args:
+            hashes: `Part.hashes` when the run began.
+        """
         self.runs[form] = {
-            "hashes": self.part.hashes(),
+            "hashes": hashes,
             "verdict": str(outcome.verdict),
             "figure": outcome.figure,
             "findings": list(outcome.findings),

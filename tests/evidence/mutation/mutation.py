@@ -195,26 +195,22 @@ def _answer(question: Question) -> str:
 
 
 def _powerless(benches: Sequence[Bench], judges: _Judges, tally: Tally) -> list[str]:
-    """Return the judges that kill no mutant, even when they judge alone: first those of mutants that something killed."""
-    killers = {(one.build, one.mutant.key.path, one.by) for one in tally.judged}
+    """Return the judges that kill no mutant of any unit, even when they judge alone the mutants that others killed."""
     killed = {(one.build, one.mutant.key) for one in tally.judged if one.by != SURVIVED}
-    idle: list[Question] = []
-    tries: dict[Question, list[Question]] = {}
+    tries: dict[str, list[Question]] = {}
     for index, bench in enumerate(benches):
-        for path, mutants in bench.mutants.items() if bench.case.name in COMMITTED else ():
+        for path, mutants in bench.mutants.items():
             numbers = [k for k, mutant in enumerate(mutants, 1) if (bench.case.name, mutant.key) in killed]
             for judge in bench.judges[path]:
-                if (bench.case.name, path, judge.name) not in killers:
-                    idle.append((index, path, 0, judge.name))
-                    tries[idle[-1]] = [(index, path, number, judge.name) for number in numbers]
+                tries.setdefault(judge.name, []).extend((index, path, number, judge.name) for number in numbers)
+    idle = set(tries) - {one.by for one in tally.judged}
     step = 0
-    while waiting := [one for one in idle if step < len(tries[one])]:
-        batch = [question for one in waiting for question in tries[one][step : step + 20]]
-        for question, answer in zip(batch, judges.answers(batch, "judges"), strict=True):
-            if answer != SURVIVED:
-                idle = [one for one in idle if (one[0], one[1], one[3]) != (question[0], question[1], question[3])]
+    while waiting := [name for name in sorted(idle) if step < len(tries[name])]:
+        batch = [question for name in waiting for question in tries[name][step : step + 20]]
+        answers = judges.answers(batch, "judges")
+        idle -= {name for (_, _, _, name), answer in zip(batch, answers, strict=True) if answer != SURVIVED}
         step += 20
-    return [f"{benches[index].case.name}/{path}: {name}" for index, path, _, name in idle]
+    return sorted(idle)
 
 
 def outcome_of(tally: Tally, equivalents: Sequence[Equivalent], least: int = MUTANTS_MIN) -> Outcome:
