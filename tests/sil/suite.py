@@ -196,8 +196,10 @@ def _map(kind: Kind) -> list[Judge]:
         answers.check_map(case.built, case.units, known)
 
     has_rear_angle = kind in ("tracking", "feedforward")
-    but = (checks_lookup.check_checksum,) if has_rear_angle else ()
+    but = (checks_lookup.check_checksum,)
+    # These know the table and the cap of one friction.
     capped = (checks_lookup.check_cap, checks_lookup.check_cap_is_reached, checks_lookup.check_error_bound)
+    capped += () if has_rear_angle else (checks_lookup.check_checksum,)
     judges = [Judge("reference of the map", reference), *_of_built(*_in(checks_lookup, *but, *capped), check_map_functions)]
     judges += [replace(judge, of_one_layer=True) for judge in _of_built(*capped)]
     judges += _of_calibration(*checks_calibration.CHECKS)

@@ -28,6 +28,8 @@ from tests.cli.test_report_command import ALONE
 from tests.cli.test_suite_command import PICTURES, SMALL_TUNING
 from tests.cli.test_tune import NONLINEAR, solve, stored, write_config
 
+pytestmark = pytest.mark.long
+
 
 def test_error_against_flash_as_table_plot_and_json(run: Run, maps: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(place_sweep, "BOUNDS", (math.radians(1.0), math.radians(0.5)))

@@ -25,6 +25,8 @@ from tests.refmap.placing import ROUNDING, coarsely, errors_against_optimum, lar
 from tests.refmap.test_nonlinear import built, tracking, with_car
 from tests.refmap.test_place import BARE_BOUND, WIDE, bare, ground, one, two
 
+pytestmark = pytest.mark.long
+
 
 def test_a_search_does_not_depend_on_earlier_searches_and_fills_the_bytes_of_a_bound() -> None:
     """A search for bytes finds no larger error than a search for a bound, but for its step (`TIGHTER`, 3 %)."""

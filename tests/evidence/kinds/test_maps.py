@@ -47,15 +47,16 @@ def test_the_maps_have_every_kind_of_axis() -> None:
     assert kinds == {(False, False, False), (True, False, False), (True, True, False), (True, False, True), (True, True, True)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", builds.MAPS)
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
 def test_each_map(kind: Kind, name: str) -> None:
-    """A map of one cell has no even axis to calibrate, and one that is not the optimum's has no rear angle."""
-    if kind == "tracking" and builds.MAPS[name]().delta_r is None:
-        return
+    """The checks that write the calibration need axes of many cells: `make test` runs them on such maps."""
+    if kind == "tracking" and builds.MAPS[name]().rear_angle is None:
+        return  # not the optimum's: it has no rear angle
     found = case(f"{kind} {name}")
     for judge in (*whole(kind, ("map",)), SANITIZED):
-        if not (judge.of_one_layer and name in STACKS) and not (judge.of_single and name in ("one cell", "two points each")):
+        if not judge.of_single and not (judge.of_one_layer and name in STACKS):
             judge.run(found)
 
 
@@ -66,6 +67,7 @@ def test_every_check_of_a_kind_in_double_precision(kind: Kind) -> None:
             judge.run(case(f"{kind} double"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stack_behind_every_kind(kind: Kind) -> None:
     found = case(f"{kind} rough stack")
@@ -73,6 +75,7 @@ def test_a_stack_behind_every_kind(kind: Kind) -> None:
         judge.run(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", PLACED, ids=" ".join)
 def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
     found, chosen = placed(*which)
@@ -81,6 +84,7 @@ def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
     check_placed(found, chosen)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [math.nan, 0.9, 0.5, 0.2])
 def test_the_share_of_grip_is_kept_in_exact_arithmetic(friction: float) -> None:
     """No yaw rate is above the share of the cap at its speed and front angle, and many are at it."""
@@ -122,6 +126,7 @@ def _changed(which: tuple[Kind, Precision, Storage, Which], path: str, old: str,
     return compile_build({**folder.files, path: f"{head}{new}{tail}".encode("ascii")}, folder.manifest)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", ["1.5f", "(0.0f / 0.0f)", "-1.0f"])
 def test_a_share_that_flash_lost_fails_the_self_test_and_lifts_no_cap(share: str) -> None:
     built = placed(*PLACED[5])[0].built
@@ -138,6 +143,7 @@ def test_a_share_that_flash_lost_fails_the_self_test_and_lifts_no_cap(share: str
     assert (yaw_rate >= 0.0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "old", "new"),
     [

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from codegen.verify.budgets.measure import measure_step
 from codegen.verify.budgets.taken import CYCLE
 from tests.verify import planted
-from tests.verify.test_budgets import PI, QUICK, run, sound
+from tests.verify.test_budgets import PI, QUICK, make_few, run, sound
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    make_few(monkeypatch)
 
 
 def test_the_longest_step_is_that_of_the_check() -> None:
