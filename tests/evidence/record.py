@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
+import platform
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Outcome, Verdict
 from tests.evidence.parts import RECORDS, Part
 
 Form = Literal["full", "quick"]
+
+
+def common_tools() -> dict[str, str]:
+    """Return the versions of what every part runs with."""
+    compiler = compiler_command()
+    answer = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+    return {"Python": platform.python_version(), "C compiler": answer}
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,7 @@ class Record:
             "figure": outcome.figure,
             "findings": list(outcome.findings),
             "figures": dict(outcome.figures),
-            "tools": dict(outcome.tools),
+            "tools": common_tools() | dict(outcome.tools),
             "duration_s": round(seconds),
         }
         content = {"part": self.part.name, "shows": self.part.shows, "runs": dict(sorted(self.runs.items()))}

@@ -57,7 +57,7 @@ def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def check_resumption(plan: Plan, folder: Path, whole: Path) -> None:
     """Finish an interrupted campaign: the same bytes, without driving a stored chunk again."""
     stored, engine = {path.name for path in (folder / "parts").iterdir()}, Recording()
-    assert part_path(folder, 0).name in stored
+    assert stored, "at least one chunk was finished; which one comes first is the scheduler's choice"
     assert run_campaign(plan, folder, engine).read_bytes() == whole.read_bytes()
     assert {part_path(folder, number).name for number in engine.driven}.isdisjoint(stored)
     assert not (folder / "parts").exists()
