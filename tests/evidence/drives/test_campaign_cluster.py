@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,26 +39,21 @@ PATIENCE = 600.0
 
 
 @pytest.fixture(scope="module")
-def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spec(tmp_path_factory.mktemp("spec"))
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    return planning.read(write_spec(tmp_path_factory.mktemp("spec")))
 
 
 @pytest.fixture(scope="module")
-def plan(spec: Path) -> Plan:
-    return planning.read(spec)
-
-
-@pytest.fixture(scope="module")
-def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The file of the campaign, driven by one thread."""
-    return run_campaign(plan, tmp_path_factory.mktemp("campaign") / "one", Threads(1))
+    return run_campaign(plan, tmp_path_factory.mktemp("campaign") / "one", Threads(1)).read_bytes()
 
 
-def check_resumption(plan: Plan, folder: Path, whole: Path) -> None:
+def check_resumption(plan: Plan, folder: Path, whole: bytes) -> None:
     """Finish an interrupted campaign: the same bytes, without driving a stored chunk again."""
     stored, engine = {path.name for path in (folder / "parts").iterdir()}, Recording()
     assert stored, "at least one chunk was finished; which one comes first is the scheduler's choice"
-    assert run_campaign(plan, folder, engine).read_bytes() == whole.read_bytes()
+    assert run_campaign(plan, folder, engine).read_bytes() == whole
     assert {part_path(folder, number).name for number in engine.driven}.isdisjoint(stored)
     assert not (folder / "parts").exists()
 
@@ -79,14 +74,17 @@ class DiesOnce:
 
 
 @dataclass(frozen=True)
-class Dying:
-    """An engine whose work dies once."""
+class Through:
+    """An engine that changes the work before another engine runs it, and calls `after` with each finished chunk."""
 
     engine: Dask
-    mark: Path
+    change: Callable[[Any], Any] = lambda work: work
+    after: Callable[[], object] = lambda: None
 
     def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
-        return self.engine.run(DiesOnce(work, self.mark), numbers)
+        for finished in self.engine.run(self.change(work), numbers):
+            yield finished
+            self.after()
 
 
 def lacking_instructions(_number: int) -> None:
@@ -94,44 +92,27 @@ def lacking_instructions(_number: int) -> None:
 
 
 def test_a_cluster_gives_the_same_bytes_and_a_dead_worker_loses_nothing(
-    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plan: Plan, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import dask
     from distributed import LocalCluster
 
+    died = tmp_path / "died"
     with (
         dask.config.set({"distributed.worker.daemon": False}),
         LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        contextlib.closing(Dask(cluster.scheduler_address)) as engine,
     ):
-        engine = Dask(cluster.scheduler_address)
-        try:
-            assert run_campaign(plan, tmp_path / "dask", engine).read_bytes() == whole.read_bytes()
-            died = tmp_path / "died"
-            again = run_campaign(plan, tmp_path / "dying", Dying(engine, died))
-            with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
-                list(engine.run(lacking_instructions, [0]))
-            monkeypatch.setattr("codegen.sweep.engine.versions", lambda: {"codegen": __version__, "numpy": "0.1"})
-            message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign numpy 0\.1; install the same"
-            with pytest.raises(BuildError, match=message):
-                list(engine.run(Work(plan), [0]))
-        finally:
-            engine.close()
-    assert died.exists()
-    assert again.read_bytes() == whole.read_bytes()
-
-
-@dataclass(frozen=True)
-class Losing:
-    """An engine whose scheduler is killed after each chunk."""
-
-    engine: Dask
-    scheduler: subprocess.Popen[str]
-
-    def run(self, work: Any, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
-        for number, table in self.engine.run(work, numbers):
-            yield number, table
-            self.scheduler.kill()
-            self.scheduler.wait()
+        assert run_campaign(plan, tmp_path / "dask", engine).read_bytes() == whole
+        dying = Through(engine, lambda work: DiesOnce(work, died))
+        assert run_campaign(plan, tmp_path / "dying", dying).read_bytes() == whole
+        assert died.exists()
+        with pytest.raises(BuildError, match=r"^Dask worker tcp://\S+: --isa: no such instructions; take others$"):
+            list(engine.run(lacking_instructions, [0]))
+        monkeypatch.setattr("codegen.sweep.engine.versions", lambda: {"codegen": __version__, "numpy": "0.1"})
+        message = rf"^Dask worker tcp://\S+: it has numpy {np.__version__}, and the campaign numpy 0\.1; install the same"
+        with pytest.raises(BuildError, match=message):
+            list(engine.run(Work(plan), [0]))
 
 
 @contextlib.contextmanager
@@ -144,36 +125,34 @@ def dask_process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def address_of(scheduler: subprocess.Popen[str]) -> str:
-    assert scheduler.stderr is not None
-    return next(found[0] for line in scheduler.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
+@contextlib.contextmanager
+def scheduler() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A scheduler and its address."""
+    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as process:
+        assert process.stderr is not None
+        yield process, next(found[0] for line in process.stderr if (found := re.findall(r"tcp://127\.0\.0\.1:\d+", line)))
 
 
 def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
-    plan: Plan, whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    plan: Plan, whole: bytes, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("distributed", "distributed.client"):  # the library sets handlers of its own
         monkeypatch.setattr(logging.getLogger(name), "handlers", [caplog.handler])
-    folder = tmp_path / "lost"
-    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
-        address = address_of(scheduler)
-        with dask_process("worker", address, "--nthreads", "1", "--no-nanny", "--death-timeout", "60"):
-            engine = Dask(address)
-            try:
-                with pytest.raises(CodegenError, match="the Dask scheduler went away") as caught:
-                    run_campaign(plan, folder, Losing(engine, scheduler))
-            finally:
-                engine.close()
+    with (
+        scheduler() as (process, address),
+        dask_process("worker", address, "--nthreads", "1", "--no-nanny", "--death-timeout", "60"),
+        contextlib.closing(Dask(address)) as engine,
+        pytest.raises(CodegenError, match=rf"^{address}: the Dask scheduler went away.*run the same command again") as caught,
+    ):
+        run_campaign(plan, tmp_path / "lost", Through(engine, after=lambda: (process.kill(), process.wait())))
     assert caught.value.exit_code == 2
-    assert str(caught.value).startswith(address)
-    assert "run the same command again" in str(caught.value)
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
-    check_resumption(plan, folder, whole)
+    check_resumption(plan, tmp_path / "lost", whole)
 
 
 def test_a_client_that_closes_itself_meanwhile_is_closed() -> None:
-    with dask_process("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
-        engine = Dask(address_of(scheduler))
+    with scheduler() as (_, address):
+        engine = Dask(address)
         client, reasons = engine._client, []
 
         def expiring(reason: str) -> None:
@@ -184,12 +163,11 @@ def test_a_client_that_closes_itself_meanwhile_is_closed() -> None:
 
         client.rpc._connecting["tcp://127.0.0.1:9"].add(expiring)
         engine.close()
-    assert len(reasons) == 2
-    assert client.status == "closed"
+    assert (len(reasons), client.status) == (2, "closed")
 
 
-def test_a_killed_campaign_resumes(plan: Plan, spec: Path, whole: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
+def test_a_killed_campaign_resumes(plan: Plan, whole: bytes, tmp_path: Path) -> None:
+    folder, spec = tmp_path / "killed", write_spec(tmp_path)
     command = [sys.executable, "-m", "codegen", "sweep", "--spec", str(spec), "-o", str(folder), "--workers", "1"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         end = time.monotonic() + PATIENCE
@@ -228,12 +206,11 @@ def memory_peaks(plan: Plan, pattern: Table, folder: Path, samples: int) -> list
         pa.set_memory_pool(writing)
         path = run_campaign(longer, folder, Inventing(longer, pattern))
         pa.set_memory_pool(pool)
-        assert summarise(path, longer).runs == RUNS_PER_SAMPLE * samples
+        assert summarise(path, longer).runs == pq.read_metadata(path).num_rows == RUNS_PER_SAMPLE * samples
         traced = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
         pa.set_memory_pool(pool)
-    assert pq.read_metadata(path).num_rows == RUNS_PER_SAMPLE * samples
     # The buffers of a file come from the default pool in any case.
     reading = max(pool.bytes_allocated() for _ in store.read_batches(path))
     return [writing.max_memory(), reading, traced]

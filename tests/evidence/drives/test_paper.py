@@ -1,7 +1,5 @@
 """The reproduction of the paper: within the rounding and the plant of its tables, and as the README prints it."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -46,12 +44,7 @@ def test_steady_values_and_peak_of_the_runs(reproduction: Reproduction) -> None:
 def test_outputs_are_written_and_printed_as_in_the_readme(reproduction: Reproduction) -> None:
     assert all(path.exists() for path in reproduction.outputs.values())
     json.dumps(reproduction.to_dict(), allow_nan=False)
-    printed = set(reproduction.lines())
-    text = "\n".join(printed)
-    for words in ("steady, here", "peak, here", "paper's maximum", "rear angle, smallest", "|front slip|", "|sideslip|"):
-        assert words in text
     shown = re.search(r"\$ make sil\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     assert shown is not None
-    lines = [line for line in shown.group(1).splitlines() if line != "..."]
-    assert len(lines) > 10
-    assert [line for line in lines if line not in printed] == []
+    lines = [line for line in shown[1].splitlines() if line != "..."]
+    assert len(lines) > 10 and set(lines) <= set(reproduction.lines())

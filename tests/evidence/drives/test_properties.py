@@ -1,7 +1,5 @@
 """The property tests of loaders with more examples than in the fast tier."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,6 @@
 """10,000 random packets to the XCP slave under sanitizers, and faults of the slave that they or the command tests find."""
 
-from __future__ import annotations
-
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,20 +20,7 @@ def test_no_crash_no_write_outside_and_nothing_invalid(objects: Objects) -> None
     """Every command succeeds, every error occurs, and lists of measurements run."""
     seen, measured = run_random_packets(objects.program())
     assert {*COMMANDS, *ERRORS.values()} - {"SYNCH"} - set(seen) == set()
-    assert seen["DOWNLOAD"] > 200
-    assert seen["PAGE_NOT_VALID"] > 50
-    assert measured > 200
-
-
-def by(check: Callable[[Slave], None]) -> Callable[[Path], None]:
-    """Run a test of the commands on a program."""
-
-    def run(program: Path) -> None:
-        with Slave(program) as slave:
-            slave.positive("CONNECT", 0)
-            check(slave)
-
-    return run
+    assert seen["DOWNLOAD"] > 200 and seen["PAGE_NOT_VALID"] > 50 and measured > 200
 
 
 RANDOM = [
@@ -56,29 +42,31 @@ RANDOM = [
     ("page_of(self, (uint8_t)ARS_XCP_PAGE_WORKING);\n", "&self->setup.working[1];\n"),
 ]
 BY_COMMANDS = [
-    (commands.test_switching, "&& (self->master_page == (uint8_t)ARS_XCP_PAGE_WORKING)) {", ") {"),
-    (
-        commands.test_copying_and_a_page_that_is_not_valid,
-        "if (in->data[4] != (uint8_t)ARS_XCP_PAGE_WORKING) {",
-        "if (false) {",
-    ),
-    (commands.test_a_list_is_sampled_with_each_run, "daq->waiting = daq->prescaler;", "daq->waiting = 1u;"),
-    (commands.test_checksum, "0xEDB88320u", "0xEDB88321u"),
-    (commands.test_reading, "(uint8_t)(size + 1u);\n    self->address += size;", "(uint8_t)(size + 1u);"),
-    (commands.test_frames_may_be_padded_and_must_not_be_short, "(in->length >= commands[k].length)", "true"),
-    (commands.test_other_commands_are_unknown, "result = (uint8_t)ERR_CMD_UNKNOWN;", "result = (uint8_t)DONE;"),
-    (
-        commands.test_the_active_page_is_measured,
-        "result = &self->setup.calibration[address - self->setup.calibration_address];",
-        "",
-    ),
+    ("&& (self->master_page == (uint8_t)ARS_XCP_PAGE_WORKING)) {", ") {"),
+    ("if (in->data[4] != (uint8_t)ARS_XCP_PAGE_WORKING) {", "if (false) {"),
+    ("daq->waiting = daq->prescaler;", "daq->waiting = 1u;"),
+    ("0xEDB88320u", "0xEDB88321u"),
+    ("(uint8_t)(size + 1u);\n    self->address += size;", "(uint8_t)(size + 1u);"),
+    ("(in->length >= commands[k].length)", "true"),
+    ("result = (uint8_t)ERR_CMD_UNKNOWN;", "result = (uint8_t)DONE;"),
+    ("result = &self->setup.calibration[address - self->setup.calibration_address];", ""),
 ]
-FAULTS = [*((run_random_packets, *change) for change in RANDOM), *((by(check), *change) for check, *change in BY_COMMANDS)]
+
+
+def run_command_tests(program: Path) -> None:
+    for name, check in vars(commands).items():
+        if name.startswith("test_") and [*inspect.signature(check).parameters] == ["slave"]:
+            with Slave(program) as slave:
+                slave.positive("CONNECT", 0)
+                check(slave)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("check", "old", "new"), FAULTS)
-def test_a_fault_is_found(objects: Objects, check: Callable[[Path], object], old: str, new: str) -> None:
-    faulty = objects.program("faulty", (old, new))
+@pytest.mark.parametrize(
+    ("check", "fault"),
+    [*((run_random_packets, fault) for fault in RANDOM), *((run_command_tests, fault) for fault in BY_COMMANDS)],
+)
+def test_a_fault_is_found(objects: Objects, check: Callable[[Path], object], fault: tuple[str, str]) -> None:
+    faulty = objects.program("faulty", fault)
     with pytest.raises(AssertionError):
         check(faulty)

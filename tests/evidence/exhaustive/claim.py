@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,15 +27,10 @@ TEMPLATES = jinja2.Environment(
     lstrip_blocks=True,
 )
 
-_COMMENT = re.compile(r'/\*.*?\*/|^extern "C" \{$|^#\s*(?!define)[^\n]*', re.DOTALL | re.MULTILINE)
-_DEFINITION = re.compile(r"^(?:#define [^\n]*|[^\s#}][^{;]*(?:\{[^{}\n]*\})?;|[^\s#}].*?^\}[^\n]*)", re.DOTALL | re.MULTILINE)
-_NAME = re.compile(r"#define (\w+)|[^({\[=;]*?(\w+)\s*[({\[=;]")
-_NAME_AFTER = re.compile(r"^\} *(\w+);", re.MULTILINE)
-_LOCAL = re.compile(r"(?:\w+\s)?(?:static|typedef|enum|#define)\b")
-_FUNCTION = re.compile(r"[^({\[=;]*?(\w+)\(([^(){}]*)\)\s*\{")
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_FUNCTION = re.compile(r"^[^\s#{}][^(){};=]*?(\w+)\(([^(){}]*)\)\s*\{", re.MULTILINE)
 _REAL = re.compile(r"(?:const )?(?:float|double) \w+")
 _WHOLE = re.compile(r"(?:const )?(?:u?int\d+_t|int|unsigned) \w+")
-_WORD = re.compile(r"\b[A-Za-z_]\w*\b")
 
 
 @dataclass(frozen=True)
@@ -113,56 +106,14 @@ class Source:
         return f"src/{self.subject.prefix}_{unit}.c"
 
     @cached_property
-    def _definitions(self) -> dict[str, list[str]]:
-        """Definitions at file scope by path, without comments."""
-        texts = {path: _COMMENT.sub("", content.decode("ascii")) for path, content in self.subject.sources().items()}
-        return {path: _DEFINITION.findall(text) for path, text in texts.items()}
-
-    @cached_property
     def functions(self) -> dict[str, dict[str, bool]]:
         """Functions by the path of their unit. The value is true for those that need a claim: they take a real number, or whole
         numbers only."""
-        found = {path: map(_FUNCTION.match, texts) for path, texts in self._definitions.items() if path.endswith(".c")}
-        return {path: {match[1]: _takes_number(match[2].split(",")) for match in each if match} for path, each in found.items()}
-
-    @cached_property
-    def _by_name(self) -> dict[str, list[tuple[str, str]]]:
-        """Path and text of all definitions by the name that they define."""
-        named: dict[str, list[tuple[str, str]]] = {}
-        for path, texts in self._definitions.items():
-            for text in texts:
-                for name in _names(text):
-                    named.setdefault(name, []).append((path, text))
-        return named
-
-    def key(self, claim: Claim) -> str:
-        """Return a name that equal claims share: those with equal C and equal definitions of all that the C depends on."""
-        text = "\n".join((claim.body, claim.edges, claim.setup, claim.start))
-        found: set[tuple[str, str]] = set()
-        waiting = {(self.path(claim.unit), text)}
-        while waiting:
-            path, content = waiting.pop()
-            named = (each for word in _words(content) for each in self._by_name.get(word, ()))
-            # A name that is local to another source is another name.
-            new = {(where, each) for where, each in named if where == path or where.endswith(".h") or not _LOCAL.match(each)}
-            waiting |= new - found
-            found |= new
-        whole = repr((claim.inputs, text, sorted({each for _, each in found})))
-        return f"{claim.name} {hashlib.sha256(whole.encode()).hexdigest()[:16]}"
+        texts = {path: content.decode("ascii") for path, content in self.subject.sources().items() if path.endswith(".c")}
+        found = {path: _FUNCTION.findall(_COMMENT.sub("", text)) for path, text in texts.items()}
+        return {path: {name: _takes_number(parameters) for name, parameters in each} for path, each in found.items()}
 
 
-@functools.cache
-def _words(text: str) -> frozenset[str]:
-    return frozenset(_WORD.findall(text))
-
-
-def _takes_number(parameters: Sequence[str]) -> bool:
-    stripped = [parameter.strip() for parameter in parameters]
+def _takes_number(parameters: str) -> bool:
+    stripped = [parameter.strip() for parameter in parameters.split(",")]
     return any(map(_REAL.fullmatch, stripped)) or all(map(_WHOLE.fullmatch, stripped))
-
-
-def _names(text: str) -> Iterable[str]:
-    if "enum" in text.partition("{")[0]:
-        return {*_WORD.findall(text)} - {"typedef", "enum"}
-    head = _NAME.match(text)
-    return {*(head.groups("") if head else ()), *_NAME_AFTER.findall(text)} - {"", "struct", "union"}

@@ -3,7 +3,7 @@
 The expected results are computed in another way, in double precision, in whole numbers or bit by bit, from the configuration:
 see claims_frames.py, claims_control.py and claims_map.py. The C of the build is compiled as it is, with undefined behaviour
 reported. A function that takes a number and has neither a claim nor an entry in OTHERS fails the part, and so does a claim
-without its function. The claims of all builds that depend on the same C are run once.
+without its function.
 """
 
 from __future__ import annotations
@@ -74,29 +74,28 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """
     compiler, stride = find_compiler(), QUICK_STRIDE if effort.quick else 1
     findings: list[str] = []
-    judged: dict[str, tuple[Claim, list[str]]] = {}
+    judged = []
     with tempfile.TemporaryDirectory(prefix="ars-exhaustive-") as scratch, ThreadPoolExecutor(os.cpu_count()) as pool:
-        programs = []
         for source in map(Source, map(Subject.read, folders)):
             claims, missing = claims_of(source)
             findings += missing
             for path in source.functions:
-                todo = {}
-                for claim in (claim for claim in claims if source.path(claim.unit) == path):
-                    key = f"{source.key(claim)} {stride}"
-                    if key not in judged and progress.get(key) is None:
-                        todo[key] = claim
-                    judged.setdefault(key, (claim, []))[1].append(f"{source.subject.name}/{path}")
-                if todo:
-                    folder = Path(scratch, source.subject.name, path)
-                    programs.append((pool.submit(compile_program, compiler, source, path, [*todo.values()], folder), todo))
-        pieces = {
-            key: [pool.submit(_run, program, index, piece) for piece in pieces_of(claim, stride)]
-            for program, todo in programs
-            for index, (key, claim) in enumerate(todo.items())
-        }
-        results = {key: progress.once(key, lambda key=key: _sum([each.result() for each in pieces[key]])) for key in judged}
-    return _outcome([(*judged[key], *results[key]) for key in judged], findings, compiler)
+                place = f"{source.subject.name}/{path}"
+                keys = {f"{place}: {claim.name}": claim for claim in claims if source.path(claim.unit) == path}
+                todo = {key: claim for key, claim in keys.items() if progress.get(f"{key} {stride}") is None}
+                program = (
+                    pool.submit(compile_program, compiler, source, path, [*todo.values()], Path(scratch, place))
+                    if todo
+                    else None
+                )
+                running = {key: [pool.submit(_run, program, index, piece) for piece in pieces_of(claim, stride)]
+                           for index, (key, claim) in enumerate(todo.items()) if program}  # fmt: skip
+                judged += [(key, claim, running.get(key, [])) for key, claim in keys.items()]
+        results = [
+            (key, claim, *progress.once(f"{key} {stride}", lambda pieces=pieces: _sum([each.result() for each in pieces])))
+            for key, claim, pieces in judged
+        ]
+    return _outcome(results, findings, compiler)
 
 
 def claims_of(source: Source) -> tuple[list[Claim], list[str]]:
@@ -172,17 +171,15 @@ def _sum(results: Sequence[tuple[int, int, list[str]]]) -> tuple[int, int, list[
     return sum(inputs), sum(wrong), list(dict.fromkeys(chain(*findings)))[:FINDINGS_MAX]
 
 
-def _outcome(
-    results: Sequence[tuple[Claim, list[str], int, int, list[str]]], missing: Sequence[str], compiler: Compiler
-) -> Outcome:
+def _outcome(results: Sequence[tuple[str, Claim, int, int, list[str]]], missing: Sequence[str], compiler: Compiler) -> Outcome:
     findings, figures = [*missing], {}
-    for claim, places, inputs, wrong, texts in results:
-        findings += [f"{places[0]}: {claim.name} {text}" + (f"; {wrong:,} inputs are wrong" if wrong else "") for text in texts]
-        figures[f"{places[0]}: {claim.name}"] = {"claim": claim.text, "inputs": inputs, "wrong": wrong, "same_c_in": places[1:]}
+    for key, claim, inputs, wrong, texts in results:
+        findings += [f"{key} {text}" + (f"; {wrong:,} inputs are wrong" if wrong else "") for text in texts]
+        figures[key] = {"claim": claim.text, "inputs": inputs, "wrong": wrong}
     if not results:
         findings.append("no claim was judged")
-    floats = [inputs for claim, _, inputs, *_ in results if claim.inputs == FLOATS]
-    few = [inputs for claim, _, inputs, *_ in results if claim.inputs != FLOATS]
+    floats = [inputs for _, claim, inputs, *_ in results if claim.inputs == FLOATS]
+    few = [inputs for _, claim, inputs, *_ in results if claim.inputs != FLOATS]
     figure = f"{len(floats)} helpers x {min(floats, default=0):,} inputs; {len(few)} with few inputs, {sum(few):,} in all; "
     figure += f"{sum(wrong for *_, wrong, _ in results):,} wrong"
     verdict = Verdict.FAILED if findings else Verdict.PASSED

@@ -1,22 +1,28 @@
 """Planted faults that only some cores, harnesses or searches find. tests/verify has one faulty build for each check."""
 
-from __future__ import annotations
-
+import re
+import sys
 from dataclasses import replace
 
 import pytest
 
+from codegen.errors import BuildError
+from codegen.verify import packages
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import measure_step
-from codegen.verify.check import Effort, Subject, Verdict
+from codegen.verify.budgets.taken import CYCLE
+from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.fuzzing import check as fuzzing
+from codegen.verify.law import check as law
 from codegen.verify.pil import check as pil
+from codegen.verify.pil import runners
 from codegen.verify.proof import check as proof
+from codegen.verify.proof import claims
 from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import trap_build
+from codegen.verify.target.cross import CORTEX_M4F
 from tests.verify import builds, planted
-from tests.verify.test_sanitizers import MENDED
 
 PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
 QUICK = Effort(quick=True)
@@ -71,7 +77,32 @@ def test_a_fault_of_some_cores_is_found_there(
     assert any(each.startswith(f"{core}: {finding}") for each in found.findings), found.findings
 
 
-# Budgets: the longest step, where it is rare.
+def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pil, "QUICK_STEPS", 1_500)
+    body = (
+        "    ars_dynamics_state_t result = planted_ars_dynamics_magic_formula(state, input);\n"
+        "#ifdef __powerpc__\n    result.yaw_rate *= 1.00001f;\n#endif\n    return result;"
+    )
+    found = pil.check(planted.wrapped(PI, "ars_dynamics_magic_formula", body), QUICK)
+    assert not any(any(counts.values()) for counts in found.figures["mismatches"].values())
+    (finding,) = found.findings
+    assert re.match("PowerPC, big-endian: dynamics, magic_formula.yaw_rate is .*, further apart than ", finding)
+
+
+@pytest.mark.parametrize(
+    ("body", "verdict", "finding"),
+    [
+        ("    while (result > -2.0f) { result += 0.0f; }", Verdict.NOT_RUN, "it might never return: src/ars_limiter.c:"),
+        ("    result = ;", Verdict.FAILED, "src/ars_limiter.c:"),
+    ],
+)
+def test_c_that_does_not_run(monkeypatch: pytest.MonkeyPatch, body: str, verdict: Verdict, finding: str) -> None:
+    monkeypatch.setattr(pil, "CORES", {True: (CORTEX_M4F,)})
+    found = pil.check(planted.limiter(PI, body), QUICK)
+    assert found.verdict is verdict and finding in found.findings[0]
+
+
+# Budgets: the longest step, where it is rare, and what a step takes.
 
 NOPS = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
@@ -80,11 +111,7 @@ RARE = {
     "a recovery ends": ("            self->good_samples = 0u;\n            self->status", "true", True),
     "plausible again": ("        self->implausible_samples = 0u;\n", "self->implausible_samples > 0u", True),
     "between two speeds": ("            /* between the two speeds nothing changes */\n", "true", True),
-    "a count is full, after eleven minutes": (
-        "    self->good_samples = 0u;\n    if ((self->status",
-        "self->bad_samples == UINT16_MAX",
-        False,
-    ),
+    "full, after eleven minutes": ("    self->good_samples = 0u;\n    if ((", "self->bad_samples == UINT16_MAX", False),
 }
 
 
@@ -106,7 +133,52 @@ def test_stack_without_a_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None
     assert all(": the compiler does not tell how much stack it takes" in finding for finding in found.findings)
 
 
+def test_the_longest_step_is_that_of_the_check() -> None:
+    """`codegen tune` and the tests of the placement measure the step alone."""
+    found, checked = measure_step(planted.subject_of(PI), QUICK), budgets.check(planted.subject_of(PI), QUICK)
+    step = checked.figures["functions"]["controller_step"]
+    assert {"max": found.worst, "mean": round(found.mean, 1)}.items() <= step["instructions_with_limiter"].items()
+    assert 0 < found.worst - found.limiter <= step["instructions"]["max"]
+    assert 0 < found.limiter < found.worst and found.calls == step["calls"]
+
+
+def test_stack_that_the_compiler_does_not_know_is_found() -> None:
+    hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
+    findings = budgets.check(planted.started(PI, "ars_limiter_step", hidden), QUICK).findings
+    assert findings[0].startswith("src/ars_limiter.c: not plain C99: ")  # assembly may hold a loop
+    for name in ("limiter_step", "controller_step", CYCLE):
+        assert any(re.match(rf"{re.escape(name)}: \d+ bytes of stack were used, by the compiler", each) for each in findings)
+
+
+def test_an_invalid_status_and_rejected_defaults_of_the_law_are_found() -> None:
+    text = planted.source(PI, "ars_controller").replace("command.status = self->status;", "command.status = (ars_status_t)7;")
+    folder = replace(PI, files=planted.subject_of(PI, ars_controller=text).files)
+    found = law.check(planted.wrapped(folder, "ars_parameters_valid", "    (void)parameters;\n    return false;"), QUICK)
+    assert found.verdict is Verdict.FAILED
+    assert any("a status is none: 7 is not a valid Status" in finding for finding in found.findings)
+    assert "src/ars_calibration.c: the C refuses its own default parameters" in found.findings
+
+
 # Compilation, sanitizers and trap build.
+
+
+def test_functions_that_a_target_may_lack_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The code is free of warnings: every conversion is explicit and every function is declared."""
+    for name in ("by_gcc", "not_refused", "takes_fast_math"):
+        monkeypatch.setattr(compiles, name, lambda *given: ())
+    files = dict(PI.files)
+    for unit, before, signature, body in (
+        ("limiter", "", "float ars_half(float x)", "return (float)((double)x * 0.1);"),
+        ("e2e", "float sinf(float x);\n", "float ars_sine(float x)", "return sinf(x);"),
+        ("task", "", "void ars_clear(float *x)", "*x = 0.0f;"),
+    ):
+        files[f"src/ars_{unit}.c"] += f"{before}{signature};\n{signature}\n{{\n    {body}\n}}\n".encode()
+    outcome = compiles.check(Subject("planted", files, PI.manifest), QUICK)
+    assert set(outcome.findings) >= {
+        "include/: no header declares ars_clear",
+        "src/ars_limiter.c: needs __aeabi_dmul, double precision (Cortex-M4F)",
+        "src/ars_e2e.c: needs sinf, which a bare target need not have (x86-64, Cortex-M4F)",
+    }
 
 
 @pytest.mark.long
@@ -158,6 +230,22 @@ def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.M
         assert sanitizers.check(planted.wrapped(old, "ars_map_yaw_rate_on_road", body), QUICK).verdict is verdict
 
 
+def test_undefined_behaviour_traps_in_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limiter and the dynamics, which are run apart. The row is counted over all parts that a stream is cut into."""
+    monkeypatch.setattr(runners, "DATA_BYTES", 8 * 1024)
+    counting = planted.limiter(PI, "    static int32_t calls = INT32_MAX - 700;\n\n    calls++;")
+    body = (
+        "    ars_dynamics_state_t result = planted_ars_dynamics_linear(state, input);\n"
+        "    result.yaw_rate += 0.0f * (float)(int)(1.0e30f * input->speed);\n    return result;"
+    )
+    subject = planted.wrapped(replace(PI, files=counting.files), "ars_dynamics_linear", body)
+    limiter, dynamics = trap_build.trapped(subject, QUICK)
+    assert ": signed integer addition overflow" in limiter and ", on the Cortex-M4F; random steps, step 700: restart" in limiter
+    assert re.match(r"src/ars_dynamics\.c:\d+: Floating-point to integer .*; dynamics, point 0: wrong_call = 0, ", dynamics)
+    with pytest.raises(BuildError, match=r"^src/ars_limiter\.c:\d+: "):
+        trap_build.trapped(planted.limiter(PI, "    result = ;"), QUICK)
+
+
 # Fuzzing: each property of a harness can fail.
 
 CALL = {
@@ -169,6 +257,11 @@ CALL = {
     "controller_step": "ars_command_t result = planted_ars_controller_step(self, parameters, measurement);",
 }
 """The call of the original at the start of a body. Bodies of other functions call it themselves."""
+MENDED = (
+    "uint8_t mended[8]; for (int k = 0; k < 8; k++) { mended[k] = data[k]; }\n"
+    "    mended[0] = ars_e2e_crc(data_id, mended);\n    return planted_ars_e2e_check(self, data_id, mended);"
+)
+"""Accepts any CRC."""
 SENT = "ars_rear_steer_command_t sent = *signals; {} planted_ars_can_pack_rear_steer_command(&sent, data);"
 ROAD = "return planted_ars_map_yaw_rate_on_road({}, friction);"
 UNUSED = "a frame that must not be used makes no difference"
@@ -237,31 +330,28 @@ def test_every_property_can_fail(
     assert outcome.findings[0].startswith(f"{name}: {start}"), outcome.findings
 
 
+def test_an_input_that_does_not_end_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzzing, "SECONDS_MAX", 1.0)
+    monkeypatch.setattr(fuzzing, "HARNESSES", ("step",))
+    endless = planted.limiter(TRACKING, "    while (input->demand > 0.05f) {\n        result += 0.0f;\n    }")
+    assert fuzzing.check(endless, QUICK).findings == ("step: an input does not end",)
+
+
 # Proof: the claims about the limiter and the controller.
 
 CLAIMS = [
     ("limiter", "rear_rate_max * sampling_time", "rear_rate_max * 0.02f", "it rises by at most rear_rate_max"),
     ("limiter", "self->speed = magnitude(input->speed);", "self->speed = input->speed;", "speed is the one given"),
     ("limiter", "-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f", "it starts from the angle given"),
-    (
-        "limiter",
-        "            target = input->demand;",
-        "            target = 1.5f * input->demand;",
-        "it is not above its last value",
-    ),
+    ("limiter", "    target = input->demand;", "    target = 1.5f * input->demand;", "it is not above its last value"),
     (
         "limiter",
         "clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
         "target;",
-        "counterexample: claim: |rear angle| is at most rear_angle_max; with ",
+        "|rear angle| is at most ",
     ),
     ("controller", "if (speed < parameters->hold_speed) {", "if (speed < 10000.0f) {", "the angle is held from hold_speed on"),
-    (
-        "controller",
-        "        result = value - step;",
-        "        result = value + step;",
-        "in fail-safe |rear_angle| does not grow",
-    ),
+    ("controller", "    result = value - step;", "    result = value + step;", "in fail-safe |rear_angle| does not grow"),
     ("controller", "(own < behind) ? own : behind", "behind", "tracking, it moves by at most the lower of both rates"),
 ]
 
@@ -272,3 +362,25 @@ def test_a_broken_claim_is_not_proved(unit: str, old: str, new: str, claim: str)
     outcome = proof.check(changed(unit, old, new), Effort())
     assert outcome.verdict is Verdict.FAILED
     assert any(each.startswith(f"src/ars_{unit}.c") and claim in each for each in outcome.findings), outcome.findings
+
+
+def test_what_cannot_be_proved_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = {path: text for path, text in PI.files.items() if path.startswith("include/") or "ars_e2e" in path}
+    counter = "*counter = (*counter < counter_max) ? (uint8_t)(*counter + 1u) : 0u;"
+
+    def checked(new: str) -> Outcome:
+        text = {"src/ars_e2e.c": builds.with_text(PI, "src/ars_e2e.c", counter, new)["src/ars_e2e.c"]}
+        return proof.check(Subject("sample", {**small, **text}, PI.manifest), Effort())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(claims, "CLAIMED", ("e2e_protect",))
+        loop = checked(f"do {{ data[0]++; }} while (data[0] == 7u);\n    {counter}")
+        assert any("cannot be judged: the statement DoWhile" in finding for finding in loop.findings)
+        broken = checked("this is no C;")
+        assert (broken.verdict, broken.figure) == (Verdict.FAILED, "could not be completed")
+    with monkeypatch.context() as patch:
+        patch.setattr("codegen.verify.proof.session.Session.run", lambda self: self.report)
+        assert "no function ars_limiter_step: what is claimed of it is not shown" in checked(counter).findings
+    monkeypatch.setitem(sys.modules, "z3", None)
+    with pytest.raises(packages.MissingTool, match="z3-solver"):
+        proof.check(planted.subject_of(PI), Effort())
