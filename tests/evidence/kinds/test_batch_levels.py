@@ -25,17 +25,12 @@ from tests.sil.test_batch import (
     rows,
     single_run,
 )
-from tests.sil.test_batch import (
-    test_factors_and_friction_are_those_of_another_scenario as check_factors,
-)
+from tests.sil.test_batch import test_factors_and_friction_are_those_of_another_scenario as check_factors
+
+on_each_level = pytest.mark.parametrize("isa", HERE)
 
 
-@pytest.fixture(params=HERE)
-def isa(request: pytest.FixtureRequest) -> Isa:
-    level: Isa = request.param
-    return level
-
-
+@on_each_level
 def test_cars_and_company(isa: Isa) -> None:
     for kind in ("pi", "tracking"):
         for name in PROFILES:
@@ -43,6 +38,7 @@ def test_cars_and_company(isa: Isa) -> None:
     check_company(batch_of("pi", isa))
 
 
+@on_each_level
 def test_tyres_with_a_relaxation_length(isa: Isa) -> None:
     generator = np.random.default_rng(3)
     soft, stiff = (random_car(generator, builds.CONFIG, relaxation_length_m=length) for length in (0.6, 0.25))
@@ -53,6 +49,7 @@ def test_tyres_with_a_relaxation_length(isa: Isa) -> None:
         require_equal(record[:, :, index], single_run("pi", car, PROFILES["step steer"]))
 
 
+@on_each_level
 def test_a_build_in_double_precision(isa: Isa) -> None:
     built = builds.paper("double")
     software = compile_batch(built.folder.files, built.folder.manifest, isa=isa)
@@ -75,17 +72,6 @@ FAULTS = {
 }
 
 
-def check_everything(software: BatchSoftware) -> None:
-    """The checks above."""
-    for name in PROFILES:
-        check_cars(software, "pi", name)
-    check_noise(software)
-    check_factors(software)
-    lanes, every = mixed(2 * LANES)
-    whole = software.run(PROFILES["step steer"], lanes)
-    require_bits(software.run(PROFILES["step steer"], chosen(lanes, every[::-1])), whole[:, :, ::-1])
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_planted_in_the_batch_is_seen(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,3 +86,13 @@ def test_a_fault_planted_in_the_batch_is_seen(fault: str, monkeypatch: pytest.Mo
     software = compile_batch(folder.files, folder.manifest, isa="none")
     with pytest.raises(AssertionError):
         check_everything(software)
+
+
+def check_everything(software: BatchSoftware) -> None:
+    for name in PROFILES:
+        check_cars(software, "pi", name)
+    check_noise(software)
+    check_factors(software)
+    lanes, every = mixed(2 * LANES)
+    whole = software.run(PROFILES["step steer"], lanes)
+    require_bits(software.run(PROFILES["step steer"], chosen(lanes, every[::-1])), whole[:, :, ::-1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import replace
 
@@ -13,13 +12,11 @@ from codegen.config import Kind
 from codegen.emit.text import Precision
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import extend
-from codegen.refmap.lookup import error_bound
 from codegen.refmap.storage import RAW_MAX, Storage
-from codegen.refmap.total import GripTable
 from codegen.sil.software import Software, compile_build
 from tests import builds
 from tests.sil.case import case
-from tests.sil.placed import Which, check_placed, judges_of_map, placed
+from tests.sil.placed import BOUND, Which, check_placed, judges_of_map, placed
 from tests.sil.suite import SANITIZED, whole
 
 PLACED: tuple[tuple[Kind, Precision, Storage, Which], ...] = (
@@ -75,6 +72,19 @@ def test_a_stack_behind_every_kind(kind: Kind) -> None:
         judge.run(found)
 
 
+def test_the_manifest_states_request_scales_and_errors() -> None:
+    found, chosen = placed("pi", "single", "int16")
+    check_placed(found, chosen)
+    facts, options = found.built.folder.manifest["map"], found.built.folder.manifest["options"]
+    assert (options["max_error_rad_s"], options["max_flash_bytes"], options["storage"]) == (BOUND, None, "int16")
+    assert chosen.total.scales is not None
+    scale, stored = chosen.total.scales.yaw_rate, facts["storage"]["yaw_rate"]
+    assert stored["scale_rad_s"] == scale and 0.0 < stored["largest_rounding_rad_s"] <= 0.5001 * scale
+    assert chosen.error.yaw_rate_whole <= facts["placement"]["error_whole_domain_rad_s"] <= BOUND * 1.001
+    plain = builds.paper().folder.manifest
+    assert not {"placement", "storage"} & {*plain["map"], *plain["options"]}, "without a request it states none"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("which", PLACED, ids=" ".join)
 def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
@@ -82,40 +92,6 @@ def test_placed(which: tuple[Kind, Precision, Storage, Which]) -> None:
     for judge in judges_of_map(found):
         judge.run(found)
     check_placed(found, chosen)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("friction", [math.nan, 0.9, 0.5, 0.2])
-def test_the_share_of_grip_is_kept_in_exact_arithmetic(friction: float) -> None:
-    """No yaw rate is above the share of the cap at its speed and front angle, and many are at it."""
-    built = placed("pi", "single", "float", "nonlinear")[0].built
-    total, grip = built.total, built.total.grip
-    assert grip is not None
-    rng = np.random.default_rng(5)
-    speed, front_angle = (
-        rng.uniform(0.3 * axis[-1], axis[-1], 4_000).astype(built.real) for axis in (total.speed, total.front_angle)
-    )
-    found = built.software.function("map_yaw_rate_on_road")
-    share = _interpolated(grip, speed.astype(np.float64), front_angle.astype(np.float64))
-    slippery = 1.0 if math.isnan(friction) else min(friction / total.friction, 1.0)
-    allowed = slippery * total.lateral_acceleration_cap * share / speed
-    yaw_rate = np.array([found(float(v), float(angle), friction) for v, angle in zip(speed, front_angle, strict=True)])
-    # Rounding moves a position, and with it a share, as `lookup.error_bound` counts.
-    off = error_bound(total, built.real)
-    assert (yaw_rate <= allowed + off).all()
-    assert np.mean(np.abs(yaw_rate - allowed) <= off) > 0.5
-
-
-def _interpolated(grip: GripTable, speed: np.ndarray, front_angle: np.ndarray) -> np.ndarray:
-    """Return the shares at pairs of a speed and a front angle."""
-    corners, weights = [], []
-    for axis, x in ((grip.speed, speed), (grip.front_angle, front_angle)):
-        cell = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, axis.size - 2)
-        corners.append(cell)
-        weights.append((x - axis[cell]) / (axis[cell + 1] - axis[cell]))
-    (i, j), (u, w) = corners, weights
-    along = [(1.0 - u) * grip.share[i, j + k] + u * grip.share[i + 1, j + k] for k in (0, 1)]
-    return np.asarray((1.0 - w) * along[0] + w * along[1])
 
 
 def _changed(which: tuple[Kind, Precision, Storage, Which], path: str, old: str, new: str) -> Software:
@@ -139,8 +115,7 @@ def test_a_share_that_flash_lost_fails_the_self_test_and_lifts_no_cap(share: str
     assert not software.function("selftest")()
     speed, front_angle = np.meshgrid(np.linspace(1.0, 40.0, 120), np.linspace(0.0, 0.7, 120))
     yaw_rate = software.map_yaw_rate(speed.astype(np.float32), front_angle.astype(np.float32))
-    assert (yaw_rate * speed <= built.total.lateral_acceleration_cap).all()
-    assert (yaw_rate >= 0.0).all()
+    assert (yaw_rate >= 0.0).all() and (yaw_rate * speed <= built.total.lateral_acceleration_cap).all()
 
 
 @pytest.mark.long
