@@ -28,8 +28,9 @@ class Part:
     Attributes:
         name: name on the command line and of the record.
         shows: what it shows if it passes, one sentence without its full stop.
-        subject: patterns of the files that it is about, relative to the checkout. own: patterns of the code that it runs.
-        module: module with `run`; empty for a folder of pytest files.
+        subject: patterns of the files that it is about, relative to the checkout.
+        module: module with `run`; empty for a folder of pytest files of the part's name.
+        runs: patterns of the code that it runs, beside its own folder.
         worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
         is_optional: whether the part may be missing, because few have its tool.
     """
@@ -37,10 +38,16 @@ class Part:
     name: str
     shows: str
     subject: tuple[str, ...]
-    own: tuple[str, ...]
     module: str = ""
+    runs: tuple[str, ...] = ()
     worker_count: int = 2
     is_optional: bool = False
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Patterns of the code that it runs, relative to the checkout."""
+        *folder, module = self.module.split(".") if self.module else ["tests", "evidence", self.name, ""]
+        return ("/".join(folder) + ("/*" if len(folder) > 2 else f"/{module}.py"), *self.runs)
 
     @property
     def folder(self) -> Path:
@@ -62,123 +69,48 @@ def hash_of(patterns: Sequence[str], root: Path = ROOT) -> str:
 
 
 C = ("generated/4ws2*/include/*", "generated/4ws2*/src/*")
-MAPS = ("generated/*.npz",)
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", "codegen/refmap/**/*", "codegen/vehicle/**/*")
 CHECKS_OF_THE_C = ("tests/sil/*", "tests/builds.py", "codegen/verify/law/*", "codegen/sil/*")
-
+VERIFY = ("codegen/verify/**/*", "templates/verify/*")
+ALL_CHECKS = (
+    "all checks of `codegen verify` pass on both committed builds: compilers, static analysis, processor in the loop, budgets, "
+    "control law, proof, sanitizers, fuzzing"
+)
+MUTATION = "the tests of the C see every small fault in it, or it is argued why no input can show it"
+FAULTS = "a fault that is planted in the C fails just those checks of `codegen verify` that are there for it"
+FINDS = "each check of `codegen verify` finds what it is there for, in every kind of controller"
+MCDC = "in the tests of the C every condition decides by itself"
+FUZZED = "libFuzzer, guided by coverage, finds no crash and no broken bound"
+KINDS = "the checks of the C pass for every kind of controller, precision, map and storage"
+TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU"
+IPOPT = "the optimum is that of IPOPT and of a search by brute force, on whole grids and for random cars"
+DRIVES = "long closed-loop suites, a second plant and campaigns end as they should"
+INSTALL = "wheel, source distribution and make targets work in a fresh environment"
+BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*")
+PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*")
+HERE = "tests.evidence"
 PARTS = (
+    Part("builds", ALL_CHECKS, ("generated/4ws2*/manifest.json", *C), f"{HERE}.builds", VERIFY),
+    Part("verify", FINDS, VERIFY),
+    Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{HERE}.mutation.mutation", CHECKS_OF_THE_C),
+    Part("faults", FAULTS, C, f"{HERE}.faults.planted", VERIFY),
     Part(
-        "builds",
-        "all checks of `codegen verify` pass on both committed builds: compilers, static analysis, processor in the loop, "
-        "budgets, control law, proof, sanitizers, fuzzing",
-        ("generated/4ws2*/manifest.json", *C),
-        ("codegen/verify/**/*", "templates/verify/*", "tests/evidence/builds.py"),
-        "tests.evidence.builds",
+        "coverage", "the tests of the C run every line and every branch of it", C, f"{HERE}.coverage.coverage", CHECKS_OF_THE_C
     ),
-    Part(
-        "verify",
-        "each check of `codegen verify` finds what it is there for, in every kind of controller",
-        ("codegen/verify/**/*", "templates/verify/*"),
-        ("tests/evidence/verify/*",),
-    ),
-    Part(
-        "mutation",
-        "the tests of the C see every small fault in it, or it is argued why no input can show it",
-        (*C, *MAPS),
-        ("tests/evidence/mutation/*", *CHECKS_OF_THE_C),
-        "tests.evidence.mutation.mutation",
-    ),
-    Part(
-        "faults",
-        "a fault that is planted in the C fails just those checks of `codegen verify` that are there for it",
-        C,
-        ("tests/evidence/faults/*", "codegen/verify/**/*", "templates/verify/*"),
-        "tests.evidence.faults.planted",
-    ),
-    Part(
-        "coverage",
-        "the tests of the C run every line and every branch of it",
-        C,
-        ("tests/evidence/coverage/*", *CHECKS_OF_THE_C),
-        "tests.evidence.coverage.coverage",
-    ),
-    Part(
-        "mcdc",
-        "in the tests of the C every condition decides by itself",
-        C,
-        ("tests/evidence/coverage/*", *CHECKS_OF_THE_C),
-        "tests.evidence.coverage.mcdc",
-    ),
-    Part(
-        "exhaustive",
-        "helpers of one argument are right for all 2^32 inputs",
-        C,
-        ("tests/evidence/exhaustive/*",),
-        "tests.evidence.exhaustive.exhaustive",
-    ),
-    Part(
-        "libfuzzer",
-        "libFuzzer, guided by coverage, finds no crash and no broken bound",
-        C,
-        ("tests/evidence/libfuzzer/*", "templates/verify/*"),
-        "tests.evidence.libfuzzer.libfuzzer",
-    ),
-    Part(
-        "frama-c",
-        "Frama-C finds no undefined behaviour",
-        C,
-        ("tests/evidence/frama_c/*",),
-        "tests.evidence.frama_c.frama_c",
-        is_optional=True,
-    ),
-    Part(
-        "kinds",
-        "the checks of the C pass for every kind of controller, precision, map and storage",
-        GENERATOR,
-        ("tests/evidence/kinds/*", *CHECKS_OF_THE_C),
-    ),
-    Part(
-        "toolchains",
-        "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU",
-        (*GENERATOR, "codegen/export/**/*"),
-        ("tests/evidence/toolchains/*",),
-    ),
-    Part(
-        "ipopt",
-        "the optimum is that of IPOPT and of a search by brute force, on whole grids and for random cars",
-        ("codegen/refmap/**/*", "codegen/vehicle/**/*"),
-        ("tests/evidence/ipopt/*",),
-    ),
-    Part(
-        "drives",
-        "long closed-loop suites, a second plant and campaigns end as they should",
-        ("codegen/design/*", "codegen/sweep/**/*", "hil_sim/**/*", "generated/4ws2*/src/*"),
-        ("tests/evidence/drives/*",),
-    ),
-    Part(
-        "vcan",
-        "the bench works on real SocketCAN",
-        ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*"),
-        ("tests/evidence/vcan/*",),
-        worker_count=0,  # one guest for all tests, which go by its clock
-    ),
-    Part(
-        "browser",
-        "report and explorer work in a browser",
-        ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*"),
-        ("tests/evidence/browser/*",),
-    ),
+    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", CHECKS_OF_THE_C),
+    Part("exhaustive", "helpers of one argument are right for all 2^32 inputs", C, f"{HERE}.exhaustive.exhaustive"),
+    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", ("templates/verify/*",)),
+    Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", is_optional=True),
+    Part("kinds", KINDS, GENERATOR, runs=CHECKS_OF_THE_C),
+    Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*")),
+    Part("ipopt", IPOPT, ("codegen/refmap/**/*", "codegen/vehicle/**/*")),
+    Part("drives", DRIVES, ("codegen/design/*", "codegen/sweep/**/*", "hil_sim/**/*", "generated/4ws2*/src/*")),
+    Part("vcan", "the bench works on real SocketCAN", BENCH, worker_count=0),  # one guest for all tests, which go by its clock
+    Part("browser", "report and explorer work in a browser", PAGES),
     Part(
         "guide",
         "the commands of README and guide run, and print what stands there",
         ("README.md", "docs/*.md", "codegen/cli/*"),
-        ("tests/evidence/guide/*",),
     ),
-    Part(
-        "install",
-        "wheel, source distribution and make targets work in a fresh environment",
-        ("pyproject.toml", "requirements.lock", "Makefile", "scripts/*"),
-        ("tests/evidence/install/*",),
-    ),
+    Part("install", INSTALL, ("pyproject.toml", "requirements.lock", "Makefile", "scripts/*")),
 )
-BY_NAME = {part.name: part for part in PARTS}

@@ -100,7 +100,7 @@ NONLINEAR = {
 @pytest.mark.parametrize(("config", "case", "storage"), NONLINEAR.values(), ids=NONLINEAR)
 def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(config: Config, case: str, storage: str) -> None:
     found = placed(solve_case(config, case), config, COARSE, 2, storage=storage)
-    assert found.origin == "surfaces" and 0.0 < found.gap
+    assert found.origin == "surfaces" and found.gap > 0.0
     yaw_rate, rear_angle = errors_against_optimum(config, case, found.total)
     assert yaw_rate <= found.error.yaw_rate_whole <= found.bounded_error <= COARSE
     assert rear_angle <= found.error.rear_angle
