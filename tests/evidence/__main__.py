@@ -4,8 +4,6 @@ Without names all parts run. A part that was killed goes on where it was. Exit c
 or with --check a record does not match what is there.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import sys

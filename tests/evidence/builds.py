@@ -1,7 +1,5 @@
 """Part "builds": every check of `codegen verify` on the committed builds. The full form leaves its record in each build."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict

@@ -4,8 +4,6 @@ A part is either a module with `run(folders, effort, progress) -> Outcome` or a 
 record names the hashes of its subject and of its own code; if either changes, the record is out of date.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

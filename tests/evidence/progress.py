@@ -1,7 +1,5 @@
 """Finished steps of a part of the evidence, kept on disk so that a part resumes after a kill."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A part that is a folder of pytest files: run by pytest in a process of its own, resumed where it was killed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

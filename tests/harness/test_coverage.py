@@ -1,7 +1,5 @@
 """Coverage and MC/DC as parts of the evidence: lines, branches and conditions that no test covers are findings."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

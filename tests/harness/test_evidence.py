@@ -1,7 +1,5 @@
 """The evidence: parts run alone, resume, and leave records that say what they are about."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

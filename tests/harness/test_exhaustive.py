@@ -1,7 +1,5 @@
 """The exhaustive part of the evidence: each claim finds a planted fault, and no helper is left out."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Mapping

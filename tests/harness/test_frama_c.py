@@ -1,7 +1,5 @@
 """Frama-C's EVA as a part of the evidence: reading its report, arguments about alarms, and the driver. Runs without Frama-C."""
 
-from __future__ import annotations
-
 import dataclasses
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The reports of libFuzzer as the evidence part reads them; the part itself runs in the evidence tier, as it needs clang."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The mutants: each is one change of the C, with a name of its own."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

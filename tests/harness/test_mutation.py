@@ -1,7 +1,5 @@
 """The mutation campaign: it kills, it sees a missing test, it counts, and it accepts only what is argued."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

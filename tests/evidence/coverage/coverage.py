@@ -1,7 +1,5 @@
 """Part "coverage": lines and branches of the generated C that the project's own tests run, by gcc's counters and gcovr."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

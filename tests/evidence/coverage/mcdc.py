@@ -4,8 +4,6 @@ For every condition of every decision, two calls of the tests must show that the
 MC/DC, with masking only where "&&" and "||" skip the other conditions.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """MC/DC with clang: a condition that no judge decides is a finding. Run by name; needs clang-19 and llvm-19."""
 
-from __future__ import annotations
-
 import pytest
 
 from codegen.verify.check import Verdict

@@ -1,7 +1,5 @@
 """Campaigns on a Dask cluster and after a kill: the same bytes, and no finished chunk is lost. Memory of long campaigns."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os

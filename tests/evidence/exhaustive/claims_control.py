@@ -1,7 +1,5 @@
 """Claims about the helpers of the controller and of the limiter: clamps, ranges, steps, and interpolation over speed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 

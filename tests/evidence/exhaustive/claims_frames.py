@@ -1,7 +1,5 @@
 """Claims about the helpers that write and read CAN frames: codes of signals, CRC and counter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

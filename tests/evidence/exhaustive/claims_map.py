@@ -1,7 +1,5 @@
 """Claims about the helpers of the map, of the reference model and of the dynamics: axes, road, checksum, tyre curves."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

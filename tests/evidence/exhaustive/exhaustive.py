@@ -6,8 +6,6 @@ reported. A function that takes a number and has neither a claim nor an entry in
 without its function.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -4,8 +4,6 @@ Every check runs on every fault, with the effort of a quick run where it has one
 number in deviations.md moves. The faults are in planted.txt.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Sequence

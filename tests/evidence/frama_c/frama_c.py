@@ -5,8 +5,6 @@ them. It raises an alarm where it cannot exclude that an index, an address, a di
 a finding unless frama_c.toml argues that it is false. An argument without its alarm is a finding too.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """EVA raises an alarm for planted faults, and reports what it does not analyse. Run by name; needs Frama-C."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 

@@ -1,7 +1,5 @@
 """README and guide: the commands that they show work, and print what they show. See tests/docs/blocks.py for the rules."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The guide as Sphinx builds it: without a warning, whole, without a network, and the same each time."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

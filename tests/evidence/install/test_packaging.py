@@ -1,7 +1,5 @@
 """Contents of the wheel and of the source distribution, and `make clean`."""
 
-from __future__ import annotations
-
 import email
 import shutil
 import subprocess

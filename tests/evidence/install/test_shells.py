@@ -1,7 +1,5 @@
 """Completion in bash, fish and zsh, with the script that `codegen completion` prints."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

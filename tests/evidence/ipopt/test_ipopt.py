@@ -4,8 +4,6 @@ On the paper's car every cell of the default grid; then random cars, which a bru
 interval of rear angles is under 1e-6 rad are counted, not compared: there feasibility itself is decided by rounding.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The nonlinear map against IPOPT and a dense search on more cars, and driven in closed loop near its slip bounds."""
 
-from __future__ import annotations
-
 import math
 import re
 

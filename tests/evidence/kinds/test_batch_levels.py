@@ -1,7 +1,5 @@
 """Batches with every level of vector instructions of this machine, and faults planted in their C."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The look-up of every map, precision, kind of controller and storage."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 The properties are those of `codegen verify`. An input that breaks one is kept in build/fuzzing/, for the harness to run again.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

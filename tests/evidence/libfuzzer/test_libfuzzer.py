@@ -1,7 +1,5 @@
 """libFuzzer finds a planted fault and keeps its input. Run by name; needs clang."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Judging of mutants: one library for each unit, one process for each mutant, the tests of the unit as judges."""
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import resource

@@ -9,8 +9,6 @@
 Tables (arrays of nothing but numbers) and declarations are left as they are.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ selected one. A mutated constant becomes a variable that the selection overwrite
 unit is compiled once for all of its mutants.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Faults that no operator of `mutants` makes: each a place of the C, changed by hand, in planted.toml."""
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The generated C with other compilers and options: a Cortex-M4F at each optimisation, C++, CMake."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

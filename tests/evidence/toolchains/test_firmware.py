@@ -1,7 +1,5 @@
 """The firmware in QEMU: the image sends the frames of the software in the loop, bit for bit, and reports every fault."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

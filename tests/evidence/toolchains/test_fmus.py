@@ -1,7 +1,5 @@
 """FMUs of the other kind and scenario, of another configuration, and of a simulator that does everything wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

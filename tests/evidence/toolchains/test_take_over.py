@@ -1,7 +1,5 @@
 """Fresh projects take a build over: with CMake, with Zephyr's CMake functions, and with link-time optimisation."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
