@@ -1,19 +1,12 @@
 """Coverage and MC/DC as parts of the evidence: lines, branches and conditions that no test covers are findings."""
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
-
-import pytest
 
 from codegen.config import Kind
-from codegen.errors import BuildError
-from codegen.verify.check import Effort, Verdict
-from codegen.verify.packages import MissingTool
+from codegen.verify.check import Verdict
 from tests.evidence.coverage import coverage, mcdc
 from tests.evidence.parts import FOLDERS
-from tests.evidence.progress import Progress
 from tests.sil.case import Case
 from tests.sil.suite import SANITIZED, Judge, judges_of
 
@@ -39,26 +32,14 @@ def test_lines_and_branches_that_do_not_run_are_findings() -> None:
     units = {unit["path"]: unit for unit in coverage.measured(PI, partial)}
     can, e2e, dynamics = (units[f"4ws2/src/ars_{name}.c"] for name in ("can", "e2e", "dynamics"))
     assert coverage.outcome_of([can]).verdict is Verdict.PASSED, can["missed"]
-    assert can["lines"] > 50
-    assert dynamics["lines_run"] == 0 < 30 < dynamics["lines"]
-    assert 0 < e2e["lines_run"] < e2e["lines"]
-    assert 0 < e2e["branches_taken"] < e2e["branches"]
+    assert can["lines"] > 50 and dynamics["lines_run"] == 0 < 30 < dynamics["lines"]
+    assert 0 < e2e["lines_run"] < e2e["lines"] and 0 < e2e["branches_taken"] < e2e["branches"]
     outcome = coverage.outcome_of([can, e2e])
     assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, tuple(e2e["missed"]))
-    run, lines = can["lines"] + e2e["lines_run"], can["lines"] + e2e["lines"]
-    assert outcome.figure.startswith(f"{run} of {lines} lines, {can['branches'] + e2e['branches_taken']} of ")
     text = (PI / "src/ars_e2e.c").read_text(encoding="ascii").splitlines()
     idle = [int(finding.split(":")[1]) for finding in outcome.findings if finding.endswith("never runs")]
     assert any("ARS_E2E_REPEATED" in text[line - 1] for line in idle)
     assert any("branch" in finding for finding in outcome.findings)
-
-
-def test_c_that_fails_a_judge_is_not_measured() -> None:
-    def judge(case: Case) -> None:
-        raise AssertionError("no")
-
-    with pytest.raises(BuildError, match="the unaltered C fails wrong: AssertionError no"):
-        coverage.measured(PI, lambda _: [Judge("wrong", judge)])
 
 
 def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:
@@ -73,14 +54,5 @@ def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:
     assert outcome.figure == "1 of 2 conditions decide"
     assert mcdc.outcome_of(conditions[:1]).verdict is Verdict.PASSED
     assert list(mcdc._conditions("4ws2", tmp_path, {"filename": str(tmp_path / "bench/plant.c")})) == []
-
-
-def test_nothing_measured_is_not_passed() -> None:
+    # Nothing measured is not passed.
     assert coverage.outcome_of([]).verdict is mcdc.outcome_of([]).verdict is Verdict.FAILED
-
-
-@pytest.mark.parametrize(("part", "tool"), [(coverage, "gcov"), (mcdc, "llvm-cov-19")])
-def test_a_part_reports_its_missing_tool(part: ModuleType, tool: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda name: None if name == tool else f"/usr/bin/{name}")
-    with pytest.raises(MissingTool, match=f"{tool}: it is not installed"):
-        part.run([PI], Effort(), Progress())

@@ -31,7 +31,7 @@ LIMITS = ("-max_len=2048", "-timeout=60", "-seed=1")
 COUNTED = "-fsanitize=fuzzer-no-link"
 
 _EDGES = re.compile(r"INFO: Loaded 1 modules\s+\((\d+) ")
-_PROGRESS = re.compile(r"^#(\d+)\s+\w+\s+cov: (\d+) ft: (\d+)(?: corp: (\d+)/)?", re.MULTILINE)
+_PROGRESS = re.compile(r"^#(\d+)\s+\w+\s+cov: (\d+) ", re.MULTILINE)
 _KEPT = re.compile(r"Test unit written to (\S+)")
 
 
@@ -40,15 +40,13 @@ class Run:
     """Result of a harness.
 
     Attributes:
-        inputs: number of inputs tried. features, corpus: what libFuzzer found among them.
+        inputs: number of inputs tried.
         reached, edges: edges of the generated code, without those that the sanitizers add.
     """
 
     inputs: int
     reached: int
     edges: int
-    features: int
-    corpus: int
     findings: Sequence[str]
 
 
@@ -117,5 +115,5 @@ def read(report: str, code: int) -> Run:
         findings = (next((line for line in report.splitlines() if "ERROR" in line), f"it ends with exit code {code}"),)
     if written is not None:
         findings = tuple(f"{finding} ({Path(written[1]).name})" for finding in findings)
-    inputs, reached, features, corpus = (int(number or 0) for number in (progress[-1] if progress else (0,) * 4))
-    return Run(inputs, reached, int(edges[1]) if edges else 0, features, corpus, findings)
+    inputs, reached = map(int, progress[-1] if progress else (0, 0))
+    return Run(inputs, reached, int(edges[1]) if edges else 0, findings)
