@@ -11,10 +11,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
 from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
@@ -47,8 +43,8 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
         form: Form = "quick" if options.quick else "full"
         if outcome.verdict is not Verdict.NOT_RUN:
             Record.read(part, records).keep(form, outcome, hashes, rows[-1][2], records)
-    Console(width=max(100, min(160, Console().width))).print(_table(rows))
-    for part, outcome, _ in rows:
+    for part, outcome, seconds in rows:
+        print(f"{part.name}: {outcome.verdict}: {outcome.figure} ({seconds:.0f} s)")
         for finding in outcome.findings[:FINDINGS_SHOWN]:
             print(f"{part.name}: {finding}")
         if len(outcome.findings) > FINDINGS_SHOWN:
@@ -101,15 +97,6 @@ def run_part(part: Part, effort: Effort) -> Outcome:
         for suffix in (".passed", ".jsonl"):
             scratch.with_suffix(suffix).unlink(missing_ok=True)
     return outcome
-
-
-def _table(rows: Sequence[tuple[Part, Outcome, float]]) -> Table:
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for title in ("Part", "Shows", "Figure", "Seconds", "Verdict"):
-        shown.add_column(title, no_wrap=title in ("Part", "Verdict"), justify="right" if title == "Seconds" else "left")
-    for part, outcome, seconds in rows:
-        shown.add_row(part.name, part.shows, outcome.figure, f"{seconds:.0f}", str(outcome.verdict))
-    return shown
 
 
 if __name__ == "__main__":

@@ -52,11 +52,7 @@ class Record:
         return self.is_current("full") or self.is_current("quick")
 
     def keep(self, form: Form, outcome: Outcome, hashes: dict[str, str], seconds: float, folder: Path = RECORDS) -> None:
-        """Write a run into the record; the run of the other form stays.
-
-        Args:
-            hashes: `Part.hashes` when the run began.
-        """
+        """Write a run, with `Part.hashes` when it began, into the record; the run of the other form stays."""
         self.runs[form] = {
             "hashes": hashes,
             "verdict": str(outcome.verdict),

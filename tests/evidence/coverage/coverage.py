@@ -24,9 +24,7 @@ MEASURING = ("--coverage", "-fprofile-abs-path")
 
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Run the part; a quick run is a whole one."""
-    return outcome_of(
-        [unit for folder in folders for unit in progress.once(folder.name, lambda folder=folder: measured(folder))]
-    )
+    return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
 def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole) -> list[dict[str, Any]]:

@@ -148,22 +148,6 @@ def test_a_dead_scheduler_is_reported_in_one_line_and_finished_chunks_are_kept(
     check_resumption(plan, tmp_path / "lost", whole)
 
 
-def test_a_client_that_closes_itself_meanwhile_is_closed() -> None:
-    with scheduler() as (_, address):
-        engine = Dask(address)
-        client, reasons = engine._client, []
-
-        def expiring(reason: str) -> None:
-            """Raise, once, as a connection does whose timeout expires until the event loop has run again."""
-            reasons.append(reason)
-            if len(reasons) == 1:
-                raise RuntimeError("Cannot change state of expiring Timeout")
-
-        client.rpc._connecting["tcp://127.0.0.1:9"].add(expiring)
-        engine.close()
-    assert (len(reasons), client.status) == (2, "closed")
-
-
 def test_a_killed_campaign_resumes(plan: Plan, whole: bytes, tmp_path: Path) -> None:
     folder, spec = tmp_path / "killed", write_spec(tmp_path)
     command = [sys.executable, "-m", "codegen", "sweep", "--spec", str(spec), "-o", str(folder), "--workers", "1"]

@@ -1,27 +1,12 @@
-"""The test set, driven: the paper's PI in all cells, and the whole suite for the recommended controller."""
-
-from collections.abc import Mapping
-from typing import Any
+"""The test set, driven: the paper's PI in all cells."""
 
 import pytest
 
-from codegen import config as configuration
-from hil_sim.suite import third_party, tracking, whole
-from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cells import SPEEDS_KM_H
-from hil_sim.suite.conditions import CONDITIONS, NOMINAL
-from hil_sim.suite.plants import changed
+from hil_sim.suite.conditions import CONDITIONS
 from hil_sim.suite.subjects import Subject, around
 from hil_sim.suite.tracking import run_suite
-from hil_sim.suite.whole import run_whole
 from tests import builds
-from tests.cli.test_suite_command import SMALL_TUNING
-
-ONE_CAR = {
-    "tuning": SMALL_TUNING,
-    "grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20},
-}
-"""A family of one car and a coarse grid: gains and maps take little time."""
 
 
 def test_the_papers_pi_over_all_cells() -> None:
@@ -42,24 +27,3 @@ def test_the_papers_pi_over_all_cells() -> None:
     times = [row.mean_s for row in suite.rise_times["pi"]]
     assert times == sorted(times, reverse=True)
     assert [each.cell.speed_km_h for each in suite.shown] == [42.5, 60.0, 100.0, 120.0]
-
-
-def test_the_whole_suite_of_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One condition, four cells, and no plant of a third party; tuned and built as always."""
-    points = tracking.cells
-    monkeypatch.setattr(tracking, "conditions", lambda config: (NOMINAL,))
-    monkeypatch.setattr(tracking, "cells", lambda config, case: points(config, case)[:4])
-    monkeypatch.setattr(third_party, "available", lambda: False)
-    best = changed(configuration.preset("recommended"), ONE_CAR)
-    found = run_whole(Candidate("x", best, "4ws-2", (0.9,)), count_files)
-    assert found.result.subjects == ("tracking", "pi", "feedforward", "proportional", "passive")
-    assert found.result.requirements[-1].measured == found.result.instructions > 10
-    assert found.notes == (whole.THIRD_PARTY_MISSING,)
-    c1 = found.result.c1
-    assert c1["tracking"]["lag-50"].overshoot_percent < 0.2 * c1["pi"]["lag-50"].overshoot_percent
-
-
-def count_files(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
-    """Stand in for the count of instructions: runs in a process of its own."""
-    assert manifest["options"]["kind"] == "tracking"
-    return len(files)

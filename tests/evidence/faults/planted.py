@@ -43,10 +43,10 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     findings: list[str] = []
     for fault in faults:
         findings += [f"{fault.name}: {name} was not run: {reason}" for name, reason in found[fault.name]["not run"].items()]
-        if found[fault.name]["failed"] != fault.found_by.split():
-            findings.append(
-                f"{fault.name}: found by {' '.join(found[fault.name]['failed']) or 'none'} instead of {fault.found_by}"
-            )
+        failed = " ".join(found[fault.name]["failed"])
+        findings += (
+            [f"{fault.name}: found by {failed or 'none'} instead of {fault.found_by}"] if failed != fault.found_by else []
+        )
     figure = f"{len(faults)} of {len(FAULTS)} faults planted, {len(findings)} findings"
     verdict = Verdict.FAILED if findings else Verdict.PASSED
     return Outcome(SHOWS, figure, verdict, tuple(findings), {name: result["failed"] for name, result in found.items()})

@@ -5,7 +5,6 @@ import shutil
 
 import pytest
 
-from codegen.errors import BuildError
 from codegen.verify.check import Subject
 from tests.evidence.frama_c import frama_c
 from tests.evidence.parts import FOLDERS
@@ -45,11 +44,5 @@ def test_a_planted_fault_raises_its_alarm(fault: str) -> None:
 def test_functions_that_are_not_reached_are_reported() -> None:
     found = analyse("limiter", "", "")
     assert {"to_code", "locate_speed", "ars_task_10ms"} <= set(found.unreached)
-    assert "opposite_phase_bound" not in found.unreached
-    # The controller has a function of the same name.
-    assert found.unreached.count("clamp") == 1
-
-
-def test_c_that_does_not_parse_is_reported() -> None:
-    with pytest.raises(BuildError, match=r"4ws2-tracking/src/ars_e2e.c:\d+: Frama-C rejects the C: syntax error"):
-        analyse("e2e", "uint32_t index;", "uint32_t index")
+    # The controller has a function of the same name as the limiter.
+    assert "opposite_phase_bound" not in found.unreached and found.unreached.count("clamp") == 1
