@@ -6,7 +6,7 @@ import resource
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tests.evidence.mutation.mutants import Mutant
@@ -27,9 +27,8 @@ SURVIVED = ""
 class Bench:
     """A build whose units can be exchanged for those with mutants.
 
-    Attributes:
-        judges: by path of the unit. seconds: processor time of a judge for the unaltered C, by name.
-        faults: judges that the unaltered C fails, with their message. A campaign needs this to be empty.
+    Judges are by path of the unit; their processor time in seconds for the unaltered C, and the messages of those that the
+    unaltered C fails, by name. A campaign needs no such faults.
     """
 
     case: Case
@@ -55,11 +54,8 @@ class Bench:
     def first_to_kill(self, path: str, number: int, only: Judge | None = None) -> str:
         """Return the name of the first judge that a mutant fails, or what ended its process; `SURVIVED` otherwise.
 
-        Args:
-            number: of the mutant, from 1; 0 for the unaltered unit in the library of its mutants. only: the only judge.
-
-        Raises:
-            RuntimeError: the machine, not the mutant, keeps the judges from an answer.
+        Mutants have numbers from 1; 0 is the unaltered unit in the library of its mutants. Raises RuntimeError: the machine,
+        not the mutant, keeps the judges from an answer.
         """
         unit = self.units[path]
         source = self.mutants[path][number - 1].source(unit) if number else unit.text()
@@ -103,8 +99,3 @@ def _in_a_process(judge: Callable[[], str]) -> str:
     if os.WEXITSTATUS(status) != 0:
         raise RuntimeError(f"a mutant could not be judged: {text}")
     return text
-
-
-def units_of(case: Case, paths: Sequence[str]) -> dict[str, Unit]:
-    """Parse units of a build."""
-    return {path: Unit.read(path, case.built.folder.files) for path in paths}

@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pycparser import c_ast, c_generator
 
@@ -34,11 +34,8 @@ HALVED_FROM = 16
 class Key:
     """What names a mutant, whatever the lines around it do.
 
-    Attributes:
-        path: of the unit. function: that it is in, or the constant that is defined.
-        operator: kind and change, such as "relational: < to <=".
-        text: the expression or statement that is changed, as it is printed.
-        occurrence: from 1, of those that the rest does not tell apart, in the order of the source.
+    The path of the unit; the function that it is in, or the constant that is defined; kind and change, such as "relational: <
+    to <="; what is changed, as it is printed; and the number, from 1, of those that the rest does not tell apart.
     """
 
     path: str
@@ -55,12 +52,7 @@ class Key:
 
 @dataclass(frozen=True, eq=False)
 class Mutant:
-    """One change of a unit.
-
-    Attributes:
-        key: its name. line: of the original, for messages.
-        index: of the top-level node that it changes. text: that node in C, changed.
-    """
+    """One change of a unit: its name, the line of the original, and the top-level node that it changes with its changed C."""
 
     key: Key
     line: int
@@ -73,12 +65,15 @@ class Mutant:
         return unit.includes + "".join(parts)
 
 
-@dataclass(frozen=True)
-class _Slot:
-    """A place in the tree that holds a node."""
+class _Change(NamedTuple):
+    """The attribute of a node, what stands there, what is put there, the operator, and the node that names the change."""
 
     parent: Any
     name: str
+    old: Any
+    new: Any
+    operator: str
+    told: Any
 
     def put(self, node: Any) -> None:
         attribute, _, index = self.name.partition("[")
@@ -88,17 +83,6 @@ class _Slot:
             setattr(self.parent, attribute, node)
 
 
-@dataclass(frozen=True)
-class _Change:
-    """What stands in a slot, what is put there, and how it is told."""
-
-    slot: _Slot
-    old: Any
-    new: Any
-    operator: str
-    told: Any
-
-
 def mutants_of(unit: Unit) -> list[Mutant]:
     """Every mutant of a unit, in the order of the source."""
     found: list[Mutant] = []
@@ -106,12 +90,12 @@ def mutants_of(unit: Unit) -> list[Mutant]:
     for index, node in enumerate(unit.nodes):
         name = name_of(node)
         for change in _changes(node):
-            text = " ".join(_text(change.told).split())
+            text = " ".join(c_generator.CGenerator().visit(change.told).split())
             seen[name, change.operator, text] += 1
             key = Key(unit.path, name, change.operator, text, seen[name, change.operator, text])
-            change.slot.put(change.new)
+            change.put(change.new)
             mutated = printed(node)
-            change.slot.put(change.old)
+            change.put(change.old)
             found.append(Mutant(key, change.old.coord.line, index, mutated))
     return found
 
@@ -121,16 +105,11 @@ def definitions(unit: Unit) -> tuple[str, ...]:
     return tuple(printed(node) for node in unit.nodes)
 
 
-def _text(node: Any) -> str:
-    text: str = c_generator.CGenerator().visit(node)
-    return text
-
-
 def _changes(top: Any) -> Iterator[_Change]:
     if isinstance(top, c_ast.FuncDef):
-        yield from _inside(_Slot(top, "body"), top.body, top.body)
+        yield from _inside(top, "body", top.body, top.body)
     elif isinstance(top, c_ast.Decl) and top.init is not None and not _is_table(top):
-        yield from _inside(_Slot(top, "init"), top.init, top)
+        yield from _inside(top, "init", top.init, top)
 
 
 def _is_table(declaration: Any) -> bool:
@@ -145,77 +124,64 @@ def _is_numbers(node: Any) -> bool:
     return isinstance(node, c_ast.Constant)
 
 
-def _inside(slot: _Slot, node: Any, told: Any) -> Iterator[_Change]:
+LEFT = ((c_ast.StructRef, "field"), (c_ast.Cast, "to_type"), (c_ast.NamedInitializer, "name"), (c_ast.Case, "expr"))
+"""Parts of nodes that are left as they are."""
+
+
+def _inside(parent: Any, name: str, node: Any, told: Any) -> Iterator[_Change]:
     """Changes of a node and of all below it; `told` is what names a number: the expression that it stands in."""
-    yield from _at(slot, node, told)
+    for new, operator, of in _at(name, node, told):
+        yield _Change(parent, name, node, new, operator, of or node)
     if isinstance(node, c_ast.Decl):
         if node.init is not None and not _is_table(node):
-            yield from _inside(_Slot(node, "init"), node.init, node)
+            yield from _inside(node, "init", node.init, node)
         return
     around = told if isinstance(node, c_ast.Constant | c_ast.ID | c_ast.Cast | c_ast.InitList | c_ast.ExprList) else node
-    for name, child in node.children():
-        if isinstance(node, c_ast.StructRef) and name == "field":
-            continue
-        if isinstance(node, c_ast.Cast) and name == "to_type":
-            continue
-        if isinstance(node, c_ast.NamedInitializer) and name != "expr":
-            continue
-        if isinstance(node, c_ast.Case) and name == "expr":
-            continue
-        yield from _inside(_Slot(node, name), child, around)
+    for each, child in node.children():
+        if not any(isinstance(node, kind) and each.startswith(left) for kind, left in LEFT):
+            yield from _inside(node, each, child, around)
 
 
-def _at(slot: _Slot, node: Any, told: Any) -> Iterator[_Change]:
-    """Changes of the node itself."""
-
-    def change(new: Any, operator: str, of: Any = node) -> _Change:
-        return _Change(slot, node, new, operator, of)
-
+def _at(name: str, node: Any, told: Any) -> Iterator[tuple[Any, str, Any]]:
+    """What is put in the place of the node itself, by which operator, and what names it if not the node."""
     if isinstance(node, c_ast.BinaryOp):
-        yield from _of_binary(node, change)
+        others = [("relational", new) for new in RELATIONAL.get(node.op, ())]
+        others += [
+            (kind, table[node.op]) for kind, table in (("arithmetic", ARITHMETIC), ("logical", LOGICAL)) if node.op in table
+        ]
+        for kind, new in others:
+            yield c_ast.BinaryOp(new, node.left, node.right), f"{kind}: {node.op} to {new}", None
+        if node.op in LOGICAL:
+            yield node.right, "logical: left condition lost", None
+            yield node.left, "logical: right condition lost", None
     elif isinstance(node, c_ast.UnaryOp):
         if node.op in ("-", "~", "!"):
-            kind = "logical" if node.op == "!" else "arithmetic"
-            yield change(node.expr, f"{kind}: {node.op} lost")
+            yield node.expr, f"{'logical' if node.op == '!' else 'arithmetic'}: {node.op} lost", None
         elif node.op in STEPS:
             new = STEPS[node.op]
-            yield change(c_ast.UnaryOp(new, node.expr), f"arithmetic: {node.op.strip('p')} to {new.strip('p')}")
+            yield c_ast.UnaryOp(new, node.expr), f"arithmetic: {node.op.strip('p')} to {new.strip('p')}", None
     elif isinstance(node, c_ast.Assignment) and node.op in COMPOUND:
         new = COMPOUND[node.op]
-        yield change(c_ast.Assignment(new, node.lvalue, node.rvalue), f"arithmetic: {node.op} to {new}")
+        yield c_ast.Assignment(new, node.lvalue, node.rvalue), f"arithmetic: {node.op} to {new}", None
     elif isinstance(node, c_ast.Constant):
         for value in _other_numbers(node.value):
-            yield change(c_ast.Constant(node.type, value), f"constant: {node.value} to {value}", told)
+            yield c_ast.Constant(node.type, value), f"constant: {node.value} to {value}", told
     elif isinstance(node, c_ast.ID) and LARGEST.fullmatch(node.name):
         for value in (f"({node.name} - 1)", f"({node.name} / 2)"):
-            yield change(c_ast.ID(value), f"constant: {node.name} to {value}", told)
+            yield c_ast.ID(value), f"constant: {node.name} to {value}", told
     elif isinstance(node, c_ast.TernaryOp):
-        yield change(node.iftrue, "logical: always taken")
-        yield change(node.iffalse, "logical: never taken")
+        yield node.iftrue, "logical: always taken", None
+        yield node.iffalse, "logical: never taken", None
     elif isinstance(node, c_ast.If):
-        new = c_ast.If(c_ast.ID("1"), node.iftrue, node.iffalse)
-        yield change(new, "logical: always taken", node.cond)
-    if _is_deletable(slot, node) and not _is_one_statement_more(node):
-        yield change(c_ast.EmptyStatement(), "deletion", node.cond if isinstance(node, c_ast.If | c_ast.For) else node)
+        yield c_ast.If(c_ast.ID("1"), node.iftrue, node.iffalse), "logical: always taken", node.cond
+    if _is_deletable(name, node) and not _is_one_statement_more(node):
+        yield c_ast.EmptyStatement(), "deletion", node.cond if isinstance(node, c_ast.If | c_ast.For) else None
 
 
-def _of_binary(node: Any, change: Any) -> Iterator[_Change]:
-    for new in RELATIONAL.get(node.op, ()):
-        yield change(c_ast.BinaryOp(new, node.left, node.right), f"relational: {node.op} to {new}")
-    if node.op in ARITHMETIC:
-        new = ARITHMETIC[node.op]
-        yield change(c_ast.BinaryOp(new, node.left, node.right), f"arithmetic: {node.op} to {new}")
-    if node.op in LOGICAL:
-        new = LOGICAL[node.op]
-        yield change(c_ast.BinaryOp(new, node.left, node.right), f"logical: {node.op} to {new}")
-        yield change(node.right, "logical: left condition lost")
-        yield change(node.left, "logical: right condition lost")
-
-
-def _is_deletable(slot: _Slot, node: Any) -> bool:
+def _is_deletable(name: str, node: Any) -> bool:
     """A statement of its own: not a declaration, and not a return, without which a value would be undefined."""
     kinds = c_ast.Assignment | c_ast.FuncCall | c_ast.If | c_ast.For | c_ast.UnaryOp | c_ast.Break | c_ast.Switch
-    return slot.name.startswith(("block_items", "stmts")) and isinstance(node, kinds)
+    return name.startswith(("block_items", "stmts")) and isinstance(node, kinds)
 
 
 def _is_one_statement_more(node: Any) -> bool:

@@ -17,16 +17,16 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from codegen.config import Kind
 from codegen.console import progress as show_progress
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.mutation.equivalents import Equivalent, read
-from tests.evidence.mutation.judging import SURVIVED, Bench, units_of
+from tests.evidence.mutation.judging import SURVIVED, Bench
 from tests.evidence.mutation.mutants import Mutant, definitions, mutants_of
 from tests.evidence.mutation.planted import planted_in
+from tests.evidence.mutation.source import Unit
 from tests.evidence.progress import Progress
 from tests.sil.case import COMMITTED, Case, named
 from tests.sil.library import Compiler
@@ -57,13 +57,8 @@ class Judged:
 
 @dataclass
 class Tally:
-    """Result of a campaign.
-
-    Attributes:
-        exist: all mutants with their builds. judged: those that were run.
-        faults: messages of judges that the unaltered C fails; then nothing is judged.
-        powerless: judges that kill no mutant of their unit.
-    """
+    """Result of a campaign: all mutants with their builds, and those that were judged; messages of judges that the unaltered C
+    fails, so that nothing is judged; judges that kill no mutant."""
 
     exist: list[tuple[str, Mutant]] = field(default_factory=list)
     judged: list[Judged] = field(default_factory=list)
@@ -85,11 +80,9 @@ def campaign(
     most: int | None = None,
     progress: Progress | None = None,
 ) -> Tally:
-    """Make and judge the mutants of builds.
+    """Make and judge the mutants of cases (see `tests.sil.case.named`); those that are not committed get planted faults alone.
 
-    Args:
-        names: of the cases, see `tests.sil.case.named`; those that are not committed get the planted faults alone.
-        paths: sources of the units, None for all. most: mutants to run, None for all, which also tries every judge.
+    Without `paths` all units are mutated. Without `most` all mutants are run, and every judge is tried.
     """
     tally, progress = Tally(), progress or Progress()
     with ExitStack() as stack:
@@ -99,7 +92,8 @@ def campaign(
             scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ars-mutation-")))
             case = named(name, scratch, Compiler(compiler_command()))
             case.compile()
-            units = units_of(case, [path for path in case.tree.units if paths is None or path in paths])
+            files = case.built.folder.files
+            units = {path: Unit.read(path, files) for path in case.tree.units if paths is None or path in paths}
             own = {path: [*(mutants_of(unit) if name in COMMITTED and definitions(unit) not in known else ()),
                           *planted_in(case, unit)] for path, unit in units.items()}  # fmt: skip
             own = {path: mutants for path, mutants in own.items() if mutants}
@@ -115,9 +109,10 @@ def campaign(
                 unaltered: list[Question] = [
                     (index, path, 0, None) for index, bench in enumerate(benches) for path in bench.mutants
                 ]
-                for (index, path, _, _), answer in zip(unaltered, judges.answers(unaltered, "libraries"), strict=True):
-                    if answer != SURVIVED:
-                        tally.faults.append(f"{benches[index].case.name}/{path}: with no mutant selected, it fails {answer}")
+                answers = judges.answers(unaltered, "libraries")
+                tally.faults += [f"{benches[index].case.name}/{path}: with no mutant selected, it fails {answer}"
+                                 for (index, path, _, _), answer in zip(unaltered, answers, strict=True)
+                                 if answer != SURVIVED]  # fmt: skip
                 chosen = _chosen(benches, todo, most)
                 answers = judges.answers([(*one, None) for one in chosen], "mutants")
                 tally.judged = [Judged(benches[index].case.name, benches[index].mutants[path][number - 1], answer)
@@ -133,15 +128,12 @@ def _able(case: Case, judges: Sequence[Judge]) -> list[Judge]:
 
 
 def _chosen(benches: Sequence[Bench], todo: list[tuple[int, str, int]], most: int | None) -> list[tuple[int, str, int]]:
-    if most is None or most >= len(todo):
-        return todo
-
     def rank(one: tuple[int, str, int]) -> str:
         index, path, number = one
         return hashlib.sha256(f"{index} {benches[index].mutants[path][number - 1].key}".encode()).hexdigest()
 
-    limit = sorted(map(rank, todo))[most - 1]
-    return [one for one in todo if rank(one) <= limit]
+    chosen = set(sorted(todo, key=rank)[:most])
+    return [one for one in todo if one in chosen]
 
 
 Question = tuple[int, str, int, str | None]
@@ -234,23 +226,15 @@ def outcome_of(tally: Tally, equivalents: Sequence[Equivalent], least: int = MUT
     figure = f"{killed:,} of {count:,} mutants killed, {len(known)} equivalent"
     figure += f" (a sample of {len(tally.exist):,})" if count < len(tally.exist) else ""
     verdict = Verdict.FAILED if findings else Verdict.PASSED
-    return Outcome(SHOWS, figure, verdict, tuple(findings), figures_of(tally, len(known)))
-
-
-def figures_of(tally: Tally, equivalent: int) -> dict[str, Any]:
-    """Return the counts, in total and by unit and kind of mutant."""
-    units = sorted({f"{one.build}: {one.mutant.key.path}" for one in tally.judged})
-    killed = Counter(f"{one.build}: {one.mutant.key.path}" for one in tally.judged if one.by != SURVIVED)
-    count = Counter(f"{one.build}: {one.mutant.key.path}" for one in tally.judged)
-    return {
-        "exist": len(tally.exist),
-        "run": len(tally.judged),
-        "killed": sum(killed.values()),
-        "equivalent": equivalent,
-        "killed_by_unit": {unit: f"{killed[unit]} of {count[unit]}" for unit in units},
+    total, dead = (Counter(f"{one.build}: {one.mutant.key.path}" for one in these) for these in
+                   (tally.judged, [one for one in tally.judged if one.by != SURVIVED]))  # fmt: skip
+    figures = {
+        **{"exist": len(tally.exist), "run": count, "killed": killed, "equivalent": len(known)},
+        "killed_by_unit": {unit: f"{dead[unit]} of {total[unit]}" for unit in sorted(total)},
         "by_kind": dict(sorted(Counter(one.mutant.key.kind for one in tally.judged).items())),
         "planted": {one.mutant.key.text: one.by for one in tally.judged if one.mutant.key.kind == "planted"},
     }
+    return Outcome(SHOWS, figure, verdict, tuple(findings), figures)
 
 
 def _described(one: Judged, what: str) -> str:

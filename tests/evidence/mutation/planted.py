@@ -20,8 +20,7 @@ def _faults() -> list[dict[str, str]]:
 def planted_in(case: Case, unit: Unit) -> list[Mutant]:
     """Return the faults of a unit of a build as mutants.
 
-    Raises:
-        LookupError: the text to replace does not stand there exactly once, or the change is not inside one definition.
+    Raises LookupError: the text to replace does not stand there exactly once, or the change is not inside one definition.
     """
     found = []
     files = dict(case.built.folder.files)

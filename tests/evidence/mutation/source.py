@@ -33,13 +33,8 @@ INCLUDE = re.compile(r"^\s*#\s*include\b.*$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Unit:
-    """A source file as a tree.
-
-    Attributes:
-        path: inside the build, such as src/ars_map.c.
-        includes: its include lines.
-        nodes: its own top-level definitions in order; what its headers declare is left out.
-    """
+    """A source file as a tree: its path inside the build, its include lines, and its own top-level definitions in order; what
+    its headers declare is left out."""
 
     path: str
     includes: str
