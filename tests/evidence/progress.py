@@ -7,11 +7,7 @@ from typing import Any
 
 
 class Progress:
-    """Results of finished steps by key, one JSON line each.
-
-    Args:
-        path: file of the steps; its name holds the hash of all that the results depend on. None: nothing is kept.
-    """
+    """Results of finished steps by key, one JSON line each, in a file whose name holds the hash of all that they depend on."""
 
     def __init__(self, path: Path | None = None) -> None:
         self._path = path

@@ -14,11 +14,7 @@ PROGRESS_VARIABLE = "ARS_EVIDENCE_PASSED"
 
 
 def run(part: Part, effort: Effort, passed: Path) -> Outcome:
-    """Run the tests of a part.
-
-    Args:
-        passed: file with the ids of tests that passed in an earlier run of the same code; they are not run again.
-    """
+    """Run the tests of a part except those that passed in an earlier run of the same code: `passed` is their file."""
     passed.parent.mkdir(parents=True, exist_ok=True)
     result = passed.with_suffix(".xml")  # in the checkout, where a guest may write too
     result.unlink(missing_ok=True)

@@ -40,12 +40,11 @@ class Claim:
     The C texts are Jinja templates. They see `values`, the name of the function as `function`, and the prefix as `p`.
 
     Attributes:
-        unit: without prefix, such as "map". function: with "@" for the prefix.
+        unit, function: without prefix, such as "map", and with "@" for it. of: suffix where a function has several claims.
         text: the claim, one sentence without its full stop.
         body: C that judges the input `x` with the bits `bits`. With few inputs, `bits` is the number of the input.
-        edges: C that names further inputs of a quick run with EDGE(x).
-        setup: C at file scope. start: C that resets the memory of a claim that compares an input with the one before it.
-        of: suffix of the name where one function has several claims.
+        edges: C that names further inputs of a quick run with EDGE(x). setup: C at file scope.
+        start: C that resets the memory of a claim that compares an input with the one before it.
         inputs: number of inputs; FLOATS, or few enough to run all of them in a quick run.
     """
 
@@ -69,9 +68,8 @@ class Claim:
         """Return the claim about a build: its texts are C."""
         function = self.function.replace("@", prefix)
         values = {**self.values, "p": prefix, "function": function}
-        texts = {
-            name: TEMPLATES.from_string(getattr(self, name)).render(values) for name in ("body", "edges", "setup", "start")
-        }
+        names = ("body", "edges", "setup", "start")
+        texts = {name: TEMPLATES.from_string(getattr(self, name)).render(values) for name in names}
         return dataclasses.replace(self, function=function, **texts)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -124,15 +125,14 @@ def claims(source: Source) -> Iterator[Claim]:
 
 def held(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:
     """Claim of a function that limits a value to a range."""
-    at = edges(*(value for pair in ranges for value in pair))
-    return Claim(unit, function, "the value within its bounds, NaN as the lower", HELD, at, values={"ranges": ranges})
+    text = "the value within its bounds, NaN as the lower"
+    return Claim(unit, function, text, HELD, edges(*chain(*ranges)), values={"ranges": ranges})
 
 
 def between(unit: str, function: str, ranges: Sequence[tuple[str, str]], given: str = "x") -> Claim:
     """Claim of a function that reports whether a value lies in a range."""
-    at = edges(*(value for pair in ranges for value in pair))
-    values = {"ranges": ranges, "given": given}
-    return Claim(unit, function, "within both bounds, false for NaN", IS_BETWEEN, at, values=values)
+    text, values = "within both bounds, false for NaN", {"ranges": ranges, "given": given}
+    return Claim(unit, function, text, IS_BETWEEN, edges(*chain(*ranges)), values=values)
 
 
 Outputs = Mapping[str, tuple[str, Sequence[float]]]

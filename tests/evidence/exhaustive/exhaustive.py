@@ -35,19 +35,11 @@ SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
 OTHERS: Mapping[str, str] = {
     "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
     "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "controller: allowed": SEVERAL,
-    "controller: reference_ahead": SEVERAL,
-    "controller: reachable_yaw_rate": SEVERAL,
-    "controller: feedback_range": SEVERAL,
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
-    "map: capped": SEVERAL,
-    "map: yaw_rate_at": SEVERAL,
-    "map: yaw_rate_on": SEVERAL,
-    "map: @_map_yaw_rate_on_road": SEVERAL,
-    "map: @_map_yaw_rate": SEVERAL,
-    "map: capped_rear_angle": SEVERAL,
-    "map: @_map_reference": SEVERAL,
     "reference_model: curve_at": "judged through both curves, for every argument",
+    **{f"controller: {name}": SEVERAL for name in ("allowed", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
+    **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
+    **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
     "reference_model: @_reference_model_start": SEVERAL,
 }
 """Unit and function that takes a number and has no claim of its own, with the reason."""
@@ -101,9 +93,8 @@ def claims_of(source: Source) -> tuple[list[Claim], list[str]]:
     name, prefix = source.subject.name, source.subject.prefix
     if not source.subject.is_single:
         raise BuildError("the inputs of a build in double precision are too many to run all of them", where=name)
-    every = [
-        claim.rendered(prefix) for module in (claims_frames, claims_control, claims_map) for claim in module.claims(source)
-    ]
+    modules = (claims_frames, claims_control, claims_map)
+    every = [claim.rendered(prefix) for module in modules for claim in module.claims(source)]
     claims = [claim for claim in every if claim.function in source.functions.get(source.path(claim.unit), ())]
     known = {f"{claim.unit}: {claim.function}" for claim in claims} | {other.replace("@", prefix) for other in OTHERS}
     findings = [f"{name}/{source.path(claim.unit)}: {claim.name} is not there" for claim in every if claim not in claims]

@@ -37,12 +37,7 @@ _KEPT = re.compile(r"Test unit written to (\S+)")
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a harness.
-
-    Attributes:
-        inputs: number of inputs tried.
-        reached, edges: edges of the generated code, without those that the sanitizers add.
-    """
+    """Result of a harness: inputs tried, and edges of the generated code, without those that the sanitizers add."""
 
     inputs: int
     reached: int

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.errors import BuildError
 from codegen.verify import packages
 from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import measure_step
@@ -16,7 +15,6 @@ from codegen.verify.compilation import check as compiles
 from codegen.verify.fuzzing import check as fuzzing
 from codegen.verify.law import check as law
 from codegen.verify.pil import check as pil
-from codegen.verify.pil import runners
 from codegen.verify.proof import check as proof
 from codegen.verify.proof import claims
 from codegen.verify.sanitizers import check as sanitizers
@@ -35,14 +33,6 @@ def changed(unit: str, old: str, new: str, folder: builds.Folder = PI) -> Subjec
 # Processor in the loop: faults of single cores.
 
 CORES = {
-    "a data identifier by bytes": (
-        "PowerPC, big-endian",
-        "e2e_check",
-        "    union { uint16_t word; uint8_t bytes[2]; } unpacked = { data_id };\n"
-        "    const uint16_t id = (uint16_t)(unpacked.bytes[0] | ((uint32_t)unpacked.bytes[1] << 8));\n"
-        "    return planted_ars_e2e_check(self, id, data);",
-        "scenario step-steer, cycle 0: ",
-    ),
     # The host has no such instruction, or gcc, which does not know the pragma; for a Cortex-M4F it is too slow for clang.
     "a fused multiplication": (
         "Cortex-M7",
@@ -125,30 +115,11 @@ def test_a_rare_long_step_is_found(place: str, condition: str, goes_on: bool) ->
     assert measure_step(changed("controller", place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
 
 
-@pytest.mark.long
-def test_stack_without_a_bound_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Some compilers do not report how much stack a function takes."""
-    monkeypatch.setattr("codegen.verify.budgets.counting.FLAGS", ("-O2",))
-    found = budgets.check(planted.subject_of(PI), QUICK)
-    assert [finding.split(":")[0] for finding in found.findings] == [*found.figures["stack_bytes"]]
-    assert all(": the compiler does not tell how much stack it takes" in finding for finding in found.findings)
-
-
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Count few calls: every call meets these faults."""
     monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_SAMPLES", 40)
     monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_ROUNDS", 1)
-
-
-@pytest.mark.usefixtures("few")
-def test_the_longest_step_is_that_of_the_check() -> None:
-    """`codegen tune` and the tests of the placement measure the step alone."""
-    found, checked = measure_step(planted.subject_of(PI), QUICK), budgets.check(planted.subject_of(PI), QUICK)
-    step = checked.figures["functions"]["controller_step"]
-    assert {"max": found.worst, "mean": round(found.mean, 1)}.items() <= step["instructions_with_limiter"].items()
-    assert 0 < found.worst - found.limiter <= step["instructions"]["max"]
-    assert 0 < found.limiter < found.worst and found.calls == step["calls"]
 
 
 @pytest.mark.usefixtures("few")
@@ -238,22 +209,6 @@ def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.M
         body = f"    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction) * {factor}f;"
         old = replace(TRACKING, manifest={**TRACKING.manifest, "version": "0.0.1"})
         assert sanitizers.check(planted.wrapped(old, "ars_map_yaw_rate_on_road", body), QUICK).verdict is verdict
-
-
-def test_undefined_behaviour_traps_in_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The limiter and the dynamics, which are run apart. The row is counted over all parts that a stream is cut into."""
-    monkeypatch.setattr(runners, "DATA_BYTES", 8 * 1024)
-    counting = planted.limiter(PI, "    static int32_t calls = INT32_MAX - 700;\n\n    calls++;")
-    body = (
-        "    ars_dynamics_state_t result = planted_ars_dynamics_linear(state, input);\n"
-        "    result.yaw_rate += 0.0f * (float)(int)(1.0e30f * input->speed);\n    return result;"
-    )
-    subject = planted.wrapped(replace(PI, files=counting.files), "ars_dynamics_linear", body)
-    limiter, dynamics = trap_build.trapped(subject, QUICK)
-    assert ": signed integer addition overflow" in limiter and ", on the Cortex-M4F; random steps, step 700: restart" in limiter
-    assert re.match(r"src/ars_dynamics\.c:\d+: Floating-point to integer .*; dynamics, point 0: wrong_call = 0, ", dynamics)
-    with pytest.raises(BuildError, match=r"^src/ars_limiter\.c:\d+: "):
-        trap_build.trapped(planted.limiter(PI, "    result = ;"), QUICK)
 
 
 # Fuzzing: each property of a harness can fail.
