@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from codegen.errors import BuildError
 from codegen.verify.check import Effort, Verdict
 from tests.evidence.frama_c import frama_c
 from tests.evidence.frama_c.frama_c import Alarm, Analysis, Argument
@@ -63,16 +62,10 @@ echo "  clamp: 5 stmts out of 5 (100%)"
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     outcome = frama_c.run([PI], Effort(), Progress())
-    figures = outcome.figures["4ws2"]
-    assert figures["alarms"] == [
-        f"4ws2/src/ars_can.c:{line}: possible: float_to_int: \\is_finite(scaled) in to_code(): "
-        "`const int32_t whole = (int32_t)scaled;`"
-    ]
-    assert figures["analysed"] == 2
+    (alarm,) = outcome.figures["4ws2"]["alarms"]
+    place = f"4ws2/src/ars_can.c:{line}: possible: float_to_int: \\is_finite(scaled)"
+    assert alarm == f"{place} in to_code(): `const int32_t whole = (int32_t)scaled;`"
     assert outcome.figure.startswith("1 alarms, 1 of them argued to be false; 2 of ")
     # The controller and the limiter both define clamp(), and one is reached.
     assert outcome.findings.count("4ws2: clamp() is not analysed") == 1
     assert "4ws2: to_code() is not analysed" not in outcome.findings
-    script.write_text("#!/bin/sh\necho '[kernel] src/ars_e2e.c:7: syntax error'\nexit 1\n", encoding="ascii")
-    with pytest.raises(BuildError, match=r"4ws2/src/ars_e2e.c:7: Frama-C rejects the C: syntax error"):
-        frama_c.run([PI], Effort(), Progress())

@@ -33,8 +33,16 @@ from tests.evidence.progress import Progress
 SHOWS = "a value analysis finds no index, address, division, conversion or use of an unset value that could go wrong"
 ARGUED = Path(__file__).with_name("frama_c.toml")
 ENTRIES = ("map", "dynamics", "can", "e2e", "limiter", "reference_model", "controller", "task")
-TYPES = ("dynamics_state", "dynamics_input", "limiter_parameters", "limiter_input", "measurement", "parameters",
-         "rear_steer_command", "vehicle_conditions", "vehicle_motion", "reference_model_input")  # fmt: skip
+TYPES = [
+    "dynamics_state",
+    "dynamics_input",
+    "limiter_parameters",
+    "limiter_input",
+    "measurement",
+    "parameters",
+    "rear_steer_command",
+]
+TYPES += ["rear_steer_command", "vehicle_conditions", "vehicle_motion", "reference_model_input"]
 """Types of which the driver gives any value."""
 LIMITS = (
     "Frama-C follows ranges and not relations: that outputs stay within their bounds is for the proof.",
@@ -83,8 +91,7 @@ class Argument(NamedTuple):
 
 @dataclass(frozen=True)
 class Analysis:
-    """Result of EVA for a build: the number of functions that the C defines and those that EVA does not reach;
-    the units without prefix."""
+    """Result of EVA for a build: alarms, number of functions, those that EVA does not reach, and units without prefix."""
 
     name: str
     prefix: str
@@ -166,6 +173,7 @@ def driver_of(subject: Subject, entries: Sequence[str] = ENTRIES) -> str:
         with_model=with_model,
         with_reference=f"{subject.prefix}_map_reference" in public,
         entries=[entry for entry in entries if with_model or entry != "reference_model"],
+        units=[unit for unit in ENTRIES if with_model or unit != "reference_model"],
         types=TYPES if with_model else TYPES[:-1],
     )
     missing = sorted(name for name in public if f"{name}(" not in text)

@@ -52,21 +52,9 @@ def read(path: Path) -> Page:
 
 def build(target: Path) -> Path:
     """Build the guide in a folder; warnings are errors."""
-    command: list[str | Path] = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-W",
-        "--keep-going",
-        "-q",
-        "-E",
-        "-b",
-        "html",
-        "-d",
-        target / "doctrees",
-    ]
+    options = ["-W", "--keep-going", "-q", "-E", "-b", "html", "-d"]
+    command = [sys.executable, "-m", "sphinx", *options, target / "doctrees", ROOT / "docs", target / "html"]
     environment = os.environ | {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
-    command += [ROOT / "docs", target / "html"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=target.parent, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     return target / "html"
