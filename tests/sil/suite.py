@@ -16,6 +16,7 @@ from tests.builds import Built
 from tests.sil import (
     answers,
     answers_frames,
+    answers_task,
     checks_calibration,
     checks_control,
     checks_edges,
@@ -243,8 +244,11 @@ def _inits(_: Kind) -> list[Judge]:
 
 
 def _task(kind: Kind) -> list[Judge]:
-    but = () if kind == "pi" else checks_task.OF_THE_PAPER_S_LAW
-    return [*_of_built(*_in(checks_task, *but)), *_inits(kind)]
+    def task(case: Case) -> None:
+        lives = case.samples(answers_task.LIVES, least=12)
+        answers_task.check_task(case.built, _known(case, "task", lambda: answers_task.answers_of_task(case.built, lives)))
+
+    return [Judge("second task", task), *_of_built(*_in(checks_task)), *_inits(kind)]
 
 
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {

@@ -1,0 +1,182 @@
+"""The answers of the second implementation of the task, worked out once: to hold many builds of one C against them.
+
+The frames are made by Python's own codec and protection, which share no code with the C.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from codegen.can_sections import FRAME_BYTES, Can
+from codegen.verify.law.task import SecondTask
+from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.diagnostics import DIAGNOSTICS
+from hil_sim.e2e import next_counter, protect
+from hil_sim.frames import Frame
+from tests.builds import Built
+from tests.sil.checks_kinds import model_of, parameters_of
+
+LIVES, CYCLES = 30, 60
+"""Starts of the task, and cycles after each."""
+ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for side in (1, -1) for code in (2000, 2001)))
+"""rad: the angle that is told after a start. Some are impossible; the last four are codes of the frame at the limit of SETS."""
+SETS: tuple[Mapping[str, Any], ...] = (
+    {},
+    {"rear_angle_input_max": 2000 / 20000, "recovery_samples": 3, "degraded_samples_max": 0},
+)
+EVENTS = (
+    *("good",) * 12,
+    *("motion lost", "conditions lost", "both lost", "corrupt", "repeated", "skipped", "jump", "no angle", "implausible") * 2,
+    *("short", "foreign", "other message", "twice", "wrong and good", "reversed", "burst", "unavailable", "slow"),
+)
+"""What happens on the bus, each as often as it stands here."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The frames of a cycle, whether the set is complete after each, and the task's answer: its frame and counters."""
+
+    frames: Sequence[Frame]
+    complete: Sequence[bool]
+    answer: tuple[int, bytes]
+    counters: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Lives of a task, cycle by cycle."""
+
+    parameters: Any
+    lives: Sequence[Sequence[Cycle]]
+
+
+@dataclass
+class _Counted(SecondTask):
+    """The second task with the number of samples that it lost."""
+
+    lost: int = field(default=0, init=False)
+
+    def _sample(self, motion: Any, conditions: Any) -> Any:
+        self.lost += not (motion.is_good and conditions.is_good)
+        return super()._sample(motion, conditions)
+
+
+@dataclass
+class _Car:
+    """The other nodes of the bus; one message in each spell is the one that something happens to."""
+
+    can: Can
+    codec: Codec
+    rng: np.random.Generator
+    life: int
+    counters: dict[int, int] = field(default_factory=lambda: {0: 0, 1: 0})
+
+    def _frame(self, place: int, contents: bytes) -> Frame:
+        message = (self.can.vehicle_motion, self.can.vehicle_conditions)[place]
+        data = protect(message.e2e_data_id, self.counters[place], contents)
+        self.counters[place] = next_counter(self.counters[place])
+        return Frame(message.id, data)
+
+    def cycles(self) -> Iterator[list[Frame]]:
+        """The frames of each cycle: silence or calm, then spells of every kind of disturbance."""
+        calm, spell, place = 7 * (self.life % 3), 0, 0
+        for cycle in range(CYCLES):
+            if spell == 0:
+                event, spell, place = (
+                    str(self.rng.choice(EVENTS)),
+                    int(self.rng.choice([1, 1, 2, 4, 8])),
+                    int(self.rng.integers(2)),
+                )
+            spell -= 1
+            if cycle < calm:
+                event, spell = "both lost" if self.life % 4 == 3 and cycle < 5 else "good", 0
+            yield self._of(event, place, ANGLES[self.life % len(ANGLES)] if cycle < 14 else 0.04 * math.cos(0.05 * cycle))
+
+    def _of(self, event: str, place: int, angle: float) -> list[Frame]:
+        rng = self.rng
+        speed = 2.0 if event == "slow" else 12.0 + self.life % 20
+        yaw_rate = {"unavailable": math.nan, "implausible": 2.0}.get(event, float(rng.normal(0.05, 0.02)))
+        told, friction = math.nan if event == "no angle" else angle, float(rng.choice([math.nan, 0.3]))
+        signals = (VehicleMotion(speed, 0.03, yaw_rate), VehicleConditions(told, friction, rng.random() < 0.2))
+        contents = [self.codec.encode(each) for each in signals]
+        for _ in range({"skipped": 6, "jump": 2}.get(event, 0)):  # made and never sent
+            self._frame(place, contents[place])
+        frames = [self._frame(each, contents[each]) for each in (0, 1)]
+        one, other = frames[place], frames[1 - place]
+        if event == "corrupt":
+            number = int.from_bytes(one.data, "little") ^ 1 << int(rng.integers(64))
+            frames[place] = Frame(one.id, number.to_bytes(FRAME_BYTES, "little"))
+        elif event == "repeated":
+            frames.append(one)
+        elif event == "short":
+            frames[place] = Frame(one.id, one.data[: int(rng.integers(FRAME_BYTES))])
+        elif event == "foreign":
+            frames.insert(int(rng.integers(3)), Frame(int(rng.choice([0, 0x100, 0x103, 0x7FF])), bytes(int(rng.integers(9)))))
+        elif event == "other message":
+            frames[place] = Frame(one.id, other.data)
+        elif event == "wrong and good":
+            frames.insert(place, Frame(one.id, bytes((one.data[0] ^ 1,)) + one.data[1:]))
+        elif event in ("twice", "burst"):
+            count = 1 if event == "twice" else int(rng.choice([253, 254, 255, 256, 511]))
+            frames[place + 1 : place + 1] = [self._frame(place, contents[place]) for _ in range(count)]
+        lost = {"motion lost": [1], "conditions lost": [0], "both lost": [], "reversed": [1, 0]}
+        return [frames[each] for each in lost[event]] if event in lost else frames
+
+
+def _life(built: Built, parameters: Any, rng: np.random.Generator, life: int) -> list[Cycle]:
+    """The second task's answers; how often it is late or early, and when a set is complete, by the rule in its header."""
+    software = built.software
+    can = software.config.can
+    codec, first, second = Codec(can, software.precision), can.vehicle_motion.id, can.vehicle_conditions.id
+    task = _Counted(can, parameters, codec, lambda angle: model_of(built, parameters, angle))
+    found, late, early = [], 0, 0
+    for number, frames in enumerate(_Car(can, codec, rng, life).cycles(), 1):
+        count, complete, states = {first: 0, second: 0}, False, []
+        for frame in frames:
+            if frame.id in count and len(frame.data) == FRAME_BYTES:
+                count[frame.id] += 1
+                complete = count[first] > 0 if frame.id == second else complete
+            states.append(complete)
+        late, early = late + (max(count.values()) > 1), early + (max(count.values()) == 0)
+        with np.errstate(all="ignore"):
+            answer = task.run(tuple(frames))
+        counters = {"cycles": number, "late_cycles": late, "early_cycles": early, "lost_samples": task.lost}
+        found.append(Cycle(frames, states, answer, counters))
+    return found
+
+
+def answers_of_task(built: Built, lives: int = LIVES) -> list[Traffic]:
+    """The answers with each set of parameters, which must show every cause of a diagnosis."""
+    codec, known = Codec(built.software.config.can, built.software.precision), []
+    for seed, changes in enumerate(SETS):
+        parameters, rng = parameters_of(built, changes), np.random.default_rng(seed)
+        known.append(Traffic(parameters, [_life(built, parameters, rng, life) for life in range(lives)]))
+    diagnostics = 0
+    for traffic in known:
+        for cycle in (cycle for life in traffic.lives for cycle in life):
+            command = codec.decode(*cycle.answer)
+            assert isinstance(command, RearSteerCommand)
+            diagnostics |= command.diagnostics
+    assert {name for bit, (name, _) in DIAGNOSTICS.items() if diagnostics >> bit & 1} == {
+        name for name, _ in DIAGNOSTICS.values()
+    }
+    return known
+
+
+def check_task(built: Built, known: list[Traffic]) -> None:
+    """Every frame, every count and when a set is complete; the tasks of all parameters take turns, and share nothing."""
+    for lives in zip(*(traffic.lives for traffic in known), strict=True):
+        tasks = [built.software.task(traffic.parameters) for traffic in known]
+        for cycles in zip(*lives, strict=True):
+            for task, cycle in zip(tasks, cycles, strict=True):
+                for frame, complete in zip(cycle.frames, cycle.complete, strict=True):
+                    task.on_can_frame(frame.id, frame.data)
+                    assert task.is_complete == complete
+                assert task.run() == cycle.answer
+                assert task.counters() == cycle.counters
+                assert not task.is_complete
