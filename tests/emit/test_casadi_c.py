@@ -130,8 +130,8 @@ def test_double_has_the_bits_of_the_machine(libraries: dict[Precision, Library],
 @pytest.mark.parametrize("name", [*EXACT, *LIBRARY])
 def test_single_is_the_machine_rounded_once(libraries: dict[Precision, Library], name: str) -> None:
     """One operation on float32 arguments, done in double and rounded to float32, is the float32 operation itself: 53 digits are
-    more than twice 24 plus two. Constants are rounded before. Functions of the library may be off by one unit in the last place:
-    the libraries in use promise that, not correct rounding."""
+    more than twice 24 plus two. Constants are rounded before. Functions of the libraries in use may be one unit in the
+    last place off."""
     x = arguments("single")
     if name in LIBRARY:
         expected = machine(LIBRARY[name], x)

@@ -24,7 +24,7 @@ from tests.sil import checks_limiter
 from tests.sil.checks_kinds import config_of, model_of, parameters_of
 from tests.sil.checks_lookup import all_points, bits
 from tests.sil.checks_map_reference import COLUMNS, frictions, road_lateral_acceleration
-from tests.sil.checks_reference_model import random_inputs, random_states, wild_inputs
+from tests.sil.checks_reference_model import limits, random_inputs, random_states, wild_inputs
 from tests.sil.units import Units
 
 Array = npt.NDArray[Any]
@@ -134,8 +134,9 @@ def answers_of_map(built: Built, units: Units, every: int = 1) -> list[Looked]:
 
 
 def check_map(built: Built, units: Units, known: list[Looked]) -> None:
-    """Every place has the bits of the reference."""
+    """Every place has the bits of the reference, whatever the bits of the arguments: finite."""
     for one in known:
+        assert np.isfinite(one.wanted).all()
         place = one.speed, one.front_angle, one.friction
         got = units.map_reference(*place) if len(one.wanted) > 1 else built.software.map_yaw_rate(*place)[np.newaxis]
         for name, have, want in zip(COLUMNS, got, one.wanted, strict=False):
@@ -169,7 +170,9 @@ def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
 
 
 def check_model(units: Units, known: list[Modelled]) -> None:
-    """Every step and every start is the model's."""
+    """Every step and every start is the model's, finite and within the bounds of the state."""
+    most, _ = limits(units)
     for one in known:
+        assert (np.abs(one.after) <= most).all() and (np.abs(one.begun) <= most).all()
         assert np.array_equal(units.model_from(one.states, one.inputs), one.after)
         assert np.array_equal(units.model_start(one.starts), one.begun)

@@ -77,9 +77,15 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
     """What is kept between steps is finite and bounded."""
     assert abs(state.rear_angle) <= parameters.rear_angle_max
     assert state.limiter.rear_angle == state.rear_angle
+    assert state.good_samples < parameters.recovery_samples
+    assert state.implausible_samples <= parameters.implausible_samples_max + 1
     assert 0.0 <= state.limiter.speed <= parameters.limiter.speed_max
     assert abs(state.limiter.front_angle) <= parameters.limiter.front_angle_max
-    if config_of(built).controller.kind == "tracking":
+    kind = config_of(built).controller.kind
+    if kind == "pi":
+        largest = float(built.total.yaw_rate.max()) + parameters.yaw_rate_max
+        assert abs(state.integral) <= 1.000001 * (parameters.rear_angle_max + parameters.proportional_gain * largest)
+    if kind == "tracking":
         largest = max(abs(state.yaw_rate_reference), float(built.total.yaw_rate.max()))
         assert abs(state.model.sideslip_angle) <= 0.35
         assert abs(state.model.yaw_rate) <= 20.0

@@ -146,69 +146,56 @@ def check_in_phase(units: Units) -> None:
     assert bound < 0.8 * most, "the two can be told apart"
 
 
-def check_passes(units: Units) -> None:
-    """What is inside every bound passes, to the bit."""
-    parameters = parameters_of(units, {})
-    rng = np.random.default_rng(2)
-    demands = np.cumsum(rng.uniform(-1.0, 1.0, 3000) * 0.9 * parameters.rear_rate_max * period(units))
-    demands = 0.9 * opposite_phase_bound(parameters, 40.0) * np.sin(demands)
-    inputs = np.stack([rng.uniform(-40.0, 40.0, 3000), rng.uniform(-0.1, 0.1, 3000), demands], axis=1).astype(units.real)
-    inside = np.abs(np.diff(np.concatenate([[0.0], inputs[:, 2]]))) <= parameters.rear_rate_max * period(units)
-    assert inside.all()
-    assert np.array_equal(units.limiter(parameters, inputs), inputs[:, 2])
-
-
-def check_limiter_holds(units: Units) -> None:
-    """Without a speed ever seen, the angle is held whatever is asked for; without a demand too; a lost speed or front angle
-    counts as the last one."""
-    parameters = parameters_of(units, {})
-    nothing = (math.nan, math.inf, -math.inf, 1e9, -1e9)
-    start = 0.5 * parameters.rear_angle_max
-    for lost in nothing:
-        held = steady(units, parameters, lost, 0.05, -0.02, start, 50)
-        assert (held == units.real(start)).all(), lost
-    speed = list(parameters.opposite_phase_speed)[-1]
-    bound, most = opposite_phase_bound(parameters, speed), parameters.rear_angle_max
-    known, waiting = [[speed, 0.05, 0.5 * most]] * 50, [[speed, 0.05, math.nan]] * 50
-    assert set(units.limiter(parameters, np.array(known + waiting))[50:].tolist()) == {float(units.real(0.5 * most))}
-    for lost in nothing:
-        first = [[speed, 0.05, 1.0]] * 60
-        angles = units.limiter(parameters, np.array([*first, *([[lost, 0.05, -1.0]] * 60)]))
-        assert abs(angles[-1] + bound) <= 4.0 * units.eps * most, "the speed is the last one"
-        angles = units.limiter(parameters, np.array([*first, *([[speed, lost, 1.0]] * 60)]))
-        assert (angles[60:] == units.real(most)).all(), "the front angle is the last one: all of the angle is free in phase"
+def check_limiter_at_breakpoints(units: Units) -> None:
+    """At a breakpoint the bound is that of the breakpoint, to the bit, whatever those beside it are; on both sides, and with a
+    speed of either sign. Bounds are taken for which a sum of differences would not give them back."""
+    real = units.real
+    speeds = [float(speed) for speed in units.limiter_parameters().opposite_phase_speed]
+    rng = np.random.default_rng(3)
+    exact = 0
+    for _ in range(100):
+        bounds = rng.uniform(0.0, 0.05, len(speeds)).astype(real)
+        exact += int(sum(a + (b - a) != b for a, b in itertools.pairwise(bounds)))
+        parameters = units.limiter_parameters(rear_rate_max=1000.0, opposite_phase_max=bounds.tolist())
+        assert units.library.lib.ars_limiter_parameters_valid(parameters)
+        for k, speed in enumerate(speeds):
+            for sign, side in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)):
+                inputs = np.array([[sign * speed, side * 0.1, -side * 1.0]])
+                assert units.limiter(parameters, inputs)[0] == real(-side) * bounds[k], (k, sign, side)
+    assert exact > 3, "for some of them it matters"
 
 
 def check_limiter_parameters(units: Units) -> None:
-    """Each parameter is taken to the ends of its range and refused beyond, array elements one by one."""
-    valid = units.library.lib.ars_limiter_parameters_valid
-    real = units.real
-    ranges = {
-        "rear_rate_max": (1e-4, 1000.0),
-        "in_phase_from_front_angle": (1e-4, 1.0),
-        "speed_max": (1.0, 200.0),
-        "front_angle_max": (0.01, 1.5),
-        "rear_angle_max": (1e-4, 1.0),
-    }
+    """Each parameter is taken to the ends of its range and refused a unit in the last place beyond, array elements one by one;
+    breakpoints must increase, and no bound is larger than the angle's own."""
+    real, plain = units.real, units.limiter_parameters()
+    count = len(plain.opposite_phase_speed)
+
+    def valid(**changes: Any) -> bool:
+        return bool(units.library.lib.ars_limiter_parameters_valid(units.limiter_parameters(**changes)))
+
+    def beyond(value: float, outward: float) -> float:
+        return float(np.nextafter(real(value), real(outward)))
+
+    ranges = {"rear_rate_max": (1e-4, 1000.0), "in_phase_from_front_angle": (1e-4, 1.0), "speed_max": (1.0, 200.0),
+              "front_angle_max": (0.01, 1.5), "rear_angle_max": (1e-4, 1.0)}  # fmt: skip
+    none = {"opposite_phase_max": [0.0] * count}
     for name, (low, high) in ranges.items():
-        others = {"opposite_phase_max": [0.0] * len(list(units.limiter_parameters().opposite_phase_max))}
-        for end, outward in ((low, -math.inf), (high, math.inf)):
-            assert valid(units.limiter_parameters(**{name: end}, **others)), name
-            beyond = float(np.nextafter(real(end), real(outward)))
-            assert not valid(units.limiter_parameters(**{name: beyond}, **others)), name
-        for nonsense in (math.nan, math.inf, -math.inf):
-            assert not valid(units.limiter_parameters(**{name: nonsense}, **others)), name
-    speeds, bounds = (list(getattr(units.limiter_parameters(), f"opposite_phase_{name}")) for name in ("speed", "max"))
-    for k in range(len(speeds)):
-        for bad in (math.nan, math.inf, -math.inf, float(np.nextafter(real(0.0), real(-1.0)))):
-            assert not valid(units.limiter_parameters(opposite_phase_speed=[*speeds[:k], bad, *speeds[k + 1 :]])), k
-            assert not valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], bad, *bounds[k + 1 :]])), k
-        most = units.limiter_parameters().rear_angle_max
-        above = float(np.nextafter(real(most), real(1.0)))
-        assert valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], most, *bounds[k + 1 :]]))
-        assert not valid(units.limiter_parameters(opposite_phase_max=[*bounds[:k], above, *bounds[k + 1 :]])), k
-    top = [0.0] * (len(speeds) - 1)
-    ends = [float(np.nextafter(real(200.0), real(1000.0)))]
-    assert not valid(units.limiter_parameters(opposite_phase_speed=[*[float(k) for k, _ in enumerate(top)], *ends]))
-    assert not valid(units.limiter_parameters(opposite_phase_speed=speeds[::-1]))
-    assert not valid(units.limiter_parameters(opposite_phase_speed=[*speeds[:-1], speeds[-2]])), "two breakpoints in one place"
+        assert valid(**{name: low}, **none) and valid(**{name: high}, **none), name
+        for bad in (beyond(low, -math.inf), beyond(high, math.inf), math.nan, math.inf, -math.inf):
+            assert not valid(**{name: bad}, **none), (name, bad)
+    for angle in (1.0, 0.5):
+        assert valid(rear_angle_max=angle, opposite_phase_max=[angle] * count)
+    far = [10.0 * k for k in range(1, count - 1)]
+    assert valid(opposite_phase_speed=[0.0, *far, 200.0])
+    assert not valid(opposite_phase_speed=[0.0, *far, beyond(200.0, math.inf)])
+    speeds, bounds, most = list(plain.opposite_phase_speed), list(plain.opposite_phase_max), float(plain.rear_angle_max)
+    for k in range(count):
+        for bad in (math.nan, math.inf, -math.inf, beyond(0.0, -1.0)):
+            assert not valid(opposite_phase_speed=[*speeds[:k], bad, *speeds[k + 1 :]]), k
+            assert not valid(opposite_phase_max=[*bounds[:k], bad, *bounds[k + 1 :]]), k
+        assert valid(opposite_phase_max=[*bounds[:k], most, *bounds[k + 1 :]])
+        assert not valid(opposite_phase_max=[*bounds[:k], beyond(most, 1.0), *bounds[k + 1 :]]), k
+        close = [float(j) for j in range(count)]
+        for same, increases in ((k - 1.0, False), (beyond(k - 1.0, math.inf), True)) if k else ():
+            assert valid(opposite_phase_speed=[*close[:k], same, *close[k + 1 :]]) == increases, k

@@ -15,7 +15,7 @@ import numpy as np
 
 from codegen.refmap.extend import CapSteering, TotalMap
 from codegen.refmap.lookup import cap_in_precision, error_bound
-from tests.sil.checks_lookup import all_points, bits, finite_points, special_values
+from tests.sil.checks_lookup import finite_points
 from tests.sil.units import Units
 
 FloatArray = np.ndarray[Any, np.dtype[np.float64]]
@@ -46,38 +46,6 @@ def road_lateral_acceleration(total: TotalMap, real: Any, friction: Any) -> Any:
     layer = max(k for k in range(len(own) - 1) if known >= own[k])
     share = (known - own[layer]) / (own[layer + 1] - own[layer])
     return caps[layer] + share * (caps[layer + 1] - caps[layer])
-
-
-def check_reference_finite(units: Units) -> None:
-    """Every set of bit patterns has a finite answer; the rear angle is within its bound, the yaw rate below the road's."""
-    speed, angle = all_points(units)
-    steering, real = units.total.steering, units.real
-    some = np.concatenate([special_values(real), np.array(frictions(units))])
-    for friction in (np.full(speed.size, np.nan, dtype=real), np.resize(some, speed.size)):
-        found = units.map_reference(speed, angle, friction)
-        assert np.isfinite(found).all()
-        # Between two corners at the bound, the interpolation may round beyond it by a unit in the last place.
-        assert (np.abs(found[1]) <= real(steering.rear_angle_max) * real(1.0 + units.eps)).all()
-        assert (found[2] >= 0.0).all()
-        assert (found[2] <= max(layer.lateral_acceleration_cap for layer in units.total.stack)).all()
-        with np.errstate(all="ignore"):
-            forward = np.where(speed > 0.0, speed, real(0.0))
-            # One division and one product round; what is subnormal rounds by a whole unit, at any speed.
-            excess = np.abs(found[0]) * forward - found[2] * real(1.0 + 2.0 * units.eps)
-            rounded = np.finfo(real).smallest_subnormal * np.maximum(forward, real(1.0))
-        assert (excess <= rounded)[np.isfinite(speed)].all()
-
-
-def check_reference_symmetry(units: Units) -> None:
-    """A right turn is the mirror image of the left one, rear angle included, to the last bit."""
-    speed, angle = all_points(units)
-    number = ~np.isnan(angle) & (angle != 0.0)
-    speed, angle = speed[number], angle[number]
-    for friction in (math.nan, 0.4):
-        left, right = (units.map_reference(speed, side * np.abs(angle), friction) for side in (1.0, -1.0))
-        for row, sign in enumerate((-1.0, -1.0, 1.0, -1.0)):
-            assert np.array_equal(bits(left[row]), bits(units.real(sign) * right[row])), COLUMNS[row]
-    assert (left[1] > 0.0).any()
 
 
 def _bilinear(total: TotalMap, table: FloatArray, speed: FloatArray, angle: FloatArray) -> FloatArray:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import functools
 import math
 import os
-import zlib
 from typing import Any, Literal
 from unittest import mock
-
-import numpy as np
 
 from benchmarks.nonlinear_map import nonlinear
 from codegen.config import Kind
@@ -20,11 +17,11 @@ from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place import Placed, Request, choose
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
-from codegen.refmap.storage import Storage, raw_of
+from codegen.refmap.storage import Storage
 from codegen.sil.toolchain import compiler_command
 from tests import builds, shared
-from tests.builds import Built
 from tests.sil.case import FAST_FRACTION, Case, made_case
+from tests.sil.checks_lookup import check_map_functions, numbers_of
 from tests.sil.library import OPTIMISED, Compiler
 from tests.sil.suite import Judge, whole
 
@@ -74,37 +71,12 @@ def placed(kind: Kind, precision: Precision, storage: Storage, which: Which = "l
 def judges_of_map(case: Case) -> list[Judge]:
     """Return the judges of the look-up of a placed build: those that do not write its calibration."""
     is_plain = not case.built.total.layers and case.built.total.grip is None
-    other = "check_checksum"  # it knows the table in real numbers
-    return [judge for judge in whole(case.kind, ("map",))
-            if not judge.of_single and (is_plain or not judge.of_one_layer) and judge.name != other]  # fmt: skip
+    return [judge for judge in whole(case.kind, ("map",)) if not judge.of_single and (is_plain or not judge.of_one_layer)]
 
 
 def check_placed(case: Case, found: Placed) -> None:
     """Checksum, flash and self-test cover tables, scales, axes and what grip leaves."""
-    built = case.built
-    numbers = _numbers_of(built)
-    wanted = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers))
-    assert built.software.function("map_checksum")() == built.software.function("map_expected_checksum") == wanted
-    facts = built.folder.manifest["map"]
-    assert facts["flash_bytes"] == found.flash_bytes == sum(part.nbytes for part in numbers)
-    assert built.software.function("selftest")()
-    assert built.software.function("map_valid")()
-
-
-def _numbers_of(built: Built) -> list[np.ndarray]:
-    """Return what the checksum is over, made from the total map."""
-    total, real = built.total, built.real
-    names = ["yaw_rate", *(["rear_angle"] if built.folder.manifest["options"]["kind"] == "tracking" else [])]
-    tables = [np.stack([getattr(layer, name) for layer in total.stack]) for name in names]
-    scales = [] if total.scales is None else [getattr(total.scales, name) for name in names]
-    stored = [raw_of(table, scale) for table, scale in zip(tables, scales, strict=True)] if scales else tables
-    frictions = [layer.friction for layer in total.stack] if total.layers else []
-    rest = np.concatenate([scales, frictions, total.speed, total.front_angle]).astype(real)
-    numbers = [*(part if scales else part.astype(real) for part in stored), rest]
-    if total.grip is None:
-        return numbers
-    shares = np.stack([layer.grip.share for layer in total.stack if layer.grip is not None])
-    axes = np.concatenate([total.grip.speed, total.grip.front_angle]).astype(real)
-    if total.grip.scale is None:
-        return [*numbers, shares.astype(real), axes]
-    return [*numbers, raw_of(shares, total.grip.scale), np.array([total.grip.scale], dtype=real), axes]
+    check_map_functions(case.built)
+    facts = case.built.folder.manifest["map"]
+    assert facts["flash_bytes"] == found.flash_bytes == sum(part.nbytes for part in numbers_of(case.built))
+    assert case.built.software.function("map_valid")()

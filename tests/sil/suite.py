@@ -20,18 +20,16 @@ from tests.sil import (
     checks_calibration,
     checks_control,
     checks_edges,
-    checks_edges_law,
-    checks_edges_units,
     checks_kinds,
     checks_limiter,
     checks_lookup,
     checks_map_reference,
     checks_parameters,
-    checks_reference,
     checks_reference_model,
     checks_supervision,
     checks_task,
     checks_tracking,
+    rough_drives,
 )
 from tests.sil.calibrated import Calibrated
 from tests.sil.case import Case
@@ -90,6 +88,11 @@ def _known(case: Case, name: str, make: Callable[[], Any]) -> Any:
     return case.known[name]
 
 
+def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any], None]) -> Judge:
+    """Return the judge that compares a build with answers that are worked out once."""
+    return Judge(name, lambda case: check(case, _known(case, name, lambda: make(case))))
+
+
 STRICT = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples_max": 0}
 DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     "pi": {
@@ -110,23 +113,22 @@ DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
 def _drives(kind: Kind) -> list[Judge]:
     """Judges against the independent model of the law, bit for bit."""
 
-    def drive(case: Case, name: str, changes: dict[str, Any], index: int) -> None:
+    def drive(case: Case, changes: dict[str, Any], index: int) -> answers.Drive:
         course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if index % 2 else {}
+        return answers.answers_of_drive(
+            case.built, _resized(case, changes), case.samples(2500, least=1000), index + 1, **course
+        )
 
-        def make() -> answers.Drive:
-            count = case.samples(2500, least=1000)
-            return answers.answers_of_drive(case.built, _resized(case, changes), count, index + 1, **course)
-
-        answers.check_drive(case.built, _known(case, f"drive {name}", make))
-
-    def rough(case: Case) -> None:
-        for one in _known(case, "rough", lambda: list(checks_edges_law.answers_of_rough(case.built, case.samples(3000)))):
+    def check(case: Case, known: Iterable[answers.Drive]) -> None:
+        for one in known:
             answers.check_drive(case.built, one)
 
-    judges = []
-    for index, (name, changes) in enumerate(DRIVES[kind].items()):
-        judges.append(Judge(f"model: {name}", lambda case, a=name, b=changes, c=index: drive(case, a, b, c)))  # type: ignore[misc]
-    return [*judges, Judge("model: rough drives", rough)] if kind in ("pi", "tracking") else judges
+    judges = [_answered(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
+              for index, (name, changes) in enumerate(DRIVES[kind].items())]  # fmt: skip
+    if kind in ("pi", "tracking"):
+        rough = rough_drives.answers_of_rough
+        judges.append(_answered("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
+    return judges
 
 
 def _resized(case: Case, changes: dict[str, Any]) -> dict[str, Any]:
@@ -142,124 +144,62 @@ def _resized(case: Case, changes: dict[str, Any]) -> dict[str, Any]:
     return {name: fit(name, value, parameters) for name, value in changes.items()}
 
 
-OF_EVERY_KIND = (
-    checks_supervision.check_inputs,
-    checks_supervision.check_signalling_nan,
-    checks_supervision.check_plausibility_limit,
-    checks_supervision.check_plausibility_time,
-    checks_supervision.check_limiter_in_a_gap,
-    checks_supervision.check_start_at_no_angle,
-    checks_supervision.check_fail_safe_ramp,
-    checks_supervision.check_gap_from_the_first_sample,
-    checks_supervision.check_gap_in_standby,
-    checks_supervision.check_standby,
-)
-"""Checks of the supervision that do not depend on the law."""
-
-OF_THE_TESTS_OWN_SCHEDULE = (
-    checks_tracking.check_gain_schedule,
-    checks_tracking.check_tracking_anti_windup,
-    checks_tracking.check_tracking_bumpless,
-    checks_tracking.check_tracking_inhibit,
-)
-"""Checks that know the gains of `tests.builds`; a designed schedule is compared with the model only."""
-
-
 def _controller(kind: Kind) -> list[Judge]:
-    judges = [
+    own = {"pi": _in(checks_control), "tracking": _in(checks_tracking)}
+    return [
         *_drives(kind),
         *_of_built(*_in(checks_edges), *_in(checks_parameters)),
         *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
+        *_of_built(*_in(checks_supervision), checks_kinds.check_kind_always_bounded, *own.get(kind, ())),
     ]
-    if kind == "pi":
-        return [*judges, *_of_built(*_in(checks_supervision), *_in(checks_control))]
-    judges += _of_built(*OF_EVERY_KIND, checks_kinds.check_kind_always_bounded)
-    if kind == "tracking":
-        judges += _of_built(checks_supervision.check_fail_safe_at_the_hold_speed)
-        checks = (*_in(checks_tracking), *_in(checks_reference), *checks_edges_law.OF_TRACKING)
-        judges += _of_built(*(check for check in checks if check not in OF_THE_TESTS_OWN_SCHEDULE))
-    return judges
 
 
 def _limiter(kind: Kind) -> list[Judge]:
-    def model(case: Case) -> None:
-        answers.check_limiter(
-            case.units, _known(case, "limiter", lambda: answers.answers_of_limiter(case.units, case.samples(4000)))
-        )
-
-    checks = _of_units(*checks_edges_units.CHECKS, *_in(checks_limiter))
-    return [Judge("model of the limiter", model), *_inits(kind), *checks]
+    model = _answered("model of the limiter", lambda case: answers.answers_of_limiter(case.units, case.samples(4000)),
+                      lambda case, known: answers.check_limiter(case.units, known))  # fmt: skip
+    return [model, *_inits(kind), *_of_units(*_in(checks_limiter))]
 
 
 def _map(kind: Kind) -> list[Judge]:
-    def reference(case: Case) -> None:
-        known = _known(case, "map", lambda: answers.answers_of_map(case.built, case.units, 30_000 // case.samples(30_000)))
-        answers.check_map(case.built, case.units, known)
-
-    has_rear_angle = kind in ("tracking", "feedforward")
-    but = (checks_lookup.check_checksum,)
-    # These know the table and the cap of one friction.
-    capped = (checks_lookup.check_cap, checks_lookup.check_cap_is_reached, checks_lookup.check_error_bound)
-    capped += () if has_rear_angle else (checks_lookup.check_checksum,)
-    judges = [Judge("reference of the map", reference), *_of_built(*_in(checks_lookup, *but, *capped), check_map_functions)]
-    judges += [replace(judge, of_one_layer=True) for judge in _of_built(*capped)]
+    reference = _answered(
+        "reference of the map",
+        lambda case: answers.answers_of_map(case.built, case.units, 30_000 // case.samples(30_000)),
+        lambda case, known: answers.check_map(case.built, case.units, known),
+    )
+    (cap,) = _of_built(checks_lookup.check_cap)  # it knows that of one friction
+    judges = [reference, *_of_built(checks_lookup.check_map_functions), replace(cap, of_one_layer=True)]
     judges += _of_calibration(*checks_calibration.CHECKS)
-    return [*judges, *_of_units(*_in(checks_map_reference))] if has_rear_angle else judges
-
-
-def check_map_functions(built: Built) -> None:
-    """The function without friction, and the checksum that the self-test compares."""
-    for speed, angle in ((12.0, 0.03), (33.0, -0.3), (90.0, 0.6), (0.0, 0.1), (20.0, 0.0)):
-        wanted = built.lookup(speed, angle)
-        assert built.software.function("map_yaw_rate")(speed, angle) == wanted
-    assert built.software.function("map_checksum")() == built.software.function("map_expected_checksum")
-    assert built.software.selftest()
+    return [*judges, *_of_units(*_in(checks_map_reference))] if kind in ("tracking", "feedforward") else judges
 
 
 def _reference_model(_: Kind) -> list[Judge]:
-    def model(case: Case) -> None:
-        answers.check_model(
-            case.units, _known(case, "model", lambda: answers.answers_of_model(case.units, case.samples(30_000)))
-        )
-
-    return [Judge("model of the car", model), *_of_units(*checks_edges_units.OF_THE_MODEL, *_in(checks_reference_model))]
-
-
-def _can(_: Kind) -> list[Judge]:
-    def frames(case: Case) -> None:
-        answers_frames.check_can(case.built, _known(case, "can", lambda: answers_frames.answers_of_can(case.built)))
-
-    return [Judge("Python's frames", frames)]
-
-
-def _e2e(kind: Kind) -> list[Judge]:
-    def receiver(case: Case) -> None:
-        answers_frames.check_e2e(case.built, _known(case, "e2e", lambda: answers_frames.answers_of_e2e(case.built)))
-
-    return [Judge("Python's receiver", receiver), *_inits(kind)]
+    model = _answered("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
+                      lambda case, known: answers.check_model(case.units, known))  # fmt: skip
+    return [model, *_of_units(*_in(checks_reference_model))]
 
 
 def _inits(_: Kind) -> list[Judge]:
     return _of_built(checks_edges.check_init_sets_everything, checks_edges.check_state_after_init)
 
 
-def _task(kind: Kind) -> list[Judge]:
-    def task(case: Case) -> None:
-        lives = case.samples(answers_task.LIVES, least=12)
-        answers_task.check_task(case.built, _known(case, "task", lambda: answers_task.answers_of_task(case.built, lives)))
-
-    return [Judge("second task", task), *_of_built(*_in(checks_task)), *_inits(kind)]
-
-
+FRAMES = _answered("Python's frames", lambda case: answers_frames.answers_of_can(case.built),
+                   lambda case, known: answers_frames.check_can(case.built, known))  # fmt: skip
+RECEIVER = _answered("Python's receiver", lambda case: answers_frames.answers_of_e2e(case.built),
+                     lambda case, known: answers_frames.check_e2e(case.built, known))  # fmt: skip
+TASK = _answered(
+    "second task",
+    lambda case: answers_task.answers_of_task(case.built, case.samples(answers_task.LIVES, least=12)),
+    lambda case, known: answers_task.check_task(case.built, known),
+)
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
-    "calibration": lambda _: _of_built(checks_parameters.check_defaults, check_map_functions),
+    "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
     "controller": _controller,
     "limiter": _limiter,
     "map": _map,
     "reference_model": _reference_model,
-    "can": _can,
-    "e2e": _e2e,
-    "task": _task,
+    "can": lambda _: [FRAMES],
+    "e2e": lambda kind: [RECEIVER, *_inits(kind)],
+    "task": lambda kind: [TASK, *_of_built(*_in(checks_task)), *_inits(kind)],
     "selftest": lambda _: [Judge("stand-ins", check_selftest, of_single=True)],
     "dynamics": lambda _: [Judge("machine", check_dynamics)],
 }

@@ -21,7 +21,7 @@ HALF_ULP = 2.0**-24
 
 
 def rounding_bounds(function: Any, *inputs: FloatArray) -> list[FloatArray]:
-    """Return how far float32 may be from the exact value, (n, elements) for each output; inputs (n, elements) are exact in float32.
+    """Return how far float32 may be from the exact value, (n, elements) for each output; inputs (n, elements) are float32.
 
     Running error analysis (N. J. Higham, Accuracy and Stability of Numerical Algorithms, section 3.3): along with each value
     goes a bound of its error, which grows by the derivative of each operation and by its own rounding; library functions
