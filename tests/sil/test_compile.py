@@ -1,7 +1,5 @@
 """Compiling with cffi: real C samples, both modes, the cache, and what is told when it cannot be done."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -12,7 +10,7 @@ import sysconfig
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import cffi
 import pytest
@@ -24,6 +22,7 @@ from codegen.sil.compile import DEFAULT_FLAGS, Library, cache_folder, compile_li
 ROOT = Path(__file__).resolve().parents[2]
 HAS_PYTHON_H = any(Path(sysconfig.get_path(name), "Python.h").is_file() for name in ("include", "platinclude"))
 MODES = ["api", "abi"] if HAS_PYTHON_H else ["abi"]
+Sources = dict[str, str]
 
 TYPES_H = """
 #ifndef TYPES_H
@@ -40,10 +39,6 @@ SAMPLE_H = """
 #include <stddef.h>
 #include <stdint.h>
 #include "types.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 #define HALF(x) (0.5f * (x))
 _Static_assert(sizeof(float) == 4, "float of four bytes (binary32)");
@@ -71,9 +66,6 @@ static inline float sample_half(float value)
     return HALF(value);
 }
 
-#ifdef __cplusplus
-}
-#endif
 #endif
 """
 SAMPLE_C = """
@@ -118,7 +110,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def tiny(value: int) -> dict[str, str]:
+def tiny(value: int) -> Sources:
     """A library whose `tiny()` returns `value`."""
     return {
         "include/tiny.h": "int tiny(void);\n",
@@ -127,9 +119,13 @@ def tiny(value: int) -> dict[str, str]:
 
 
 @pytest.fixture
-def unique(tmp_path: Path) -> dict[str, str]:
+def unique(tmp_path: Path) -> Sources:
     """`tiny(1)` in sources that no other test has, so that this process has not loaded them yet."""
     return {**tiny(1), "src/unique.h": f"/* {tmp_path} */\n"}
+
+
+def compiled(sources: Sources, mode: Any = "abi") -> Library:
+    return compile_library("tiny", sources, ["include/tiny.h"], mode=mode)
 
 
 def script(path: Path, body: str) -> str:
@@ -164,7 +160,7 @@ print(library.lib.tiny(), library.path, flush=True)
 """
 
 
-def start_process(sources: dict[str, str], mode: str) -> subprocess.Popen[str]:
+def start_process(sources: Sources, mode: str) -> subprocess.Popen[str]:
     """A Python process that compiles and calls `tiny` when it reads a line."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", CHILD, json.dumps([sources, mode])]
@@ -189,322 +185,281 @@ def sample(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         return compile_library("4ws-2 sample", SAMPLE, ["include/sample.h"], flags=flags, mode=request.param)
 
 
-class TestBothModes:
-    def test_structs_constants_tables_and_arrays(self, sample: Library) -> None:
-        lib, ffi = sample.lib, sample.ffi
-        given = ffi.new("sample_t *", {"counter": 255, "speed": 3.0, "inhibit": True, "history": [1, 2, 3]})
-        result = lib.sample_step(given, 5.0)
-        assert (result.counter, result.speed, result.inhibit, list(result.history)) == (0, 7.5, False, [1.0, 2.0, 3.0])
-        assert result.gear == lib.GEAR_REVERSE == -1
-        assert (lib.GEAR_NEUTRAL, lib.GEAR_FORWARD, lib.GEAR_COUNT, lib.TABLE_POINTS, lib.SAMPLE_VERSION) == (0, 3, 4, 3, 7)
-        assert [list(row) for row in lib.sample_table] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
-        default = lib.sample_default
-        assert (default.counter, default.speed, default.inhibit, default.gear) == (1, 10.0, True, lib.GEAR_FORWARD)
-        assert (list(default.history), list(default.limits)) == ([0.1, 0.2, 0.3], [5, 6])
-        assert lib.sample_step(ffi.addressof(default), 1.0).speed == 5.0
-        assert lib.sample_lookup(1, 2) == 6.5
-        data = ffi.new("uint8_t[8]")
-        assert lib.sample_pack(ffi.new("sample_t *", {"counter": 9, "inhibit": True}), data) == 0x101
-        assert list(data) == [9, 0, 0, 0, 0, 0, 0, 255]
-        assert hasattr(lib, "sample_half") == (sample.mode == "api"), "an inline function of a header"
+def test_structs_constants_tables_and_arrays(sample: Library) -> None:
+    lib, ffi = sample.lib, sample.ffi
+    given = ffi.new("sample_t *", {"counter": 255, "speed": 3.0, "inhibit": True, "history": [1, 2, 3]})
+    result = lib.sample_step(given, 5.0)
+    assert (result.counter, result.speed, result.inhibit, list(result.history)) == (0, 7.5, False, [1.0, 2.0, 3.0])
+    assert result.gear == lib.GEAR_REVERSE == -1
+    assert (lib.GEAR_NEUTRAL, lib.GEAR_FORWARD, lib.GEAR_COUNT, lib.TABLE_POINTS, lib.SAMPLE_VERSION) == (0, 3, 4, 3, 7)
+    assert [list(row) for row in lib.sample_table] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    default = lib.sample_default
+    assert (default.counter, default.speed, default.inhibit, default.gear) == (1, 10.0, True, lib.GEAR_FORWARD)
+    assert (list(default.history), list(default.limits)) == ([0.1, 0.2, 0.3], [5, 6])
+    assert lib.sample_lookup(1, 2) == 6.5
+    data = ffi.new("uint8_t[8]")
+    assert lib.sample_pack(ffi.new("sample_t *", {"counter": 9, "inhibit": True}), data) == 0x101
+    assert list(data) == [9, 0, 0, 0, 0, 0, 0, 255]
+    assert hasattr(lib, "sample_half") == (sample.mode == "api"), "an inline function of a header"
 
 
-class TestCdef:
-    def folder(self, tmp_path: Path, header: str) -> Path:
-        (tmp_path / "types.h").write_text(TYPES_H, encoding="utf-8")
-        path = tmp_path / "header.h"
-        path.write_text(header, encoding="utf-8")
-        return path
-
-    def test_it_follows_the_header(self, tmp_path: Path) -> None:
-        cdef = derive_cdef([self.folder(tmp_path, SAMPLE_H)], [tmp_path])
-        ffi = cffi.FFI()
-        ffi.cdef(cdef)
-        assert ffi.sizeof("sample_t") == 48  # 1 + 3 pad, 4, 1 + 3 pad, 4, 3 x 8, 2 x 2 + 4 pad
-        assert "GEAR_FORWARD" in cdef
-        for word in ("#", "__attribute__", "_Static_assert", "return", "__cplusplus", "int_least8_t"):
-            assert word not in cdef
-
-    def test_macros_of_the_flags_count(self, tmp_path: Path) -> None:
-        header = self.folder(tmp_path, "#ifdef WIDE\ntypedef double real_t;\n#else\ntypedef float real_t;\n#endif\n")
-        assert "float real_t" in derive_cdef([header], [])
-        assert "double real_t" in derive_cdef([header], [], flags=["-std=c99", "-DWIDE"])
-
-    @pytest.mark.parametrize(
-        "header",
-        [
-            "typedef struct { char a; int b; } __attribute__((packed)) p_t;\n",
-            "typedef struct { char a; int b __attribute__((__aligned__(16))); } p_t;\n",
-            "#pragma pack(push, 1)\ntypedef struct { char a; int b; } p_t;\n#pragma pack(pop)\n",
-        ],
-    )
-    def test_a_set_layout_is_refused(self, tmp_path: Path, header: str) -> None:
-        with pytest.raises(BuildError, match="packed or aligned"):
-            derive_cdef([self.folder(tmp_path, header)], [])
-
-    def test_members_may_be_called_packed(self, tmp_path: Path) -> None:
-        assert "aligned" in derive_cdef([self.folder(tmp_path, "typedef struct { int packed; int aligned; } p_t;\n")], [])
-
-    def test_a_header_that_is_not_c_names_the_line(self, tmp_path: Path) -> None:
-        with pytest.raises(BuildError, match=r"header\.h:2"):
-            derive_cdef([self.folder(tmp_path, "int f(void);\nint 3 g;\n")], [])
-
-    def test_what_cffi_cannot_take(self, unique: dict[str, str]) -> None:
-        unique["include/tiny.h"] += "typedef struct { int a[sizeof(int)]; } s_t;\n"
-        with pytest.raises(BuildError, match="cffi does not take"):
-            compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
+# Declarations for cffi
 
 
-class TestCompiler:
-    def test_cc_with_arguments(self, monkeypatch: pytest.MonkeyPatch, unique: dict[str, str]) -> None:
-        unique["src/tiny.c"] = '#include "tiny.h"\nint tiny(void)\n{\n    return GIVEN;\n}\n'
-        monkeypatch.setenv("CC", f"{find_compiler()} -DGIVEN='(40 + 2)'")
-        assert find_compiler().endswith("2)'")
-        assert compile_library("tiny", unique, ["include/tiny.h"], mode="abi").lib.tiny() == 42
-
-    def test_order_on_the_path(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv("PATH", str(tmp_path))
-        script(tmp_path / "clang", "exit 1")
-        assert find_compiler() == "clang"
-        script(tmp_path / "gcc", "exit 1")
-        assert find_compiler() == "gcc"
-        script(tmp_path / "cc", "exit 1")
-        assert find_compiler() == "cc"
-
-    def test_none(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_cache: Path, unique: dict[str, str]) -> None:
-        monkeypatch.setenv("PATH", str(tmp_path))
-        with pytest.raises(BuildError, match=r"^no C compiler was found; install one, e\.g\. apt install gcc, or set CC$"):
-            compile_library("tiny", unique, ["include/tiny.h"])
-        assert not own_cache.exists()
-
-    @pytest.mark.parametrize("command", ["/nowhere/cc -O2", "no-such-compiler", "''", "cc 'open"])
-    def test_bad_cc(self, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
-        monkeypatch.setenv("CC", command)
-        with pytest.raises(BuildError) as caught:
-            find_compiler()
-        assert caught.value.where == "CC"
-        assert command.split()[0].strip("'") in caught.value.what
-
-    @pytest.mark.parametrize(
-        ("body", "message"),
-        [
-            ("kill -9 $$", "signal 9"),
-            ("exit 3", "exit code 3: it printed nothing"),
-            ("echo; echo odd failure >&2; exit 4", "exit code 4: odd failure"),
-            ("echo '/tmp/x.s: Fatal error: cannot write: No space left on device' >&2; exit 1", "No space left on device"),
-        ],
-    )
-    def test_it_fails_without_an_error_in_the_source(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: dict[str, str], own_cache: Path, body: str, message: str
-    ) -> None:
-        compiler = f'case " $* " in *" -c "*) {body};; esac\nexec {find_compiler()} "$@"'
-        monkeypatch.setenv("CC", script(tmp_path / "failing-cc", compiler))
-        with pytest.raises(BuildError, match=message) as caught:
-            compile_library("tiny", unique, ["include/tiny.h"])
-        assert caught.value.where == "src/tiny.c"
-        assert "\n" not in str(caught.value)
-        assert list(own_cache.iterdir()) == []
+def cdef_of(folder: Path, header: str, **options: Any) -> str:
+    (folder / "types.h").write_text(TYPES_H, encoding="utf-8")
+    (folder / "header.h").write_text(header, encoding="utf-8")
+    return derive_cdef([folder / "header.h"], [folder], **options)
 
 
-class TestBadC:
-    @pytest.mark.parametrize(
-        ("text", "where", "message"),
-        [
-            ("int tiny(void)\n{\n    return nothing;\n}\n", "src/tiny.c:3", "nothing"),
-            ('#include "absent.h"\n', "src/tiny.c:1", "absent.h"),
-            ("int tiny(void)\n{\n    int unused;\n    return 1;\n}\n", "src/tiny.c:3", "unused"),  # a warning is an error
-        ],
-    )
-    def test_first_error_and_place(self, unique: dict[str, str], own_cache: Path, text: str, where: str, message: str) -> None:
-        unique["src/tiny.c"] = text
-        with pytest.raises(BuildError, match=message) as caught:
-            compile_library("tiny", unique, ["include/tiny.h"])
-        assert caught.value.where == where
-        assert "\n" not in str(caught.value)
-        assert list(own_cache.iterdir()) == []
-
-    def test_defined_twice(self, unique: dict[str, str]) -> None:
-        unique["src/again.c"] = unique["src/tiny.c"]
-        with pytest.raises(BuildError, match=r"(multiple definition|duplicate symbol).*tiny"):
-            compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
-
-    @pytest.mark.parametrize("mode", MODES)
-    def test_not_defined_at_all(self, unique: dict[str, str], mode: Any) -> None:
-        unique["src/tiny.c"] = "int absent(void);\nint tiny(void);\nint tiny(void)\n{\n    return absent();\n}\n"
-        for _ in range(2):  # the second time it comes from the cache
-            with pytest.raises(BuildError, match=r"does not load: .*absent"):
-                compile_library("tiny", unique, ["include/tiny.h"], mode=mode)
-
-    @pytest.mark.parametrize("path", ["../tiny.c", "/tmp/tiny.c", "src/../../tiny.c", "", 'a".h', "a\n.c"])
-    def test_source_outside_the_folder(self, tmp_path: Path, path: str) -> None:
-        with pytest.raises(BuildError, match="not a plain relative path"):
-            compile_library("tiny", {path: "int a;\n"}, [])
-        assert list(tmp_path.iterdir()) == []
+def test_declarations_follow_the_header(tmp_path: Path) -> None:
+    cdef, ffi = cdef_of(tmp_path, SAMPLE_H), cffi.FFI()
+    ffi.cdef(cdef)
+    assert ffi.sizeof("sample_t") == 48  # 1 + 3 pad, 4, 1 + 3 pad, 4, 3 x 8, 2 x 2 + 4 pad
+    assert not any(word in cdef for word in ("#", "__attribute__", "_Static_assert", "return", "int_least8_t"))
+    wide = "#ifdef WIDE\ntypedef double real_t;\n#else\ntypedef float real_t;\n#endif\n"
+    assert "float real_t" in cdef_of(tmp_path, wide)
+    assert "double real_t" in cdef_of(tmp_path, wide, flags=["-std=c99", "-DWIDE"])
+    assert "aligned" in cdef_of(tmp_path, "typedef struct { int packed; int aligned; } p_t;\n"), "names of members"
 
 
-class TestUnitFlags:
-    SOURCES: ClassVar[dict[str, str]] = {
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("typedef struct { char a; int b; } __attribute__((packed)) p_t;\n", "packed or aligned"),
+        ("typedef struct { char a; int b __attribute__((__aligned__(16))); } p_t;\n", "packed or aligned"),
+        ("#pragma pack(push, 1)\ntypedef struct { char a; int b; } p_t;\n#pragma pack(pop)\n", "packed or aligned"),
+        ("int f(void);\nint 3 g;\n", r"header\.h:2"),
+    ],
+)
+def test_a_header_that_has_no_declarations_for_cffi_is_refused(tmp_path: Path, header: str, message: str) -> None:
+    with pytest.raises(BuildError, match=message):
+        cdef_of(tmp_path, header)
+
+
+# The compiler
+
+
+def test_cc_may_have_arguments(monkeypatch: pytest.MonkeyPatch, unique: Sources) -> None:
+    unique["src/tiny.c"] = unique["src/tiny.c"].replace("return 1", "return GIVEN")
+    monkeypatch.setenv("CC", f"{find_compiler()} -DGIVEN='(40 + 2)'")
+    assert compiled(unique).lib.tiny() == 42
+
+
+def test_the_first_compiler_on_the_path_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_cache: Path, unique: Sources
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(BuildError, match=r"^no C compiler was found; install one, e\.g\. apt install gcc, or set CC$"):
+        compiled(unique, mode="auto")
+    assert not own_cache.exists()
+    for name in ("clang", "gcc", "cc"):
+        script(tmp_path / name, "exit 1")
+        assert find_compiler() == name
+
+
+@pytest.mark.parametrize("command", ["/nowhere/cc -O2", "no-such-compiler", "''", "cc 'open"])
+def test_a_compiler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    monkeypatch.setenv("CC", command)
+    with pytest.raises(BuildError) as caught:
+        find_compiler()
+    assert caught.value.where == "CC"
+    assert command.split()[0].strip("'") in caught.value.what
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("kill -9 $$", "signal 9"),
+        ("exit 3", "exit code 3: it printed nothing"),
+        ("echo; echo odd failure >&2; exit 4", "exit code 4: odd failure"),
+        ("echo '/tmp/x.s: Fatal error: cannot write: No space left on device' >&2; exit 1", "No space left on device"),
+    ],
+)
+def test_a_compiler_that_fails_by_itself_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, own_cache: Path, body: str, message: str
+) -> None:
+    compiler = f'case " $* " in *" -c "*) {body};; esac\nexec {find_compiler()} "$@"'
+    monkeypatch.setenv("CC", script(tmp_path / "failing-cc", compiler))
+    require_refused(unique, own_cache, "src/tiny.c", message)
+
+
+def require_refused(sources: Sources, own_cache: Path, where: str, message: str) -> None:
+    """The sources are refused in one line, and nothing is left in the cache."""
+    with pytest.raises(BuildError, match=message) as caught:
+        compiled(sources, mode="auto")
+    assert caught.value.where == where
+    assert "\n" not in str(caught.value)
+    assert list(own_cache.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "message"),
+    [
+        ("int tiny(void)\n{\n    return nothing;\n}\n", "src/tiny.c:3", "nothing"),
+        ('#include "absent.h"\n', "src/tiny.c:1", "absent.h"),
+        ("int tiny(void)\n{\n    int unused;\n    return 1;\n}\n", "src/tiny.c:3", "unused"),  # a warning is an error
+    ],
+)
+def test_the_first_error_and_its_place(unique: Sources, own_cache: Path, text: str, where: str, message: str) -> None:
+    require_refused({**unique, "src/tiny.c": text}, own_cache, where, message)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_what_the_linker_and_cffi_refuse(unique: Sources, mode: str) -> None:
+    absent = {"src/tiny.c": "int absent(void);\nint tiny(void);\nint tiny(void)\n{\n    return absent();\n}\n"}
+    for _ in range(2):  # the second time it comes from the cache
+        with pytest.raises(BuildError, match=r"does not load: .*absent"):
+            compiled({**unique, **absent}, mode=mode)
+    with pytest.raises(BuildError, match=r"(multiple definition|duplicate symbol).*tiny"):
+        compiled({**unique, "src/again.c": unique["src/tiny.c"]}, mode=mode)
+    odd = {"include/tiny.h": "int tiny(void);\ntypedef struct { int a[sizeof(int)]; } s_t;\n"}
+    with pytest.raises(BuildError, match="cffi does not take"):
+        compiled({**unique, **odd}, mode=mode)
+
+
+@pytest.mark.parametrize("path", ["../tiny.c", "/tmp/tiny.c", "src/../../tiny.c", "", 'a".h', "a\n.c"])
+def test_a_source_outside_the_folder(tmp_path: Path, path: str) -> None:
+    with pytest.raises(BuildError, match="not a plain relative path"):
+        compile_library("tiny", {path: "int a;\n"}, [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_of_a_unit_are_for_it_alone_and_not_for_the_linker() -> None:
+    """The linker would refuse its option; here the compiler takes no notice of it."""
+    sources = {
         "include/two.h": "int one(void);\nint two(void);\n",
         "one.c": '#include "two.h"\nint one(void)\n{\n    return NUMBER;\n}\n',
         "two.c": '#include "two.h"\n#ifdef NUMBER\n#error "not for this one"\n#endif\nint two(void)\n{\n    return 2;\n}\n',
     }
-
-    def test_they_are_for_one_source_and_not_for_the_linker(self) -> None:
-        """The linker would refuse its option; here the compiler takes no notice of it."""
-        for number in (1, 7):  # another flag, another library
-            own = {"one.c": [f"-DNUMBER={number}", "-Wl,--no-such-option"]}
-            library = compile_library("two", self.SOURCES, ["include/two.h"], unit_flags=own)
-            assert (library.lib.one(), library.lib.two()) == (number, 2)
+    for number in (1, 7):  # another flag, another library
+        own = {"one.c": [f"-DNUMBER={number}", "-Wl,--no-such-option"]}
+        library = compile_library("two", sources, ["include/two.h"], unit_flags=own)
+        assert (library.lib.one(), library.lib.two()) == (number, 2)
 
 
-class TestModes:
-    @pytest.fixture
-    def no_python_h(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sysconfig, "get_path", lambda _name: str(tmp_path / "no-headers"))
-
-    @pytest.mark.usefixtures("no_python_h")
-    def test_without_python_h_the_plain_library_is_taken(self, unique: dict[str, str]) -> None:
-        library = compile_library("tiny", unique, ["include/tiny.h"])
-        assert library.mode == "abi"
-        assert library.lib.tiny() == 1
-
-    @pytest.mark.parametrize("mode", MODES)
-    def test_nothing_is_printed(self, unique: dict[str, str], capfd: pytest.CaptureFixture[str], mode: Any) -> None:
-        compile_library("tiny", unique, ["include/tiny.h"], mode=mode)
-        assert capfd.readouterr() == ("", "")
-
-    def test_auto_takes_the_checked_mode(self, unique: dict[str, str]) -> None:
-        library = compile_library("tiny", unique, ["include/tiny.h"])
-        assert library.mode == MODES[0]
-        assert library is compile_library("tiny", unique, ["include/tiny.h"], mode=MODES[0])  # type: ignore[arg-type]
+def test_the_checked_mode_is_taken_where_python_h_is_and_nothing_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, capfd: pytest.CaptureFixture[str]
+) -> None:
+    library = compiled(unique, mode="auto")
+    assert library.mode == MODES[0]
+    assert library is compiled(unique, mode=MODES[0])
+    monkeypatch.setattr(sysconfig, "get_path", lambda _name: str(tmp_path / "no-headers"))
+    plain = compiled({**unique, **tiny(2)}, mode="auto")
+    assert (plain.mode, plain.lib.tiny()) == ("abi", 2)
+    assert capfd.readouterr() == ("", "")
 
 
-class TestCache:
-    def test_a_second_call_does_not_start_the_compiler(self, logged: Path, unique: dict[str, str]) -> None:
-        first = compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
-        started = logged.read_text(encoding="utf-8")
-        assert compilations(logged) == 1
-        assert compile_library("tiny", unique, ["include/tiny.h"], mode="abi") is first
-        assert logged.read_text(encoding="utf-8") == started
-
-    @pytest.mark.parametrize("mode", MODES)
-    def test_another_process_takes_what_stands(self, logged: Path, unique: dict[str, str], mode: Any) -> None:
-        first = finish(start_process(unique, mode))
-        compiled = compilations(logged)
-        assert compiled > 0
-        assert finish(start_process(unique, mode)) == first
-        assert compilations(logged) == compiled
-
-    def test_whatever_decides_the_result_is_in_the_key(self, unique: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-        def path(sources: dict[str, str], name: str = "tiny", **options: Any) -> Path:
-            return compile_library(name, sources, ["include/tiny.h"], **{"mode": "abi", **options}).path
-
-        paths = [
-            path(unique),
-            path({**unique, **tiny(2)}),
-            path({**unique, "include/tiny.h": "int tiny(void); /* other */\n"}),
-            path(unique, name="other"),
-            path(unique, flags=(*DEFAULT_FLAGS, "-O0")),
-            path(unique, include_folders=("include", "src")),
-        ]
-        monkeypatch.setenv("CC", f"{find_compiler()} -DOTHER")
-        paths.append(path(unique))
-        assert len(set(paths)) == len(paths)
-
-    @pytest.mark.parametrize("mode", MODES)
-    def test_two_processes_at_once(self, unique: dict[str, str], own_cache: Path, mode: Any) -> None:
-        processes = [start_process(unique, mode) for _ in range(2)]
-        for process in processes:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-        for process in processes:  # both are up: now they compile side by side
-            assert process.stdin is not None
-            process.stdin.write("go\n")
-            process.stdin.flush()
-        assert [finish(process)[0] for process in processes] == [1, 1]
-        assert {path.suffix for path in own_cache.iterdir()} == {".so", ".json"}
-
-    def test_threads_share_one_build(self, logged: Path, unique: dict[str, str]) -> None:
-        with ThreadPoolExecutor(4) as pool:
-            libraries = list(pool.map(lambda _: compile_library("tiny", unique, ["include/tiny.h"], mode="abi"), range(8)))
-        assert len({id(library) for library in libraries}) == 1
-        assert compilations(logged) == 1
-
-    @pytest.mark.parametrize("damage", ["truncated", "changed", "no library", "half an index", "foreign"])
-    def test_a_damaged_entry_is_built_again(self, logged: Path, unique: dict[str, str], damage: str) -> None:
-        _, path = finish(start_process(unique, "abi"))
-        (index,) = path.parent.glob("*.json")
-        content = path.read_bytes()
-        if damage == "truncated":
-            path.write_bytes(content[: len(content) // 3])
-        elif damage == "changed":
-            path.write_bytes(content[:5000] + bytes([content[5000] ^ 1]) + content[5001:])
-        elif damage == "no library":
-            path.unlink()
-        elif damage == "half an index":
-            index.write_bytes(index.read_bytes()[:40])
-        else:  # whole, but not for this machine
-            digest = hashlib.sha256(b"foreign").hexdigest()
-            index.write_text(json.dumps({**json.loads(index.read_text(encoding="utf-8")), "sha256": digest}), encoding="utf-8")
-            path.with_name(f"{path.stem.rpartition('-')[0]}-{digest[:16]}.so").write_bytes(b"foreign")
-        assert finish(start_process(unique, "abi")) == (1, path)
-        assert compilations(logged) == 2
-        assert path.read_bytes() == content
-
-    def test_a_full_disk_is_one_line(self, unique: dict[str, str], monkeypatch: pytest.MonkeyPatch, own_cache: Path) -> None:
-        def full(*_: object) -> int:
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr(Path, "write_bytes", full)
-        with pytest.raises(BuildError, match=r"cannot be stored: No space left on device; .*ARS_CACHE"):
-            compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
-        assert list(own_cache.iterdir()) == []
+# The cache
 
 
-class TestCacheFolder:
-    def test_xdg_then_home(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv("ARS_CACHE", "")
-        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-        monkeypatch.setenv("HOME", str(tmp_path / "home"))
-        assert cache_folder() == tmp_path / "xdg" / "ars-codegen"
-        for ignored in ("", "relative/folder"):
-            monkeypatch.setenv("XDG_CACHE_HOME", ignored)
-            assert cache_folder() == tmp_path / "home" / ".cache" / "ars-codegen"
+def test_whatever_decides_the_result_is_in_the_key(unique: Sources, monkeypatch: pytest.MonkeyPatch) -> None:
+    def path(sources: Sources, name: str = "tiny", **options: Any) -> Path:
+        return compile_library(name, sources, ["include/tiny.h"], **{"mode": "abi", **options}).path
 
-    @pytest.fixture
-    def unwritable(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-        """`$ARS_CACHE` below a regular file, where not even root can write; returns the folder for temporary files."""
-        (tmp_path / "file").touch()
-        monkeypatch.setenv("ARS_CACHE", str(tmp_path / "file" / "cache"))
-        temporary = tmp_path / "tmp"
-        temporary.mkdir()
-        monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-        cache._folder_of_this_process.cache_clear()
-        return temporary
+    paths = [
+        path(unique),
+        path({**unique, **tiny(2)}),
+        path({**unique, "include/tiny.h": "int tiny(void); /* other */\n"}),
+        path(unique, name="other"),
+        path(unique, flags=(*DEFAULT_FLAGS, "-O0")),
+        path(unique, include_folders=("include", "src")),
+    ]
+    monkeypatch.setenv("CC", f"{find_compiler()} -DOTHER")
+    paths.append(path(unique))
+    assert len(set(paths)) == len(paths)
 
-    def test_unwritable_falls_to_a_private_temporary_folder(self, unwritable: Path, unique: dict[str, str]) -> None:
-        folder = cache_folder()
-        assert folder.parent == unwritable
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-        assert cache_folder() == folder
-        library = compile_library("tiny", unique, ["include/tiny.h"], mode="abi")
-        assert library.lib.tiny() == 1
-        assert library.path.parent == folder
 
-    @pytest.mark.parametrize("squatter", ["open folder", "link", "file"])
-    def test_what_others_could_have_left_there_is_not_taken(self, unwritable: Path, tmp_path: Path, squatter: str) -> None:
-        expected = cache_folder()
+def test_threads_and_later_calls_share_one_build(logged: Path, unique: Sources) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        libraries = list(pool.map(lambda _: compiled(unique), range(8)))
+    assert len({id(library) for library in libraries}) == 1
+    assert compilations(logged) == 1
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_processes_at_once_and_later_ones_take_what_stands(logged: Path, unique: Sources, own_cache: Path, mode: str) -> None:
+    processes = [start_process(unique, mode) for _ in range(2)]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:  # both are up: now they compile side by side
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    found = [finish(process) for process in processes]
+    assert [value for value, _ in found] == [1, 1]
+    assert {path.suffix for path in own_cache.iterdir()} == {".so", ".json"}
+    count = compilations(logged)
+    assert finish(start_process(unique, mode)) in found
+    assert compilations(logged) == count > 0
+
+
+@pytest.mark.parametrize("damage", ["truncated", "changed", "no library", "half an index", "foreign"])
+def test_a_damaged_entry_is_built_again(logged: Path, unique: Sources, damage: str) -> None:
+    _, path = finish(start_process(unique, "abi"))
+    (index,) = path.parent.glob("*.json")
+    content = path.read_bytes()
+    if damage == "truncated":
+        path.write_bytes(content[: len(content) // 3])
+    elif damage == "changed":
+        path.write_bytes(content[:5000] + bytes([content[5000] ^ 1]) + content[5001:])
+    elif damage == "no library":
+        path.unlink()
+    elif damage == "half an index":
+        index.write_bytes(index.read_bytes()[:40])
+    else:  # whole, but not for this machine
+        digest = hashlib.sha256(b"foreign").hexdigest()
+        index.write_text(json.dumps({**json.loads(index.read_text(encoding="utf-8")), "sha256": digest}), encoding="utf-8")
+        path.with_name(f"{path.stem.rpartition('-')[0]}-{digest[:16]}.so").write_bytes(b"foreign")
+    assert finish(start_process(unique, "abi")) == (1, path)
+    assert compilations(logged) == 2
+    assert path.read_bytes() == content
+
+
+def test_a_full_disk_is_one_line(unique: Sources, monkeypatch: pytest.MonkeyPatch, own_cache: Path) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(BuildError, match=r"cannot be stored: No space left on device; .*ARS_CACHE"):
+        compiled(unique)
+    assert list(own_cache.iterdir()) == []
+
+
+def test_the_cache_is_where_xdg_says_then_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARS_CACHE", "")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for xdg, place in ((str(tmp_path / "xdg"), "xdg"), ("", "home/.cache"), ("relative/folder", "home/.cache")):
+        monkeypatch.setenv("XDG_CACHE_HOME", xdg)
+        assert cache_folder() == tmp_path / place / "ars-codegen"
+
+
+@pytest.mark.parametrize("squatter", ["", "open folder", "link", "file"])
+def test_where_nothing_can_be_written_a_private_temporary_folder_serves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unique: Sources, squatter: str
+) -> None:
+    """`$ARS_CACHE` lies below a regular file, where not even root can write. What others could have left is not taken."""
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("ARS_CACHE", str(tmp_path / "file" / "cache"))
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    cache._folder_of_this_process.cache_clear()
+    expected = cache_folder()
+    if squatter:
         expected.rmdir()
-        if squatter == "open folder":
-            expected.mkdir()
-            expected.chmod(0o777)
-        elif squatter == "link":
-            (tmp_path / "elsewhere").mkdir(mode=0o700)
-            expected.symlink_to(tmp_path / "elsewhere")
-        else:
-            expected.touch(mode=0o600)
-        folder = cache_folder()
-        assert folder != expected
-        assert folder.parent == unwritable
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-        assert cache_folder() == folder
+    if squatter == "open folder":
+        expected.mkdir()
+        expected.chmod(0o777)
+    elif squatter == "link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        expected.symlink_to(tmp_path / "elsewhere")
+    elif squatter == "file":
+        expected.touch(mode=0o600)
+    folder = cache_folder()
+    assert (folder == expected) == (not squatter)
+    assert folder.parent == tmp_path / "tmp"
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    if not squatter:
+        library = compiled(unique)
+        assert (library.lib.tiny(), library.path.parent) == (1, folder)
