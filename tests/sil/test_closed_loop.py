@@ -1,9 +1,8 @@
-"""The closed loop: in C and from Python the same bits; delay, passive car, threads, both modes of loading, both precisions."""
+"""The closed loop: in C and from Python the same bits; delay, passive car, both modes of loading, both precisions."""
 
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.compile import compile_library
-from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status, bench_sources
+from codegen.sil.software import RECORD_COLUMNS, Software, Status, bench_sources
 from tests import builds
 from tests.builds import Built
 
@@ -37,7 +36,7 @@ def step_steer(samples: int = 300, speed: float = 42.5, angle: float = 90.0) -> 
 
 def everything_at_once(samples: int = 300) -> FloatArray:
     """Inputs that change within a sample too: sine steer, braking through standby into reverse and back, a slippery patch with
-    its estimate, a gust, ESC, a moment without speed."""
+    its estimate, a gust, ESC, a moment without speed. The controller passes through every status."""
     time = np.arange(samples * STEPS) * 1e-3
     speed = 20.0 * np.cos(2.0 * np.pi * time / 2.5)
     speed[(time > 0.6) & (time < 0.72)] = 250.0  # beyond the input range: a gap and the fail-safe, above every bound of a car
@@ -72,12 +71,9 @@ def run(built: Built, scenario: FloatArray, **options: Any) -> FloatArray:
 def test_in_c_and_stepped_from_python_the_same_bits(either: Built, name: str, delay: int, controlled: bool) -> None:
     options = LoopOptions(controlled=controlled, delay_samples=delay)
     in_c, stepped = (ClosedLoop(either.software, options) for _ in range(2))
-    assert in_c.run(SCENARIOS[name]).tobytes() == stepped.run_stepped(SCENARIOS[name]).tobytes()
-
-
-def test_the_scenarios_reach_every_status(either: Built) -> None:
-    seen = {status for scenario in SCENARIOS.values() for status in column(run(either, scenario), "status")}
-    assert seen == {float(status) for status in Status}
+    record = in_c.run(SCENARIOS[name])
+    assert record.tobytes() == stepped.run_stepped(SCENARIOS[name]).tobytes()
+    assert name != "everything at once" or set(column(record, "status")) == {float(status) for status in Status}
 
 
 def test_a_run_in_pieces_is_the_run_in_one(either: Built) -> None:
@@ -143,24 +139,13 @@ def test_the_delay_is_the_configuration_s_where_none_is_given(paper: Built) -> N
     assert ClosedLoop(configured).run(step_steer()).tobytes() == run(paper, step_steer(), delay_samples=2).tobytes()
 
 
-@pytest.mark.parametrize("delay", [-1, 101])
-def test_an_impossible_delay_is_refused(paper: Built, delay: int) -> None:
-    with pytest.raises(ValueError, match="outside 0 to 100"):
-        ClosedLoop(paper.software, LoopOptions(delay_samples=delay))
-
-
-@pytest.mark.parametrize("shape", [(10, 5), (15, 6), (60,), (10, 6, 1)])
-def test_inputs_of_another_shape_are_refused(paper: Built, shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match="needed"):
-        ClosedLoop(paper.software).run(np.zeros(shape))
-
-
-def test_two_loops_in_threads_give_the_bits_of_each_alone(either: Built) -> None:
-    jobs = [(scenario, delay) for scenario in SCENARIOS.values() for delay in (0, 3)] * 4
-    alone = [run(either, scenario, delay_samples=delay).tobytes() for scenario, delay in jobs]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda job: run(either, job[0], delay_samples=job[1]).tobytes(), jobs))
-    assert together == alone
+def test_an_impossible_delay_and_inputs_of_another_shape_are_refused(paper: Built) -> None:
+    for delay in (-1, 101):
+        with pytest.raises(ValueError, match="outside 0 to 100"):
+            ClosedLoop(paper.software, LoopOptions(delay_samples=delay))
+    for shape in ((10, 5), (15, 6), (60,), (10, 6, 1)):
+        with pytest.raises(ValueError, match="needed"):
+            ClosedLoop(paper.software).run(np.zeros(shape))
 
 
 def test_a_plain_shared_library_gives_the_bits_of_the_extension(either: Built) -> None:
@@ -177,64 +162,3 @@ def test_a_plain_shared_library_gives_the_bits_of_the_extension(either: Built) -
     controllers = [built.software.controller(0.02) for built in (plain, either)]
     drive = [either.turn(error) for error in np.linspace(-0.2, 0.2, 50)]
     assert controllers[0].run(drive) == [controllers[1].step(sample) for sample in drive]
-
-
-def test_single_and_double_precision_are_close(paper: Built) -> None:
-    """The loop is stable: what the controller rounds at each sample does not build up over the run."""
-    single, double = (run(built, step_steer()) for built in (paper, builds.paper("double")))
-    bounds = {
-        # About four times what was found, which is some units in the last place of single precision (6e-8 at 1).
-        "yaw_rate_reference_rad_s": 1e-6,
-        "rear_angle_command_rad": 3e-7,
-        "rear_angle_rad": 3e-7,
-        "yaw_rate_rad_s": 1e-6,
-        "sideslip_rad": 3e-7,
-    }
-    worst = {name: np.abs(column(single, name) - column(double, name)).max() for name in bounds}
-    assert all(0.0 < worst[name] < bound for name, bound in bounds.items()), worst
-
-
-FAST = 100.0 / 3.6
-
-
-def drive_with_a_fault(built: Built, front_angle: float, fault_yaw_rate: float | None) -> tuple[float, list[Status]]:
-    """Largest |sideslip| (rad) from 4 s on, and the statuses, of a drive at 100 km/h in which the yaw-rate sensor fails at 4 s.
-
-    The sensor then sticks at `fault_yaw_rate` (rad/s), or is lost (NaN).
-    """
-    software = built.software
-    lib, ffi = software.compiled.lib, software.ffi
-    controller = software.controller()
-    plant, output = ffi.new("plant_state_t *"), ffi.new("plant_output_t *")
-    wheel = front_angle * software.config.steering.ratio
-    largest, statuses = 0.0, []
-    for sample in range(1000):
-        source = ffi.new("plant_input_t *", (FAST, wheel, 0.0, 0.9, 0.0))
-        lib.plant_output(plant, source, output)
-        yaw_rate = plant.yaw_rate
-        if sample >= 400:
-            yaw_rate = math.nan if fault_yaw_rate is None else fault_yaw_rate
-            largest = max(largest, abs(output.sideslip_angle))
-        command = controller.step(Measurement(FAST, output.front_angle, yaw_rate, plant.rear_angle))
-        statuses.append(command.status)
-        source.rear_angle_command = command.rear_angle
-        for _ in range(10):
-            lib.plant_step(plant, source, 0.001)
-    return largest, statuses[400:]
-
-
-@pytest.mark.parametrize("yaw_rate", [math.radians(100.0), -math.radians(100.0)])
-def test_a_mad_yaw_rate_sensor_does_not_steer_the_car(paper: Built, yaw_rate: float) -> None:
-    """Straight ahead the car stays straight: not one sample of a yaw rate that cannot be is controlled upon."""
-    largest, statuses = drive_with_a_fault(paper, 0.0, yaw_rate)
-    assert largest == 0.0
-    held = round(paper.software.config.controller.inputs.implausible_time_s / 0.01)
-    assert statuses == [Status.DEGRADED] * held + [Status.FAIL_SAFE] * (len(statuses) - held)
-
-
-@pytest.mark.parametrize("yaw_rate", [None, math.radians(100.0)])
-def test_losing_the_sensor_in_a_corner_keeps_the_car_as_it_is(paper: Built, yaw_rate: float | None) -> None:
-    """3 deg at 100 km/h, steered with the rear wheels: held, the sideslip stays what it was, 0.54 deg."""
-    largest, statuses = drive_with_a_fault(paper, math.radians(3.0), yaw_rate)
-    assert statuses[-1] is Status.FAIL_SAFE
-    assert math.degrees(largest) < 0.6

@@ -6,7 +6,10 @@ from typing import Any
 
 import pytest
 
+from codegen.can_sections import Can, E2e
 from codegen.config import Kind
+from tests import builds
+from tests.sil import answers_frames
 from tests.sil.case import case
 from tests.sil.suite import SANITIZED, UNITS, Judge, whole
 
@@ -47,3 +50,10 @@ def _judged() -> list[Any]:
 @pytest.mark.parametrize(("name", "judge"), _judged())
 def test_unit(name: str, judge: Judge) -> None:
     judge.run(case(name))
+
+
+def test_receivers_with_other_settings() -> None:
+    """The protection of frames: limits at the ends of what a configuration takes."""
+    strict = Can(e2e=E2e(max_delta_counter_init=0, max_no_new_or_repeated_data=14, sync_counter_init=0))
+    built = builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": strict}))
+    answers_frames.check_e2e(built, answers_frames.answers_of_e2e(built, every=False))

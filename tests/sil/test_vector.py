@@ -12,7 +12,6 @@ import pytest
 from codegen.errors import BuildError
 from codegen.sil import batch, vector
 from codegen.sil.batch import Isa, Lanes, compile_batch, load_batch
-from codegen.sil.batch_sources import LANES, PLANT_UNIT
 from codegen.vehicle.dynamics import plant_parameters
 from tests import builds
 from tests.sil.test_batch import HERE, PROFILES
@@ -56,6 +55,9 @@ def test_a_silent_fallback_is_seen(lost: tuple[str, ...], monkeypatch: pytest.Mo
 
 
 def test_a_machine_without_vectors_runs_one_number_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(platform, "machine", lambda: "aarch64")
+        assert vector.best_isa() == "none"
     monkeypatch.setattr(vector, "_processor_flags", lambda: {"sse2", "avx"})
     assert vector.best_isa() == "none"
     folder = builds.paper().folder
@@ -73,11 +75,6 @@ def test_a_machine_with_avx2_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert vector.best_isa() == "x86-64-v3"
 
 
-def test_no_other_processor_is_taken_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
-    assert vector.best_isa() == "none"
-
-
 def test_another_compiler_does_without_vectors(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each compiler that is installed gives the same bits without vectors; none fuses or reorders."""
     folder = builds.paper().folder
@@ -93,8 +90,3 @@ def test_numbers_below_the_normal_ones_stay(monkeypatch: pytest.MonkeyPatch) -> 
     run(load_batch(GENERATED / "4ws2"))
     assert np.float64(5e-324) * np.float64(1.0) > 0.0
     assert np.float64(2.3e-308) / np.float64(4.0) > 0.0
-
-
-def test_the_flags_are_for_the_plant_alone() -> None:
-    assert PLANT_UNIT == "batch/batch_plant.c"
-    assert LANES % 8 == 0, "whole vectors at every level: no lane is computed in another way"
