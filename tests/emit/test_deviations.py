@@ -8,8 +8,6 @@ from collections.abc import Mapping
 import pytest
 
 from codegen.config import Kind
-from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.c_outline import Unit
 from codegen.emit.deviations import CHECKER, ENTRIES, FILE, category_of, deviations, excerpt, read_deviations
 from codegen.emit.misra_rules import ADVISORY, MANDATORY, RULES, category
 from codegen.emit.text import Precision
@@ -50,14 +48,6 @@ def test_every_entry_has_a_line_in_some_build() -> None:
     assert used == {entry.rule for entry in ENTRIES}
 
 
-def test_a_prefix_of_its_own_changes_names_alone() -> None:
-    options, inputs = BuildOptions("sample", "rear_axle"), BuildInputs("s.npz", "0" * 64, "preset")
-    other = build(builds.paper_map(), builds.CONFIG, options, inputs).files
-    found = [(row.file.replace("rear_axle_", "ars_"), row.line, row.rule) for row in deviations(other)]
-    assert found == [(row.file, row.line, row.rule) for row in deviations(made("pi"))]
-    assert found
-
-
 def test_the_table_holds_any_code() -> None:
     text = "    if ((a | b) && (c || d)) { e(); } " + 30 * "very_long_"
     files = {"src/ars_map.c": f"typedef union {{ int a; }} u_t;\nstatic const u_t x = {{ {text} }};\n".encode()}
@@ -93,19 +83,6 @@ ARS_SECTION_CODE float ars_second(float x)
     return first(0, x) + one;
 }
 """
-
-
-def test_the_outline_of_a_unit() -> None:
-    unit = Unit("src/ars_one.c", SOURCE)
-    assert [(each.name, each.line) for each in unit.static_objects] == [("one", 2), ("two", 3), ("table", 5)]
-    assert [(each.name, each.line, each.end, each.static) for each in unit.functions] == [
-        ("first", 9, 13, True),
-        ("ars_second", 15, 18, False),
-    ]
-    assert [each.name for each in unit.users("one")] == ["first", "ars_second"]
-    assert unit.users("two") == ()  # a member, and a comment
-    assert [each.name for each in unit.users("table")] == ["first"]
-    assert unit.mentions("first") == 2
 
 
 def test_rules_about_names_cover_all_units() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import subprocess
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from codegen.config import Config, Kind
-from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
 from codegen.emit.limiter_view import limiter_parameters
@@ -90,13 +88,6 @@ def selftest_passes(files: Folder, at: Path) -> bool:
     return subprocess.run([at / "program"], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_default_is_inside_its_range(kind: Kind) -> None:
-    for parameter in by_name(builds.CONFIGS[kind]).values():
-        if parameter.low is not None and parameter.high is not None:
-            assert all(parameter.low <= value <= parameter.high for value in numbers(parameter)), parameter.name
-
-
 ENDS: dict[str, tuple[float, float]] = {
     "lead_s": (0.0, 0.2),
     "lead_max_deg": (0.0, 10.0),
@@ -157,37 +148,6 @@ def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:
             law_of(changed(kind, tracking={**builds.TRACKING_CONFIG.controller.tracking.model_dump(), "schedule": None}))
 
 
-def test_parameters_are_the_configuration_s_in_si_units() -> None:
-    config = tracking(lead_s=0.03, lead_max_deg=2.0, trim_max_percent=3.0, trim_time_s=4.0, grip_loss_time_s=0.5)
-    found = by_name(config)
-    assert found["lead_time"].value == 0.03
-    assert found["lead_angle_max"].value == pytest.approx(math.radians(2.0))
-    assert found["trim_share"].value == pytest.approx(0.03)
-    assert found["trim_rate"].value == pytest.approx(0.25)
-    assert found["grip_loss_rate"].value == pytest.approx(2.0)
-    assert found["yaw_increasing_max"].value == pytest.approx(math.radians(0.5))
-    assert numbers(found["schedule_speed"]) == pytest.approx([speed / 3.6 for speed in builds.SCHEDULE["speed_km_h"]])
-    assert list(numbers(found["proportional_gain"])) == builds.SCHEDULE["proportional_gain_s"]
-    assert list(numbers(found["integral_gain"])) == builds.SCHEDULE["integral_gain"]
-    pi = by_name(changed("pi", proportional_gain_s=0.02, integral_gain=3.0))
-    assert (pi["proportional_gain"].value, pi["integral_gain"].value) == (0.02, 3.0)
-    car = SingleTrack.from_config(builds.CONFIG)
-    proportional = by_name(builds.CONFIGS["proportional"])
-    assert proportional["rear_arm"].value == car.rear_arm
-    assert proportional["understeer_coefficient"].value == car.understeer_coefficient
-
-
-def test_arrays_have_the_size_that_the_c_knows() -> None:
-    for kind in KINDS:
-        config = builds.CONFIGS[kind]
-        sizes = dict(LAWS[kind].points(config, "ars"))
-        arrays = [parameter for parameter in by_name(config).values() if isinstance(parameter.value, tuple)]
-        assert bool(arrays) == bool(sizes)
-        for parameter in arrays:
-            assert sizes[parameter.points.format(PREFIX="ARS")] == len(numbers(parameter))
-        assert all("points" not in parameter.points for parameter in arrays)
-
-
 def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
     """Interpolated between the breakpoints and held beyond them, as the generated law does."""
     speed = np.array([1.0, 7.0, 9.0, 20.0, 33.0, 60.0])
@@ -202,10 +162,3 @@ def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
     assert [values.tolist() for values in gains(speed[:2])] == [[0.01, 0.01], [1.0, 1.0]]
     for kind in ("feedforward", "proportional"):
         assert LAWS[kind].gains(builds.CONFIGS[kind]) is None
-
-
-def test_no_name_of_the_usual_prefix_is_left_under_another() -> None:
-    options, inputs = BuildOptions("x", "axle2"), BuildInputs("x.npz", "0" * 64, "preset")
-    for path, content in build(builds.paper_map(), builds.TRACKING_CONFIG, options, inputs).files.items():
-        if path.startswith(("include/", "src/")):
-            assert not re.search(r"\bars_|\bARS_", content.decode("ascii")), path

@@ -16,12 +16,12 @@ from tests import builds
 KINDS = {"CODE": ".mine.code", "CONST": ".mine.const", "CALIBRATION": ".mine.calibration", "STATE": ".mine.state"}
 
 
-@pytest.fixture(scope="module")
-def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
     """A build with breakpoints in memory too."""
     grid = builds.CONFIG.grid.model_copy(update={"speed_breakpoints_km_h": [20.0, 30.0, 50.0, 120.0], "front_angle_points": 10})
     config = builds.CONFIG.model_copy(update={"grid": grid})
-    folder = tmp_path_factory.mktemp("sections") / "build"
+    folder = tmp_path / "build"
     write_folder(builds.render(solve_case(config, "4ws-2"), config), folder)
     return folder
 
@@ -40,24 +40,20 @@ def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[s
     return found
 
 
-@pytest.mark.parametrize("level", ["-O0", "-O2"])
-def test_every_function_and_object_can_be_placed(sources: Path, tmp_path: Path, level: str) -> None:
-    for name in ("calibration", "map", "controller", "dynamics"):
-        found = placed(sources / f"src/ars_{name}.c", sources, level, tmp_path / "object.o")
-        assert set(found) <= set(KINDS.values()), (name, found)
-
-
-def test_each_kind_holds_what_it_is_named_for(sources: Path, tmp_path: Path) -> None:
-    def without_number(names: set[str]) -> set[str]:
-        return {name.partition(".")[0] for name in names}  # the compiler numbers what is static inside a function
-
-    table = placed(sources / "src/ars_map.c", sources, "-O0", tmp_path / "map.o")
+def test_every_function_and_object_can_be_placed_by_what_it_is(sources: Path, tmp_path: Path) -> None:
+    found = {}
+    for level in ("-O2", "-O0"):
+        for name in ("calibration", "map", "controller", "dynamics"):
+            found[name] = placed(sources / f"src/ars_{name}.c", sources, level, tmp_path / "object.o")
+            assert set(found[name]) <= set(KINDS.values()), (name, found[name])
+    table = {
+        kind: {name.partition(".")[0] for name in names} for kind, names in found["map"].items()
+    }  # static ones are numbered
     assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
-    assert {"lateral_acceleration_cap", "table"} <= without_number(table[KINDS["CONST"]])
+    assert {"lateral_acceleration_cap", "table"} <= table[KINDS["CONST"]]
     assert KINDS["CALIBRATION"] not in table
-    calibration = placed(sources / "src/ars_calibration.c", sources, "-O0", tmp_path / "calibration.o")
     quantities = ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "expected_checksum")
-    assert calibration == {
+    assert found["calibration"] == {
         KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", *(f"ars_map_{each}" for each in quantities)}
     }
     example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")

@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import parse
 from codegen.emit.staged_c import Stage, staged_body
 from codegen.sil.compile import compile_library
-from codegen.vehicle.dynamics import two_track_of_parameters
 
 LANES = 4
 SIZES = {"p": 3, "u": 2, "x": 2}
@@ -114,32 +112,6 @@ def test_no_division_by_what_an_earlier_stage_knows() -> None:
     divisions = [line for line in rate.body if " / " in line]
     assert len(divisions) == 2, "by three, which the compiler knows, and by another number of the same stage"
     assert "held_" not in "".join(divisions)
-
-
-def depths(stage: Stage) -> list[int]:
-    """The number of calls before each call of the library, in the order of the lines."""
-    depth: dict[str, int] = {}
-    found = []
-    for line in stage.body:
-        match = re.match(r" *const double (t\d+) = (.*);", line)
-        if match is None:
-            continue
-        before = max((depth[name] for name in re.findall(r"\bt\d+\b", match[2])), default=0)
-        call = re.match(r"(sin|cos|atan)\(", match[2]) is not None
-        depth[match[1]] = before + call
-        if call:
-            found.append(before)
-    return found
-
-
-def test_calls_that_do_not_wait_for_each_other_stand_together() -> None:
-    """In the plant: the slips of all wheels, then the inner and the outer arc tangent of each, then the sines."""
-    config = parse({}, "test")
-    model = two_track_of_parameters(config)
-    *_, rate = staged_body(model.derivative, {"car": ["p"], "input": ["u"], "state": ["x"]})
-    found = depths(rate)
-    assert found == sorted(found)
-    assert [found.count(depth) for depth in range(4)][1:] == [4, 4, 4]
 
 
 @pytest.mark.parametrize("stages", [{"car": ["p"], "rate": ["x"]}, {"all": ["p", "u", "x", "x"]}, {"all": ["p", "u", "y"]}])
