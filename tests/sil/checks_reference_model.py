@@ -119,6 +119,10 @@ def check_curves(units: Units, count: int = 400_000) -> None:
         assert error.max() <= table.error + rounding
         assert error.max() >= 0.9 * table.error, "the bound is not far above the error"
         assert np.array_equal(values, -mirrored)
+        # Just before the end of the table, the cell next to the last is over.
+        (before,) = units.curves(np.nextafter(units.real([ARGUMENT_MAX]), units.real(0.0)))[tyre is tyres.rear]
+        last_rise = abs(table.values[-1] - table.values[-2])
+        assert abs(before - table.values[-1]) <= units.eps * (3.0 * table.values.size * last_rise + 4.0)
     beyond = np.array([ARGUMENT_MAX, 2.0 * ARGUMENT_MAX, 1e6, np.inf], dtype=units.real)
     for values in units.curves(beyond):
         assert (values == values[0]).all(), "held"

@@ -57,15 +57,6 @@ def map_yaw_rate(built: Built, front: float, speed: float = SPEED) -> float:
     return float(built.lookup(speed, front))
 
 
-def gains_at(built: Built, speed: float) -> tuple[float, float]:
-    """Kp and Ki of the configured schedule."""
-    schedule = config_of(built).controller.tracking.schedule
-    assert schedule is not None
-    at = speed * 3.6
-    kp, ki = (np.interp(at, schedule.speed_km_h, values) for values in (schedule.proportional_gain_s, schedule.integral_gain))
-    return float(kp), float(ki)
-
-
 def check_feedforward(built: Built) -> None:
     """Without gains, and from straight ahead, the command is the map's own rear angle, to the bit."""
     for side in BOTH:
@@ -88,20 +79,6 @@ def check_lead(built: Built) -> None:
             # The rate is a difference of rounded angles over the period: 0.1 eps of angle become 0.4 eps after the lead time.
             wanted = [side * feedforward(built, abs(front) + ahead) for front in fronts[1:]]
             assert np.abs(np.array(angles(commands[1:])) - wanted).max() < 8.0 * built.eps
-
-
-def check_gain_schedule(built: Built) -> None:
-    """-(Kp e + Ki integral of e) with gains that are interpolated over the speed and held beyond both ends of the schedule."""
-    error = 0.02
-    for side in BOTH:
-        for speed in (5.0, 25.0 / 3.6, 9.0, 60.0 / 3.6, 18.1, 27.5, 120.0 / 3.6, 45.0):
-            proportional, integral = gains_at(built, speed)
-            controller = controller_of(built)
-            controller.step(Measurement(speed, 0.0, 0.0))
-            commands = controller.run([Measurement(speed, 0.0, -side * error)] * 4)
-            wanted = [-side * (proportional + integral * PERIOD * count) * error for count in (1, 2, 3, 4)]
-            assert np.abs(np.array(angles(commands)) - wanted).max() < 10.0 * built.eps * error
-            assert {command.status for command in commands} == {Status.TRACKING}
 
 
 def check_authority(built: Built) -> None:

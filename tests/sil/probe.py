@@ -9,8 +9,6 @@ void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction,
     "limiter": """
 void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const REAL *inputs, REAL *angles,
                    uint32_t count);
-void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters,
-                        const REAL *inputs, REAL *angles, uint32_t count);
 """,
     "reference_model": """
 void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count);
@@ -40,14 +38,6 @@ void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *paramete
         ars_limiter_input_t input;
         memcpy(&input, &inputs[3u * k], sizeof(input));
         angles[k] = ars_limiter_step(self, parameters, &input);
-    }
-}
-void probe_limiter_from(const REAL *states, const uint8_t *known, const ars_limiter_parameters_t *parameters,
-                        const REAL *inputs, REAL *angles, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_limiter_t self = { states[3u * k], states[3u * k + 1u], states[3u * k + 2u], known[k] != 0u };
-        probe_limiter(&self, parameters, &inputs[3u * k], &angles[k], 1u);
     }
 }
 """,

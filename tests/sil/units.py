@@ -101,13 +101,6 @@ class Units:
         self.library.lib.probe_limiter(self_, parameters, self._in(inputs), pointer, len(inputs))
         return angles
 
-    def limiter_from(self, parameters: Any, states: Any, known: Any, inputs: Any) -> RealArray:
-        """Angles (n,) after one step each from states (n, 3) of angle, speed, front angle; speed known (n,) or not."""
-        angles, pointer = self._out(len(inputs))
-        flags = self.library.ffi.from_buffer("uint8_t[]", np.ascontiguousarray(known, dtype=np.uint8))
-        self.library.lib.probe_limiter_from(self._in(states), flags, parameters, self._in(inputs), pointer, len(inputs))
-        return angles
-
     def model(self, start: Any, inputs: Any) -> RealArray:
         """States (n, 3) of a reference model that starts in a state (3,) and takes inputs (n, 4)."""
         self_ = self.library.ffi.new("ars_reference_model_t *", tuple(float(value) for value in start))
