@@ -4,8 +4,6 @@ A build is made on first use. Its compiled library is shared by all workers thro
 keeps two workers from compiling the same one.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Callable
@@ -145,73 +143,46 @@ def altered_folder(folder: Folder, path: str, old: str, new: str) -> Folder:
     return replace(folder, files={**folder.files, path: text.replace(old, new).encode("ascii")})
 
 
-def _grid(**changes: Any) -> ReferenceMap:
-    config = CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
-    return solve_case(config, "4ws-2")
+def _on_grid(**changes: Any) -> Config:
+    return CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
 
 
-def _bare(speed: Any, front_angle: Any, yaw_rate: Any) -> ReferenceMap:
-    arrays = {"vx": np.array(speed), "delta_f": np.array(front_angle), "yaw_rate": np.array(yaw_rate)}
+def _bare(speed: Any, front_angle: Any, yaw_rate: Any, **more: Any) -> ReferenceMap:
+    arrays = {"vx": np.array(speed), "delta_f": np.array(front_angle), "yaw_rate": np.array(yaw_rate), **more}
     return refmap.from_arrays(arrays, "sample")
 
 
-def _rough() -> ReferenceMap:
-    """Uneven on both axes, any value beside any other: no neighbour can stand in for another."""
-    speed = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0])
-    front_angle = np.array([0.003, 0.01, 0.02, 0.1, 0.11])
-    ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g
-    return _bare(speed, front_angle, np.random.default_rng(3).uniform(0.02, 1.0, (6, 5)) * ceiling)
-
-
-FRICTIONS = (0.3, 0.5, 0.7, 0.9)
-
-
-def _stack(friction: tuple[float, ...], **changes: Any) -> ReferenceMap:
-    config = CONFIG.model_copy(update={"grid": CONFIG.grid.model_copy(update=changes)})
-    return solve_stack(config, "4ws-2", friction)
-
-
-def _rough_stack() -> ReferenceMap:
-    """A stack whose layers, cells and tables differ so much that none can stand in for another."""
+def _rough(friction: tuple[float, ...] = ()) -> ReferenceMap:
+    """Uneven on both axes, any value beside any other: no neighbour, and no layer of a stack, can stand in for another."""
     speed, front_angle = np.array([2.0, 3.0, 7.5, 8.0, 21.0, 40.0]), np.array([0.003, 0.01, 0.02, 0.1, 0.11])
-    rng = np.random.default_rng(3)
+    rng, shape = np.random.default_rng(3), (len(friction), 6, 5)
     ceiling = np.minimum(2.0, 19.0 / speed)[:, np.newaxis]  # the map contract allows 2 g
-    arrays = {
-        "vx": speed,
-        "delta_f": front_angle,
-        "yaw_rate": rng.uniform(0.02, 1.0, (6, 5)) * ceiling,
-        "delta_r": rng.uniform(-0.08, 0.08, (6, 5)),
-        "friction": np.array([0.2, 0.21, 0.6]),
-        "friction_yaw_rate": rng.uniform(0.02, 1.0, (3, 6, 5)) * ceiling,
-        "friction_delta_r": rng.uniform(-0.08, 0.08, (3, 6, 5)),
-    }
-    return refmap.from_arrays(arrays, "sample")
+    yaw_rate = rng.uniform(0.02, 1.0, (6, 5)) * ceiling
+    if not friction:
+        return _bare(speed, front_angle, yaw_rate)
+    more = {"delta_r": rng.uniform(-0.08, 0.08, (6, 5)), "friction": np.array(friction)}
+    more["friction_yaw_rate"] = rng.uniform(0.02, 1.0, shape) * ceiling
+    more["friction_delta_r"] = rng.uniform(-0.08, 0.08, shape)
+    return _bare(speed, front_angle, yaw_rate, **more)
 
 
 UNEVEN_SPEED = [20.0, 23.0, 30.0, 42.5, 60.0, 61.0, 90.0, 120.0]
 UNEVEN_ANGLE = [0.1, 0.5, 1.0, 2.0, 2.5, 4.0, 6.75, 10.0]
 
+UNEVEN: dict[str, Any] = {"speed_breakpoints_km_h": UNEVEN_SPEED, "front_angle_breakpoints_deg": UNEVEN_ANGLE}
 MAPS: dict[str, Callable[[], ReferenceMap]] = {
     "paper": paper_map,
-    "uneven speed": lambda: _grid(speed_breakpoints_km_h=UNEVEN_SPEED),
-    "uneven angle": lambda: _grid(front_angle_breakpoints_deg=UNEVEN_ANGLE),
-    "uneven": lambda: _grid(speed_breakpoints_km_h=UNEVEN_SPEED, front_angle_breakpoints_deg=UNEVEN_ANGLE),
-    "two points each": lambda: _grid(speed_points=2, front_angle_points=2),
+    "uneven speed": lambda: solve_case(_on_grid(speed_breakpoints_km_h=UNEVEN_SPEED), "4ws-2"),
+    "uneven angle": lambda: solve_case(_on_grid(front_angle_breakpoints_deg=UNEVEN_ANGLE), "4ws-2"),
+    "uneven": lambda: solve_case(_on_grid(**UNEVEN), "4ws-2"),
+    "two points each": lambda: solve_case(_on_grid(speed_points=2, front_angle_points=2), "4ws-2"),
     "bare 2 x 2": lambda: _bare([5.0, 30.0], [0.02, 0.2], [[0.03, 0.3], [0.1, 0.15]]),
     "one cell": lambda: _bare([0.0, 30.0], [0.0, 0.7], [[0.0, 0.0], [0.0, 0.3]]),
     "even from zero": lambda: _bare(
         np.linspace(0.0, 30.0, 7), np.linspace(0.0, 0.7, 8), np.outer(np.linspace(0.0, 0.3, 7), np.linspace(0.0, 1.0, 8))
     ),
     "rough": _rough,
-    "stack": lambda: _stack(FRICTIONS, speed_points=21, front_angle_points=20),
-    "stack of two, uneven": lambda: _stack(
-        (0.4, 0.9), speed_breakpoints_km_h=UNEVEN_SPEED, front_angle_breakpoints_deg=UNEVEN_ANGLE
-    ),
-    "rough stack": _rough_stack,
+    "stack": lambda: solve_stack(_on_grid(speed_points=21, front_angle_points=20), "4ws-2", (0.3, 0.5, 0.7, 0.9)),
+    "stack of two, uneven": lambda: solve_stack(_on_grid(**UNEVEN), "4ws-2", (0.4, 0.9)),
+    "rough stack": lambda: _rough((0.2, 0.21, 0.6)),
 }
-
-
-@functools.cache
-def of_map(name: str, precision: Precision) -> Built:
-    """The build of one of MAPS."""
-    return paper(precision) if name == "paper" else make(MAPS[name](), CONFIG, precision)

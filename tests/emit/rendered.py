@@ -1,7 +1,5 @@
 """Generated files of the kinds of controller, not compiled; rendered once for all workers."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

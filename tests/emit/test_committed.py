@@ -1,7 +1,5 @@
 """The committed builds: their record of `codegen verify` describes these very files."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Words and numbers as C text: nothing that a user names can end a comment, and every number reads back to its bits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given

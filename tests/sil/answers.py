@@ -4,8 +4,6 @@ Each `answers_...` takes a build that is known to have the right parameters and 
 raises AssertionError where an answer differs. Bit for bit, but for the sign of a zero where that says nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 See `answers`, which does so for the models.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

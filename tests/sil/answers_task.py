@@ -3,8 +3,6 @@
 The frames are made by Python's own codec and protection, which share no code with the C.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A build whose calibration section can be written: what a calibration tool does to an ECU's memory."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, Self
 

@@ -1,7 +1,5 @@
 """A build with its references, over a library that can be exchanged for one whose units have mutants."""
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import hashlib

@@ -4,8 +4,6 @@ Each check takes a build whose calibration can be written, finds it as it was bu
 hold.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.sil.calibrated import AXES, Calibrated

@@ -4,8 +4,6 @@ implementation. Each check takes a build of kind "pi" and raises AssertionError 
 Errors are reference minus measured yaw rate, rad/s.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

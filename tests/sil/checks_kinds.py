@@ -1,7 +1,5 @@
 """What must hold of every kind of controller. Each check takes a build and raises AssertionError where it does not."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 """What must hold of the generated limiter. Each check takes the units of a build and raises AssertionError where it does not
 hold."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

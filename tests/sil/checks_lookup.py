@@ -3,8 +3,6 @@
 Apart from the tests, so that the planted faults are judged by the very same checks.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import zlib

@@ -3,8 +3,6 @@
 Each check takes the units of a build and raises AssertionError where it does not hold.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

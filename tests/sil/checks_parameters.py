@@ -3,8 +3,6 @@
 Each check takes a build of any kind and raises AssertionError where it does not hold.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -3,8 +3,6 @@
 Each check takes the library of the self-test and its stand-ins and raises AssertionError where it does not hold.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 """What the generated cyclic task promises, beside what `answers_task` compares: a gap is held, and control starts from an angle
 that is known. Each check takes a build of any kind and raises AssertionError if the build fails it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

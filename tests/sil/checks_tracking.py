@@ -5,8 +5,6 @@ Each check takes a build of that kind and raises AssertionError where it does no
 rate, rad/s. The limits that a check is not about are open.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

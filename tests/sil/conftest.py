@@ -1,7 +1,5 @@
 """The paper's build as a fixture."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests import builds

@@ -1,7 +1,5 @@
 """The physics of the reference model in double precision, from the equations of the single-track car and not from CasADi."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

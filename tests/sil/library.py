@@ -1,12 +1,10 @@
 """A build as one shared library with the plant and the loops of the tests: compiled file by file, opened with cffi."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from codegen.config import Config
 from codegen.emit.folder import Folder
@@ -41,7 +39,7 @@ class Tree:
     headers: tuple[str, ...]
 
     @classmethod
-    def write(cls, folder: Folder, config: Config, root: Path) -> Tree:
+    def write(cls, folder: Folder, config: Config, root: Path) -> Self:
         """Write a build, the plant of a configuration and the loops of the tests."""
         options = folder.manifest["options"]
         files = {path: content for path, content in folder.files.items() if path.startswith(("include/", "src/"))}

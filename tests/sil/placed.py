@@ -1,7 +1,5 @@
 """Builds with chosen breakpoints, stored as real numbers or as int16, of maps with the linear and the nonlinear tyre."""
 
-from __future__ import annotations
-
 import functools
 import math
 import os

@@ -1,7 +1,5 @@
 """C loops over the units of a build, for `units`: REAL stands for the build's number type."""
 
-from __future__ import annotations
-
 DECLARATIONS = {
     "map": """
 void probe_map(const REAL *speed, const REAL *front_angle, const REAL *friction, REAL *reference, uint32_t count);

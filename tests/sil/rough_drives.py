@@ -1,7 +1,5 @@
 """Drives in which nothing is smooth, with the answers of the second implementation of the law."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

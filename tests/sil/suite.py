@@ -4,8 +4,6 @@
 power to fail are one list.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from types import ModuleType

@@ -1,7 +1,5 @@
 """The vehicle's equations in C against CasADi's own machine: within the rounding of single precision, to the bit in double."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

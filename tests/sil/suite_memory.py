@@ -3,8 +3,6 @@
 An address out of bounds may give the right number, and is a fault all the same: no comparison of results sees it.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The self-test of a case with stand-ins for all that it asks: linked apart, for the case itself has the real ones."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many closed loops at once against the single run, and each of them in any company the same bits."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json

@@ -1,7 +1,5 @@
 """The closed loop: in C and from Python the same bits; delay, passive car, both modes of loading, both precisions."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every check of the generated C: once for each kind of controller in single precision, and in double precision."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

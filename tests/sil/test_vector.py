@@ -1,7 +1,5 @@
 """Which vectors the batch uses: seen in what was compiled, chosen by compiler and machine, refused where they would not run."""
 
-from __future__ import annotations
-
 import platform
 import shutil
 from pathlib import Path

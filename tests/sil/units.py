@@ -4,8 +4,6 @@ Arrays go in and out as they are in memory, so that any bit pattern arrives: a s
 does not.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from typing import Any
