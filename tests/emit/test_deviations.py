@@ -13,8 +13,6 @@ from codegen.refmap.stack import solve_stack
 from tests import builds
 from tests.emit.rendered import EACH_KIND_AND_DOUBLE, KINDS, rendered
 
-UNEVEN = {"speed_breakpoints_km_h": builds.UNEVEN_SPEED, "front_angle_breakpoints_deg": builds.UNEVEN_ANGLE}
-
 
 @functools.cache
 def made(kind: Kind, precision: Precision = "single") -> Mapping[str, bytes]:
@@ -22,7 +20,7 @@ def made(kind: Kind, precision: Precision = "single") -> Mapping[str, bytes]:
     if kind != "tracking":
         return rendered(kind, precision).files
     config = builds.CONFIGS[kind]
-    config = config.model_copy(update={"grid": config.grid.model_copy(update=UNEVEN)})
+    config = config.model_copy(update={"grid": config.grid.model_copy(update=builds.UNEVEN)})
     return builds.render(solve_stack(config, "4ws-2", (0.5, 0.9)), config, precision).files
 
 

@@ -1,17 +1,20 @@
-"""What must hold of the generated self-test alone: all that it asks of the others is answered by stand-ins that can be wrong.
+"""The generated self-test alone: all that it asks of the others is answered by stand-ins that can be wrong.
 
-Each check takes the library of the self-test and its stand-ins and raises AssertionError where it does not hold.
+It is linked apart, for the case itself has the real ones.
 """
 
 import math
 import re
+import tempfile
 from dataclasses import dataclass
-from typing import Any, Self
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from codegen.emit.folder import Folder
-from codegen.sil.compile import Library
+from codegen.sil.cdef import derive_cdef, parsed_ffi
+from tests.sil.case import Case
+from tests.sil.library import Compiler
 
 PATH = "src/ars_selftest.c"
 ROW = re.compile(r"\{ (\S+)f, (\S+)f, (\S+)f, (\S+)f \}")
@@ -112,53 +115,37 @@ FROZEN = 0x12345678
 """The checksum of another map than the build's own."""
 
 
-def checksum_of(folder: Folder) -> int:
-    """Of the map that the build was made with."""
-    (found,) = re.findall(r"expected_checksum [=!]= 0x([0-9A-F]{8})u", folder.files[PATH].decode("ascii"))
-    return int(found, 16)
-
-
-def rows_of(folder: Folder) -> list[tuple[float, ...]]:
-    """Speed, front angle, friction and yaw rate of each place that the self-test asks for."""
-    text = folder.files[PATH].decode("ascii")
-    return [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
-
-
 @dataclass(frozen=True)
 class Alone:
-    """The self-test with its stand-ins, the places that it asks for, and the checksum of the build's own map."""
+    """The self-test with its stand-ins, the places that it asks for (speed, front angle, friction, yaw rate), and the checksum
+    of the build's own map."""
 
-    library: Library
+    lib: Any
     rows: list[tuple[float, ...]]
     checksum: int
-
-    @classmethod
-    def of(cls, library: Library, folder: Folder) -> Self:
-        """Of the build in a folder."""
-        return cls(library, rows_of(folder), checksum_of(folder))
 
 
 def answer(alone: Alone, rows: list[tuple[float, ...]], expected: int | None = None, **wrong: Any) -> bool:
     """What the self-test says where all is right but for what is given."""
-    expected, stub = alone.checksum if expected is None else expected, alone.library.lib.stub
-    alone.library.lib.stub_clear()
-    alone.library.lib.stub_expect(expected)
+    expected, stub = alone.checksum if expected is None else expected, alone.lib.stub
+    alone.lib.stub_clear()
+    alone.lib.stub_expect(expected)
     stub.checksum, stub.valid, stub.rows = expected, True, len(rows)
     for k, row in enumerate(rows):
         stub.known[k] = row
     for name, value in wrong.items():
         setattr(stub, name, value)
-    return bool(alone.library.lib.ars_selftest())
+    return bool(alone.lib.ars_selftest())
 
 
-def check_selftest_passes(alone: Alone) -> None:
+def _passes(alone: Alone) -> None:
     """Where all is right it says so, and it asks for every place."""
     assert len(alone.rows) >= 10
     assert answer(alone, alone.rows)
-    assert alone.library.lib.stub.asked == len(alone.rows)
+    assert alone.lib.stub.asked == len(alone.rows)
 
 
-def check_selftest_sees_each_fault(alone: Alone) -> None:
+def _sees_each_fault(alone: Alone) -> None:
     """Each thing alone makes it fail."""
     for checksum in (alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF):
         assert not answer(alone, alone.rows, checksum=checksum)
@@ -171,7 +158,7 @@ def check_selftest_sees_each_fault(alone: Alone) -> None:
         assert not answer(alone, alone.rows, crc_error_of=byte), "one entry of the table"
 
 
-def check_selftest_sees_each_place(alone: Alone) -> None:
+def _sees_each_place(alone: Alone) -> None:
     """Each place is judged, to both sides of the tolerance; where the answer is zero, to the last bit of it."""
     tolerance = float(np.float32(TOLERANCE))
     for k, (*place, yaw_rate) in enumerate(alone.rows):
@@ -185,19 +172,42 @@ def check_selftest_sees_each_place(alone: Alone) -> None:
                 assert answer(alone, changed) == passes, (k, side * off)
 
 
-def check_selftest_of_another_calibration(alone: Alone) -> None:
+def _takes_another_calibration(alone: Alone) -> None:
     """A map that was calibrated, with its checksum frozen, is not asked for the values of the build's own; all else is."""
     nothing = [(*place, math.nan) for *place, _ in alone.rows]
     assert answer(alone, nothing, FROZEN)
-    assert alone.library.lib.stub.asked == 0
+    assert alone.lib.stub.asked == 0
     assert not answer(alone, nothing, FROZEN, checksum=FROZEN + 1)
     assert not answer(alone, nothing, FROZEN, valid=False)
     assert not answer(alone, nothing, FROZEN, crc_error=[1, 0])
 
 
-CHECKS = (
-    check_selftest_passes,
-    check_selftest_sees_each_fault,
-    check_selftest_sees_each_place,
-    check_selftest_of_another_calibration,
-)
+def check_selftest(case: Case) -> None:
+    """All of this; with the rest of the build the self-test passes."""
+    assert case.built.software.selftest()
+    root, compiler, text = case.tree.root, case.compiler, case.built.folder.files[PATH].decode("ascii")
+    if "stand-ins" not in case.kept:
+        case.kept["stand-ins"] = _stand_ins(root, compiler)
+    (checksum,) = re.findall(r"expected_checksum [=!]= 0x([0-9A-F]{8})u", text)
+    rows = [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
+    with tempfile.TemporaryDirectory(dir=root) as scratch:
+        path, ffi = Path(scratch) / "selftest.so", case.kept["stand-ins"]
+        compiler.link([case.object(PATH), root / "stub/stub.o", root / "stub/expected.o"], path)
+        alone = Alone(ffi.dlopen(str(path)), rows, int(checksum, 16))
+        if case.mutated is not None and case.mutated.path == PATH:
+            case.select_in(path)
+        try:
+            for check in (_passes, _sees_each_fault, _sees_each_place, _takes_another_calibration):
+                check(alone)
+        finally:
+            ffi.dlclose(alone.lib)  # where it counts what was run, that is written now
+
+
+def _stand_ins(root: Path, compiler: Compiler) -> Any:
+    """Compile them; return what knows their types."""
+    (root / "stub").mkdir(exist_ok=True)
+    for path, text in STUBS.items():
+        (root / path).write_text(text, encoding="ascii")
+    for name in ("stub", "expected"):
+        compiler.compile(root, f"stub/{name}.c", root / f"stub/{name}.o", ("-Istub",))
+    return parsed_ffi(derive_cdef([Path("stub/stub.h")], ("include", "stub"), for_dlopen=True, folder=root))

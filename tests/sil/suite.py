@@ -31,9 +31,9 @@ from tests.sil import (
 )
 from tests.sil.calibrated import Calibrated
 from tests.sil.case import Case
+from tests.sil.checks_selftest import check_selftest
 from tests.sil.suite_dynamics import check_dynamics
 from tests.sil.suite_memory import check_memory
-from tests.sil.suite_selftest import check_selftest
 
 
 @dataclass(frozen=True)
