@@ -16,7 +16,6 @@ from codegen.emit.parameters import Parameter
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
 from codegen.sil.toolchain import compiler_command
-from codegen.vehicle.single_track import SingleTrack
 from tests import builds
 from tests.emit.rendered import KINDS, laid_out, rendered
 
@@ -31,11 +30,6 @@ def changed(kind: Kind, **controller: Any) -> Config:
 def tracking(**keys: Any) -> Config:
     """The same with keys of [controller.tracking]."""
     return changed("tracking", tracking={**builds.TRACKING_CONFIG.controller.tracking.model_dump(), **keys})
-
-
-def by_name(config: Config) -> dict[str, Parameter]:
-    """The law's own parameters."""
-    return {parameter.name: parameter for parameter in law_of(config).parameters(config)}
 
 
 def numbers(parameter: Parameter) -> tuple[float, ...]:
@@ -120,18 +114,6 @@ def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
     assert selftest_passes(builds.render(builds.paper_map(), config, precision), tmp_path)
     limiter = {parameter.name: parameter for parameter in limiter_parameters(config)}
     assert max(numbers(limiter["opposite_phase_max"])) <= max(numbers(limiter["rear_angle_max"]))
-
-
-def test_bounds_from_the_car_give_the_wanted_lateral_acceleration() -> None:
-    """The steady turn of the linear car with the rear angle alone: a = v^2 angle / (l + K v^2)."""
-    data = builds.FEEDFORWARD_CONFIG.model_dump()
-    data["limiter"]["opposite_phase_max_deg"] = "from-car"
-    config, car = Config.model_validate(data), SingleTrack.from_config(builds.CONFIG)
-    limiter = {parameter.name: np.array(numbers(parameter)) for parameter in limiter_parameters(config)}
-    square, angle = limiter["opposite_phase_speed"] ** 2, limiter["opposite_phase_max"]
-    acceleration = square * angle / (car.wheelbase + car.understeer_coefficient * square)
-    assert (angle < limiter["rear_angle_max"]).all()
-    assert acceleration == pytest.approx(config.limiter.opposite_phase_lateral_acceleration_m_s2, rel=1e-12)
 
 
 def test_tracking_without_a_schedule_is_refused_with_the_remedy() -> None:

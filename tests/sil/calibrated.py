@@ -6,11 +6,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.emit.folder import Folder
 from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import AxisConstants, Lookup
-from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
+from codegen.sil.compile import Library
 
 # Of a name that linkers put among the data that may be written, though each object is const.
 WRITABLE = '-DARS_SECTION_CALIBRATION=__attribute__((section(".data.calibration")))'
@@ -30,13 +29,6 @@ class Calibrated:
     library: Library
     arrays: dict[str, npt.NDArray[np.float32]]
     total: TotalMap
-
-    @classmethod
-    def of(cls, folder: Folder, total: TotalMap) -> Self:
-        """Compile a build in memory."""
-        sources = {path: content for path, content in folder.files.items() if path.startswith(("include/", "src/"))}
-        headers = ["include/ars_controller.h", "include/ars_map.h"]
-        return cls.over(compile_library("ars_calibrated", sources, headers, flags=(*DEFAULT_FLAGS, WRITABLE)), total)
 
     @classmethod
     def over(cls, library: Library, total: TotalMap) -> Self:

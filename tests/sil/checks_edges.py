@@ -3,7 +3,6 @@
 Each check takes a build of any kind and raises AssertionError where it does not hold.
 """
 
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -166,16 +165,3 @@ def check_counts_stay_at_their_end(built: Built) -> None:
             command = controller.step(wrong)
             assert getattr(controller.state, count) == LARGEST
             assert command.status is Status.FAIL_SAFE
-
-
-def check_counts_of_one_another(built: Built) -> None:
-    """A sample that is lost leaves the implausible ones counted, and the other way round; a good one ends both."""
-    good, strange = Measurement(15.0, 0.0, 0.0), Measurement(15.0, 0.0, 2.0)
-    parameters = parameters_of(built, {"degraded_samples_max": 3, "implausible_samples_max": 3})
-    for first, then in itertools.permutations((LOST, strange)):
-        found = statuses_of(built, parameters, [(good, 2), (first, 3), (good, 1), (first, 3), (good, 1), (then, 4)])
-        assert [int(status) for status in found[2:5]] == [Status.DEGRADED] * 3
-        assert found[5] in (Status.TRACKING, Status.LIMITED)
-        assert found[-1] == Status.FAIL_SAFE
-        found = statuses_of(built, parameters, [(first, 9), (good, 9), (then, 1), (good, 9)])
-        assert found[-1] == Status.FAIL_SAFE, "a bad sample, of either sort, begins the recovery anew"
