@@ -4,27 +4,19 @@ A rigid body moves in the plane at a given forward speed, on four wheels. At eac
 angle (direction of travel less steering angle) by the Magic Formula at that wheel's load; it acts across the wheel. The
 lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel lifts.
 Steering and rear actuator are first-order lags with a rate limit. Where the tyres have a relaxation length, the four slip
-angles that the forces follow from are states too. The integration starts anew where a rate limit ends.
+angles that the forces follow from are states too.
 """
 
-from __future__ import annotations
-
-import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.integrate import solve_ivp
-
-FloatArray = npt.NDArray[np.float64]
 
 ROLLING_SPEED_MIN = 0.5
 """m/s: a wheel that rolls slower counts as rolling at this speed."""
-
-STEP_MAX = 0.02
-"""s. Longer steps would meet the tolerance at their ends; between those, the interpolation of the method is less accurate."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +43,6 @@ class Lag:
         """Rate of an angle that misses its command by `error`."""
         return min(max(error / self.time_constant, -self.rate_limit), self.rate_limit)
 
-    def ramp_time(self, error: float) -> float:
-        """Time in s until the lag leaves its rate limit, from an error on."""
-        return max(abs(error) / self.rate_limit - self.time_constant, 0.0)
-
 
 @dataclass(frozen=True)
 class Car:
@@ -79,18 +67,18 @@ class Car:
     relaxation_length: float = 0.0
 
     @property
-    def wheels(self) -> FloatArray:
+    def wheels(self) -> np.ndarray:
         """Positions (x forward, y left) of front left, front right, rear left, rear right; shape (4, 2)."""
         side = 0.5 * self.track
         return np.array([[self.to_front, side], [self.to_front, -side], [-self.to_rear, side], [-self.to_rear, -side]])
 
-    def static_loads(self) -> FloatArray:
+    def static_loads(self) -> np.ndarray:
         """Loads of the four wheels at rest, from force and pitch balance; shape (4,)."""
         arms = self.wheels[:, 0]
         front_pair, rear_pair = np.linalg.solve([[2.0, 2.0], [2.0 * arms[0], 2.0 * arms[2]]], [self.mass * self.gravity, 0.0])
         return np.array([front_pair, front_pair, rear_pair, rear_pair])
 
-    def loads(self, lateral_acceleration: float) -> FloatArray:
+    def loads(self, lateral_acceleration: float) -> np.ndarray:
         """Loads of the four wheels in a turn. Roll balance about the ground line: w (dF_front + dF_rear) = m ay h."""
         at_rest = self.static_loads()
         whole = self.load_transfer_scale * self.mass * lateral_acceleration * self.height / self.track
@@ -108,14 +96,14 @@ class Car:
         bent = (1.0 - tyre.curvature) * argument + tyre.curvature * math.atan(argument)
         return height * math.sin(tyre.shape * math.atan(bent)) + tyre.shift_force
 
-    def slip_angles(self, points: FloatArray, speed: float, lateral: float, yaw_rate: float, steer: FloatArray) -> FloatArray:
+    def slip_angles(self, points: np.ndarray, speed: float, lateral: float, yaw_rate: float, steer: np.ndarray) -> np.ndarray:
         """Slip angles at body points (n, 2) with wheels that point along `steer` (n,)."""
         along = speed - yaw_rate * points[:, 1]
         across = lateral + yaw_rate * points[:, 0]
         return np.arctan2(across, np.maximum(along, ROLLING_SPEED_MIN)) - steer
 
     def body_rates(
-        self, speed: float, yaw_rate: float, slip: FloatArray, steer: FloatArray, friction: float, yaw_moment: float = 0.0
+        self, speed: float, yaw_rate: float, slip: np.ndarray, steer: np.ndarray, friction: float, yaw_moment: float = 0.0
     ) -> tuple[float, float]:
         """Lateral acceleration of the centre of gravity (m/s^2) and yaw acceleration (rad/s^2) from four slip angles."""
         places, loads = self.wheels, self.loads(speed * yaw_rate)
@@ -124,7 +112,7 @@ class Car:
         torque = places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]
         return float(forces[:, 1].sum()) / self.mass, (float(torque.sum()) + yaw_moment) / self.inertia
 
-    def derivative(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
+    def derivative(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Rates of [lateral speed, yaw rate, steering wheel, rear angle, x, y, heading] and, with a relaxation length, of the
         four slip angles of the tyres, under [speed, steering wheel command, rear command, friction, yaw moment]."""
         lateral, yaw_rate, wheel, rear, _, _, heading = state[:7]
@@ -139,15 +127,14 @@ class Car:
         acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
         actuators = self.steering.rate(wheel_command - wheel), self.rear_actuator.rate(self.within_stop(rear_command) - rear)
-        return np.array(
-            [acceleration - speed * yaw_rate, yaw_acceleration, *actuators, drift.real, drift.imag, yaw_rate, *slip_rates]
-        )
+        rates = [acceleration - speed * yaw_rate, yaw_acceleration, *actuators, drift.real, drift.imag, yaw_rate, *slip_rates]
+        return np.array(rates)
 
     def within_stop(self, rear_command: float) -> float:
         """The rear command that the actuator can follow."""
         return min(max(rear_command, -self.rear_angle_max), self.rear_angle_max)
 
-    def outputs(self, state: FloatArray, inputs: FloatArray) -> FloatArray:
+    def outputs(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Sideslip angle, lateral acceleration, front angle, slip angles at the middle of the front and of the rear axle."""
         lateral, yaw_rate, wheel, rear = state[:4]
         speed, friction = inputs[0], inputs[3]
@@ -160,37 +147,64 @@ class Car:
         return np.array([sideslip, acceleration, front, slip_front, slip_rear])
 
 
-def simulate(car: Car, state: FloatArray, holds: Sequence[tuple[float, FloatArray]], period: float) -> FloatArray:
-    """States each `period` s, the first one included, over `holds`: (whole periods in s, inputs held meanwhile)."""
-    rows = [np.asarray(state, dtype=np.float64)]
+_VEHICLE = "mass_kg yaw_inertia_kg_m2 cg_height_m track_m cg_to_front_axle_m cg_to_rear_axle_m front_roll_share"
+_TYRE = (
+    "cornering_stiffness_n_per_rad shape_factor_c curvature_factor_e peak_factor_p1 peak_load_sensitivity_p2 "
+    "horizontal_shift_deg vertical_shift_n"
+)
+
+
+def tables(car: Car) -> dict[str, Any]:
+    """The car as the tables of a configuration."""
+    vehicle = car.mass, car.inertia, car.height, car.track, car.to_front, car.to_rear, car.roll_share_front
+    front, rear = (astuple(replace(tyre, shift_angle=math.degrees(tyre.shift_angle))) for tyre in (car.front, car.rear))
+    wheel_rate, rear_rate = (math.degrees(lag.rate_limit) for lag in (car.steering, car.rear_actuator))
+    rear_angle, rear_lag = math.degrees(car.rear_angle_max), car.rear_actuator.time_constant
+    transfer = "paper" if car.load_transfer_scale == 0.5 else "moment-balance"
+    return {
+        "vehicle": dict(zip(_VEHICLE.split(), vehicle, strict=True)),
+        "road": {"friction": car.dry_friction, "gravity_m_s2": car.gravity},
+        "tyre": {"front": dict(zip(_TYRE.split(), front, strict=True)), "rear": dict(zip(_TYRE.split(), rear, strict=True))},
+        "steering": {"ratio": car.steering_ratio, "wheel_rate_max_deg_s": wheel_rate, "lag_s": car.steering.time_constant},
+        "rear_actuator": {"angle_max_deg": rear_angle, "rate_max_deg_s": rear_rate, "lag_s": rear_lag},
+        "plant": {"load_transfer": transfer, "relaxation_length_m": car.relaxation_length},
+    }
+
+
+# From the mass to the friction of dry road, the tyres, the steering and the rear actuator, in the order of the fields.
+OTHER = Car(
+    *(1_480.0, 2_350.0, 0.61, 1.52, 1.08, 1.57, 0.55, 9.8, 1.0),
+    TyreData(61_000.0, 1.45, -1.1, 1.05, -0.12, math.radians(0.15), 60.0),
+    TyreData(58_000.0, 1.2, 0.3, 0.95, -0.2, math.radians(-0.1), -45.0),
+    *(15.5, Lag(0.02, math.radians(450.0)), Lag(0.03, math.radians(60.0)), math.radians(5.0)),
+    load_transfer_scale=0.5,  # as the paper prints it
+)
+"""A car in which every term of the model is at work, but for the relaxation length."""
+CARS: dict[str, tuple[dict[str, Any], Car]] = {
+    "paper": ({}, Car()),
+    "other": (tables(OTHER), OTHER),
+    "relaxed": ({"plant": {"relaxation_length_m": 0.4}}, Car(relaxation_length=0.4)),
+}
+
+
+def simulate(car: Car, holds: Sequence[tuple[float, np.ndarray]], period: float) -> np.ndarray:
+    """States from rest at 0 and each `period` s, over `holds`: (whole periods in s, inputs held meanwhile).
+
+    An integration a period: its own control of the error finds the kinks of the rate limits, and nothing is interpolated.
+    """
+    rows = [np.zeros(11 if car.relaxation_length else 7)]
     for duration, inputs in holds:
-        rows += _hold(car, rows[-1], inputs, period * np.arange(1.0, round(duration / period) + 1))
+        for _ in range(round(duration / period)):
+            solution = solve_ivp(
+                lambda _, x, u: car.derivative(x, u),
+                (0.0, period),
+                rows[-1],
+                "DOP853",
+                args=(inputs,),
+                rtol=1e-11,
+                atol=1e-13,
+                first_step=period,
+            )
+            assert solution.success, solution.message
+            rows.append(solution.y[:, -1])
     return np.array(rows)
-
-
-def _hold(car: Car, start: FloatArray, inputs: FloatArray, times: FloatArray) -> list[FloatArray]:
-    """States at `times` under constant inputs."""
-    kinks = (
-        car.steering.ramp_time(inputs[1] - start[2]),
-        car.rear_actuator.ramp_time(car.within_stop(inputs[2]) - start[3]),
-    )
-    edges = [0.0, *sorted({kink for kink in kinks if 0.0 < kink < times[-1]}), float(times[-1])]
-    found: list[FloatArray] = []
-    for left, right in itertools.pairwise(edges):
-        inside = times[(times > left) & (times <= right)]
-        ends = inside if inside.size and inside[-1] == right else np.append(inside, right)
-        solution = solve_ivp(
-            lambda _, x: car.derivative(x, inputs),
-            (left, right),
-            start,
-            "DOP853",
-            ends,
-            rtol=1e-11,
-            atol=1e-13,
-            max_step=STEP_MAX,
-        )
-        if not solution.success:
-            raise ArithmeticError(solution.message)
-        start = solution.y[:, -1]
-        found += list(solution.y.T[: inside.size])
-    return found

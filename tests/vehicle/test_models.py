@@ -1,0 +1,105 @@
+"""The CasADi models: Jacobians, the single-track model against an independent car."""
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from codegen.config import parse
+from codegen.vehicle.dynamics import (
+    Model,
+    TyreModel,
+    single_track,
+    single_track_from_shapes,
+    two_track,
+)
+from codegen.vehicle.tyre import AxleTyres
+from tests.vehicle.reference_plant import OTHER, tables
+
+CONFIG = parse(tables(OTHER), "test")
+SIZES = ([0.02, 0.3], [5.0, 0.02, 0.02, 0.5])
+PLANT_SIZES = ([0.3, 0.3, 0.2, 0.02, 10.0, 10.0, 1.0, *[0.02] * 4], [5.0, 0.2, 0.02, 0.5, 1e3])
+"""The change over which the effect of each state and input changes; for angles where the tyre bends."""
+
+
+def evaluate(function: Any, *arguments: Any) -> np.ndarray:
+    return np.array(function(*arguments)).ravel()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        single_track(CONFIG, "linear"),
+        single_track(CONFIG, "magic-formula"),
+        two_track(CONFIG),
+        two_track(parse(tables(replace(OTHER, relaxation_length=0.4)), "test")),
+    ],
+    ids=lambda model: f"{model.name}-{len(model.states)}",
+)
+def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
+    """Along random directions, by central differences of fourth order.
+
+    With steps of 3e-4 the truncation error is (3e-4)^4 of the derivative's own variation, the rounding error 1e-16/3e-4 of it.
+    """
+    rng = np.random.default_rng(1)
+    states, is_plant, step = len(model.states), model.name == "two_track", 3e-4
+    size_x, size_u = (np.array(size) for size in (PLANT_SIZES if is_plant else SIZES))
+    size_x = size_x[:states]
+    functions = (model.derivative, model.jacobian, *([model.output] if model.output else []))
+    assert all(one.is_a("SXFunction") and one.sparsity_out(k).is_dense() for one in functions for k in range(one.n_out()))
+    for _ in range(40):
+        x, u = rng.normal(size=states) * size_x, rng.normal(size=size_u.size) * size_u
+        u[0], u[3] = rng.uniform(8.0, 40.0), rng.uniform(0.4, 1.1)
+        if is_plant:  # commands near the angles and a slow turn: no kink of an actuator or of a lifting wheel in between
+            x[1] *= 0.5
+            u[1:3] = x[2:4] + 0.008 * rng.uniform(-1.0, 1.0, 2)
+        dx, du = rng.normal(size=x.size) * size_x, rng.normal(size=u.size) * size_u
+        values = [evaluate(model.derivative, x + m * step * dx, u + m * step * du) for m in (-2.0, -1.0, 1.0, 2.0)]
+        slope = (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step)
+        dfdx, dfdu = (np.array(matrix) for matrix in model.jacobian(x, u))
+        scale = np.abs(dfdx * dx).max(axis=1) + np.abs(dfdu * du).max(axis=1)
+        assert np.all(np.abs(dfdx @ dx + dfdu @ du - slope) <= 1e-8 * scale + 1e-12)
+
+
+def single_track_points(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    rng = np.random.default_rng(6)
+    return [
+        (
+            rng.normal(size=2) * [0.1, 0.6],
+            np.array([rng.uniform(1.0, 60.0), *rng.normal(size=2) * 0.1, rng.uniform(0.1, 1.2)]),
+        )
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
+def test_single_track_is_that_of_the_independent_car(tyre_model: TyreModel) -> None:
+    """The axle forces of the independent car at static loads."""
+    model, car, loads = single_track(CONFIG, tyre_model), OTHER, OTHER.static_loads()
+    for x, u in single_track_points(100):
+        (beta, yaw_rate), (speed, front, rear, friction) = x, u
+        slips = beta + car.to_front * yaw_rate / speed - front, beta - car.to_rear * yaw_rate / speed - rear
+        forces = [-2.0 * car.tyre_force(wheel, slip, loads[wheel], friction) for wheel, slip in zip((0, 2), slips, strict=True)]
+        if tyre_model == "linear":
+            forces = [-2.0 * tyre.slope * slip for tyre, slip in zip((car.front, car.rear), slips, strict=True)]
+        torque = car.to_front * forces[0] - car.to_rear * forces[1]
+        expected = [sum(forces) / (car.mass * speed) - yaw_rate, torque / car.inertia]
+        # Forces of 1e5 N over 1e3 kg, a dozen roundings each.
+        assert evaluate(model.derivative, x, u) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_single_track_in_two_parts_is_the_whole() -> None:
+    """Bit for bit, with the curve evaluated by the same machine between the parts."""
+    whole, parts, tyres = single_track(CONFIG, "magic-formula"), single_track_from_shapes(CONFIG), AxleTyres.from_config(CONFIG)
+    argument = ca.SX.sym("X")
+    curves = [
+        ca.Function("curve", [argument], [ca.sin(t.shape_factor * ca.atan(bent))])
+        for t in (tyres.front, tyres.rear)
+        for bent in [argument - t.curvature_factor * (argument - ca.atan(argument))]
+    ]
+    for x, u in single_track_points(100):
+        arguments = evaluate(parts.arguments, x, u)
+        shapes = [float(curve(value)) for curve, value in zip(curves, arguments, strict=True)]
+        assert np.array_equal(evaluate(parts.derivative, x, u, shapes), evaluate(whole.derivative, x, u))
