@@ -1,7 +1,5 @@
 """A small campaign, driven once for all workers: three chunks, two scenarios, three controllers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any

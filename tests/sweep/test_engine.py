@@ -1,7 +1,5 @@
 """The Dask engine with a fake client: what it submits to a cluster, and when; addresses without a scheduler."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading
@@ -37,7 +35,6 @@ class Client:
 
     @property
     def chunks(self) -> int:
-        """Number of chunks that were submitted."""
         return sum(key.startswith("chunk-") for key in self.keys)
 
     def nthreads(self) -> dict[str, int]:
@@ -68,17 +65,10 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def test_no_two_runs_share_a_key() -> None:
+def test_the_number_of_chunks_ahead_follows_the_workers_and_no_two_runs_share_a_key() -> None:
     client = Client()
     engine = engine_of(client)
-    for _ in range(2):
-        assert list(engine.run(double, range(3))) == [(0, 0), (1, 2), (2, 4)]
-    assert len(set(client.keys)) == len(client.keys) == 2 * (1 + 3)
-
-
-def test_the_number_of_chunks_ahead_follows_the_workers() -> None:
-    client = Client()
-    results = engine_of(client).run(double, range(100))
+    results = engine.run(double, range(100))
     seen = [next(results)]
     assert client.chunks == AHEAD
     client.threads = 5
@@ -87,8 +77,10 @@ def test_the_number_of_chunks_ahead_follows_the_workers() -> None:
     client.threads = 1
     seen.extend(next(results) for _ in range(5 * AHEAD - AHEAD))
     assert client.chunks == 1 + 5 * AHEAD
-    assert [number for number, _ in [*seen, *results]] == list(range(100))
+    assert [*seen, *results] == [(number, 2 * number) for number in range(100)]
     assert client.chunks == 100
+    assert list(engine.run(double, range(3))) == [(0, 0), (1, 2), (2, 4)]
+    assert len(set(client.keys)) == len(client.keys) == (1 + 100) + (1 + 3)
 
 
 def test_a_cluster_that_is_lost_is_reported_while_work_is_left() -> None:
@@ -107,10 +99,9 @@ def test_a_cluster_that_is_lost_is_reported_while_work_is_left() -> None:
 
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.1)
-    with pytest.raises(CodegenError, match="no Dask scheduler answers"):
-        Dask("tcp://127.0.0.1:9")
-    with pytest.raises(CodegenError, match="is no address"):
-        Dask("tcp://127.0.0.1:99999")
+    for port, message in ((9, "no Dask scheduler answers"), (99999, "is no address")):
+        with pytest.raises(CodegenError, match=message):
+            Dask(f"tcp://127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize("greeting", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])

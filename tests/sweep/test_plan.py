@@ -1,13 +1,10 @@
 """The facts that identify a campaign, and the specs and scenarios that cannot be driven."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 from pathlib import Path
 
-import casadi
 import pytest
 
 from codegen.errors import CodegenError, ConfigError
@@ -36,56 +33,35 @@ def with_own(at: Path, *lines: str, base: str = "step-steer", length: str = "len
     return edited(at, (TWO, '["own.toml"]'), ("length_s = 3.9", length))
 
 
-def refused(folder: Path, plan: Plan, what: str) -> None:
-    for check in (store.open_folder, store.check_same):
-        with pytest.raises(CodegenError, match=f"it holds another campaign: {what} has changed since"):
-            check(folder, plan)
-
-
 @pytest.mark.parametrize(
-    ("base", "one", "other"),
+    ("base", "one", "other", "same"),
     [
-        ("low-friction", "steering_wheel_angle_deg = 60.0", ""),
-        ("step-steer", "speed_km_h = 50.0", "speed_km_h = 60.0"),
-        ("step-steer", "friction = 0.5", "friction = 0.6"),
-        ("step-steer", "duration_s = 13.9", "duration_s = 14.9"),
+        ("low-friction", "steering_wheel_angle_deg = 60.0", "", False),
+        ("low-friction", "friction = 0.5", "", True),  # the value of its base
+        ("step-steer", "speed_km_h = 50.0", "speed_km_h = 60.0", False),
+        ("step-steer", "friction = 0.5", "friction = 0.6", False),
+        ("step-steer", "duration_s = 13.9", "duration_s = 14.9", False),
     ],
 )
-def test_an_edited_scenario_is_another_campaign(tmp_path: Path, base: str, one: str, other: str) -> None:
-    def read(line: str) -> Plan:
-        return planning.read(with_own(tmp_path, line, base=base, length=""))
+def test_an_edited_scenario_is_another_campaign(tmp_path: Path, base: str, one: str, other: str, same: bool) -> None:
+    first, second = (planning.read(with_own(tmp_path, line, base=base, length="")) for line in (one, other))
+    assert (first.profiles[0].digest == second.profiles[0].digest) == same
+    assert (store.facts_text(first) == store.facts_text(second)) == same
 
-    folder, plan = tmp_path / "out", read(one)
+
+def test_builds_may_move_and_the_order_of_controllers_counts(plan: Plan, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "generated/4ws2", tmp_path / "moved")
+    moved = edited(tmp_path, (f'{ROOT}/generated/4ws2"', 'moved"'), samples=SAMPLES)
+    assert store.facts_text(planning.read(moved)) == store.facts_text(plan)
+    assert list(json.loads(store.facts_text(plan))["tools"]) == ["codegen", "numpy", "scipy", "casadi"]
+    folder, passive = tmp_path / "out", 'passive = ""\n'
     store.prepare(folder)
     store.open_folder(folder, plan)
-    refused(folder, read(other), "scenarios")
-    store.check_same(folder, read(one))
-
-
-def test_a_scenario_that_repeats_a_value_of_its_base_is_the_same(tmp_path: Path) -> None:
-    explicit = planning.read(with_own(tmp_path, "friction = 0.5", base="low-friction"))
-    inherited = planning.read(with_own(tmp_path, base="low-friction"))
-    assert explicit.profiles[0].digest == inherited.profiles[0].digest
-
-
-def test_builds_and_scenario_files_may_move(plan: Plan, tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "generated/4ws2", tmp_path / "moved")
-    path = edited(tmp_path, (f'{ROOT}/generated/4ws2"', 'moved"'), samples=SAMPLES)
-    assert store.facts_text(planning.read(path)) == store.facts_text(plan)
-
-
-def test_the_order_of_controllers_matters(plan: Plan, tmp_path: Path) -> None:
-    store.prepare(tmp_path / "out")
-    store.open_folder(tmp_path / "out", plan)
-    passive = 'passive = ""\n'
-    path = edited(tmp_path, (passive, ""), ("[controllers]\n", f"[controllers]\n{passive}"), samples=SAMPLES)
-    refused(tmp_path / "out", planning.read(path), "controllers")
-
-
-def test_versions_are_facts(plan: Plan) -> None:
-    tools = json.loads(store.facts_text(plan))["tools"]
-    assert list(tools) == ["codegen", "numpy", "scipy", "casadi"]
-    assert tools["casadi"] == casadi.__version__
+    store.check_same(folder, plan)
+    other = edited(tmp_path, (passive, ""), ("[controllers]\n", f"[controllers]\n{passive}"), samples=SAMPLES)
+    for check in (store.open_folder, store.check_same):
+        with pytest.raises(CodegenError, match="it holds another campaign: controllers has changed since"):
+            check(folder, planning.read(other))
 
 
 def test_profiles_must_be_long_enough(tmp_path: Path) -> None:
