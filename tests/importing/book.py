@@ -4,8 +4,6 @@
 force at pure slip of MF-Tyre 5.2 and of PAC2002. Coefficients are written out here as numbers, in SI units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import atan, radians, sin, tan
 

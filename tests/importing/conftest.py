@@ -1,7 +1,5 @@
 """The user at the command line of tests/cli, here too."""
 
-from __future__ import annotations
-
 from tests.cli.conftest import refused, run
 
 __all__ = ["refused", "run"]

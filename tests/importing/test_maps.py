@@ -1,17 +1,15 @@
 """Maps from MATLAB files and text tables: round trips, the committed map in every form, and the messages for bad files."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,7 +25,6 @@ from codegen.refmap import map as npz
 from tests.cli.conftest import Run
 
 COMMITTED = Path(__file__).resolve().parents[2] / "generated" / "4ws2.npz"
-FloatArray = npt.NDArray[np.float64]
 
 UNITS = "vx=m/s,delta_f=rad,yaw_rate=rad/s"
 GOOD = "vx_m_s,delta_f_rad,yaw_rate_rad_s\n5,0.1,0.1\n5,0.2,0.2\n9,0.1,0.2\n9,0.2,0.3\n"
@@ -41,12 +38,12 @@ def number_text(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
 
 
-def long_text(v: FloatArray, d: FloatArray, r: FloatArray, head: str) -> str:
+def long_text(v: np.ndarray, d: np.ndarray, r: np.ndarray, head: str) -> str:
     rows = [(v[i], d[j], r[i, j]) for i in range(v.size) for j in range(d.size)]
     return "\n".join([head, *(",".join(map(number_text, row)) for row in rows)]) + "\n"
 
 
-def matrix_text(v: FloatArray, d: FloatArray, r: FloatArray, corner: str) -> str:
+def matrix_text(v: np.ndarray, d: np.ndarray, r: np.ndarray, corner: str) -> str:
     rows = [[corner, *map(number_text, d)], *([number_text(x), *map(number_text, row)] for x, row in zip(v, r, strict=True))]
     return "\n".join(",".join(row) for row in rows) + "\n"
 
@@ -139,8 +136,8 @@ def test_the_command_writes_the_map_and_prints_how_it_was_read(run: Run, tmp_pat
 
 
 @st.composite
-def maps(draw: st.DrawFn) -> tuple[FloatArray, FloatArray, FloatArray]:
-    def axis(high: float) -> FloatArray:
+def maps(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def axis(high: float) -> np.ndarray:
         number = st.floats(0.0, high, allow_subnormal=False)
         return np.array(sorted(draw(st.lists(number, min_size=2, max_size=5, unique=True))))
 
@@ -157,78 +154,61 @@ def separated(text: str, separator: str) -> str:
     return empty.replace(",", separator) if separator != "," else text
 
 
-@settings(max_examples=50)
-@given(maps(), st.sampled_from([",", ";", "\t", "  "]), st.randoms(use_true_random=False), st.sampled_from(["\n", "\r\n"]))
-def test_a_list_is_read_in_any_order(
-    case: tuple[FloatArray, FloatArray, FloatArray], separator: str, random: Any, end: str
-) -> None:
-    head, *rows = long_text(*case, "vx_m_s,delta_f_rad,yaw_rate_rad_s").rstrip("\n").split("\n")
-    random.shuffle(rows)
-    text = "# made by a test\n" + separated("\n".join([head, *rows]) + "\n", separator)
-    found = read_table(Source(Path("x.csv"), text.replace("\n", end).encode()), {}, None)
-    for key, wanted in zip(("vx", "delta_f", "yaw_rate"), case, strict=True):
-        np.testing.assert_array_equal(found.values[key], wanted)
-        assert found.names[key].unit is not None
-
-
-@settings(max_examples=50)
-@given(maps(), st.sampled_from([",", ";", "\t", "  "]), st.booleans(), st.sampled_from(["", "corner"]))
-def test_a_matrix_is_read_in_both_orientations(
-    case: tuple[FloatArray, FloatArray, FloatArray], separator: str, turned: bool, corner: str
+@settings(max_examples=80)
+@given(maps(), st.sampled_from([",", ";", "\t", "  "]), st.randoms(), st.sampled_from(["list", "rows vx", "rows delta_f"]))
+def test_a_list_in_any_order_and_a_matrix_in_both_orientations_are_read(
+    case: tuple[np.ndarray, np.ndarray, np.ndarray], separator: str, random: Random, form: str
 ) -> None:
     v, d, r = case
-    if corner:
-        corner = r"delta_f_rad\vx_m_s" if turned else r"vx_m_s\delta_f_rad"
-    text = separated(matrix_text(d, v, r.T, corner) if turned else matrix_text(v, d, r, corner), separator)
-    rows: Any = None if corner else ("delta_f" if turned else "vx")
+    rows: Any = None
+    if form == "list":
+        head, *lines = long_text(*case, "vx_m_s,delta_f_rad,yaw_rate_rad_s").rstrip("\n").split("\n")
+        random.shuffle(lines)
+        text = "\n".join(["# made by a test", head, *lines]) + "\n"
+    else:
+        turned, named = form == "rows delta_f", random.random() < 0.5
+        rows = None if named else form.removeprefix("rows ")
+        corner = (r"delta_f_rad\vx_m_s" if turned else r"vx_m_s\delta_f_rad") if named else ""
+        text = matrix_text(d, v, r.T, corner) if turned else matrix_text(v, d, r, corner)
+    text = separated(text, separator).replace("\n", random.choice(["\n", "\r\n"]))
     found = read_table(Source(Path("x.csv"), text.encode("latin-1")), {}, rows)
     for key, wanted in zip(("vx", "delta_f", "yaw_rate"), case, strict=True):
         np.testing.assert_array_equal(found.values[key], wanted)
+        assert form != "list" or found.names[key].unit is not None
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(str.encode)))
 def test_arbitrary_bytes_are_read_or_rejected(data: bytes) -> None:
     with contextlib.suppress(ImportFault):
-        source = Source(Path("x.csv"), data)
-        read_table(source, {}, None)
+        read_table(Source(Path("x.csv"), data), {}, None)
 
 
-def test_a_line_of_rare_white_space_is_empty() -> None:
-    assert read_table(Source(Path("x.csv"), b"\x1c\n" + GOOD.encode()), {}, None).values["vx"].size == 2
-
-
-@pytest.mark.parametrize(
-    ("name", "base", "unit"),
-    [
-        ("Map.Delta_f [deg]", "deltaf", "deg"),
-        ("yaw rate (rad/s)", "yawrate", "rad/s"),
-        ("V [kph]", "v", "km/h"),
-        ("delta_f [°]", "deltaf", "deg"),
-        ("r", "r", None),
-        ("vx_mph", "vx", "mph"),
-        ("v in km/h", "v", "km/h"),
-        ("yaw_rate_in_deg_s", "yawrate", "deg/s"),
-        ("v{km/h}", "v", "km/h"),
-        ("deg", "deg", None),
-    ],
-)
-def test_a_name_splits_into_quantity_and_unit(name: str, base: str, unit: str | None) -> None:
-    found = take_apart(name)
-    assert (found.base, found.unit) == (base, unit)
+def test_a_name_splits_into_quantity_and_unit() -> None:
+    names = {
+        "Map.Delta_f [deg]": ("deltaf", "deg"),
+        "yaw rate (rad/s)": ("yawrate", "rad/s"),
+        "V [kph]": ("v", "km/h"),
+        "delta_f [°]": ("deltaf", "deg"),
+        "r": ("r", None),
+        "vx_mph": ("vx", "mph"),
+        "v in km/h": ("v", "km/h"),
+        "yaw_rate_in_deg_s": ("yawrate", "deg/s"),
+        "v{km/h}": ("v", "km/h"),
+        "deg": ("deg", None),
+    }
+    assert {name: (take_apart(name).base, take_apart(name).unit) for name in names} == names
 
 
 SPELLINGS = [
     "# vx_m_s delta_f_rad yaw_rate_rad_s\n5 0.1 0.1\n5 0.2 0.2\n9 0.1 0.2\n9 0.2 0.3\n",  # numpy.savetxt
     "% units in the names\nvx [m/s]  delta_f [rad]  r [rad/s]\n5 0.1 0.1 % first\n5 0.2 0.2\n9 0.1 0.2\n9 0.2 0.3\n",
-    '"vx [m/s]";"delta_f [rad]";"r [rad/s]";\n5;0,1;0,1;\n5;0,2;0,2;\n9;0,1;0,2;\n9;0,2;0,3;\n',
     "m/s\\rad\\rad/s,0.1,0.2\n5,0.1,0.2\n9,0.2,0.3\n",
     "NaN 0.1 0.2\n5 0.1 0.2\n9 0.2 0.3\n",  # writematrix([NaN df; vx' r])
     "% on dry asphalt\nm/s\\rad  .1  .2\n5  0,1  0,2\n9  0,2  0,3\n",  # a comma between spaces is a decimal comma
     "rad | m/s\t5\t9\n0.1\t0.1\t0.2\n0.2\t0.2\t0.3\n",
-    "v in m/s  delta_f in rad  r in rad/s\n5 0.1 0.1\n5 0.2 0.2\n9 0.1 0.2\n9 0.2 0.3\n",
     ";;\nv;df;r;\n;;;\n5;0,1;0,1;\n5;0,2;0,2;\n ; ;\n9;0,1;0,2;\n9;0,2;0,3;\n;;;;;;\n",
-    ";0.1;0.2\n;;\n5;0.1;0.2\n9;0.2;0.3\n;;\n",
+    "\x1c\n;0.1;0.2\n;;\n5;0.1;0.2\n9;0.2;0.3\n;;\n",  # a line of rare white space is empty
     "sep=;\nv;df;r\n5;0,1;0,1\n5;0,2;0,2\n9;0,1;0,2\n9;0,2;0,3\n",
     '"sep=,"\nv (m/s; dry),df,r\n5,0.1,0.1\n5,0.2,0.2\n9,0.1,0.2\n9,0.2,0.3\n',
 ]
@@ -255,7 +235,6 @@ TITLE = (
 )
 BAD_TABLES = [
     (GOOD.replace("9,0.1,0.2\n", ""), "line 3: a gap in the grid: no point vx = 9, delta_f = 0.1"),
-    (GOOD.replace("9,0.2,0.3\n", ""), "line 4: a gap in the grid: no point vx = 9, delta_f = 0.2"),
     (GOOD + "5,0.2,0.25\n", "line 6: the point vx = 5, delta_f = 0.2 is there twice (first in line 3)"),
     (GOOD.replace("5,0.2,0.2", "5,0.2,1_0"), "line 3: '1_0' where a number is needed"),
     (GOOD.replace("5,0.2,0.2", "5,0.2,1e999"), "line 3: '1e999' is too large"),
@@ -264,7 +243,6 @@ BAD_TABLES = [
     (GOOD.replace("yaw_rate_rad_s", "gier"), "no variable is called yaw_rate or the like; name it with --yaw-rate NAME"),
     (GOOD.replace("vx_m_s", "vx"), "x.csv: vx: nothing says in which unit vx is; add --units vx="),
     (GOOD.replace("vx_m_s", "vx [furlong]"), "'furlong' is no unit for vx"),
-    (GOOD.replace("vx_m_s", "vx_rad"), "rad is no unit for vx"),
     (GOOD.replace("delta_f_rad", "v_m_s"), "'vx_m_s' and 'v_m_s' may both be vx; name one with --vx NAME"),
     (GOOD.replace("delta_f_rad", "vx_m_s"), "the column 'vx_m_s' is there twice"),
     (GOOD.replace("9,0.2,0.3", "9,0.2,-0.3"), "yaw_rate[1, 1]: -0.3 is outside 0 to 10 rad/s"),
@@ -272,25 +250,16 @@ BAD_TABLES = [
     ("vx_m_s,delta_f_rad,yaw_rate_rad_s\n", "no table: less than two lines"),
     ("\x00", "not a text file"),
     ("", "empty"),
-    ("a b\n1 2\n", "neither names for three columns nor a row of front angles"),
     ("vx\\beta,0.1,0.2\n5,0.1,0.2\n9,0.2,0.3\n", "the corner 'beta' is no name or unit of a map"),
     ("m/s\\km/h,0.1,0.2\n5,0.1,0.2\n9,0.2,0.3\n", "the corner names vx twice"),
     ("m/s\\rad\\rad/s,0.1,\n5,0.1,0.2\n9,0.2,0.3\n", "line 1: no value for delta_f"),
-    ("Drive 12, wet\n" + GOOD, TITLE),
     ("Wet\n" + GOOD, TITLE),
-    ("2026-05-03 Drive 12;;\nWet;;\n" + GOOD.replace(",", ";"), TITLE),
     ("Three, words, here\n" + GOOD, TITLE),
-    ("Drive on a wet road\nvx df r\n5 0.1 0.1\n5 0.2 0.2\n", TITLE),
-    ("Drive 12\nNaN 0.1 0.2\n5 0.1 0.1\n5 0.2 0.2\n", TITLE),
     ("Drive 1 2 3\nNaN 0.1 0.2\n5 0.1 0.1\n5 0.2 0.2\n", "the same number of cells, and put # before a title"),
-    ("Drive\n;0.1;0.2\n5;0.1;0.2\n9;0.2;0.3\n", TITLE),
     ("vx [m/s],df,r\nkm/h,rad,rad/s\n5,0.1,0.1\n", "line 2: km/h under the name 'vx [m/s]'; give one unit for each column"),
     ("vx,df,r\nkm/h,deg\n5,0.1,0.1\n", "line 2: 2 cells, where the first line has 3"),
-    ("vx,df,r\nfurlong,deg,deg/s\n5,0.1,0.1\n", "line 2: 'furlong' where a number is needed"),
-    (",,\n;;\n", "no table: less than two lines"),
 ]
 CALLS = [
-    ({"units": "vx"}, "'vx' is no NAME=UNIT"),
     ({"units": "mass=kg"}, "'mass=kg' is no NAME=UNIT; NAME is one of vx, delta_f, yaw_rate, beta, delta_r"),
     ({"units": "vx=deg"}, "'deg' is no unit for vx; give one of m/s, km/h, mph"),
     ({"units": "vx=m/s,v=m/s"}, "vx is there twice"),
@@ -312,31 +281,10 @@ def test_messages_for_bad_tables_and_arguments(table: Callable[[str], Path], tmp
         read(tmp_path / "large", MIB)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (("bad.csv", "-o", "stood.npz"), "line 5: 'fast' where a number is needed"),
-        (("x.csv", "-o", "x.csv"), "only .npz is written"),
-        (("x.csv", "-o", "no/x.npz"), "its folder does not exist"),
-        (("x.csv", "x.csv", "-o", "x.npz"), "2 files; give one map"),
-        (("x.xlsx", "-o", "x.npz"), ".xlsx is not read; read are .mat, .csv"),
-        (("x.npz", "-o", "y.npz"), "is a map already"),
-        (("none.csv", "-o", "x.npz"), "none.csv: cannot be read"),
-        (("x.csv", "--config", "ars.toml", "-o", "x.npz"), "--config: this option is for tyres"),
-        (("x.csv",), "Missing option '-o'"),
-        (("-o", "x.npz"), "Missing argument 'FILE...'"),
-    ],
-)
-def test_a_wrong_command_prints_one_line_and_writes_nothing(
-    refused: Callable[..., str], tmp_path: Path, arguments: tuple[str, ...], expected: str
-) -> None:
-    (tmp_path / "x.csv").write_text(GOOD, encoding="utf-8")
-    (tmp_path / "bad.csv").write_text(GOOD.replace("0.3", "fast"), encoding="utf-8")
-    (tmp_path / "stood.npz").write_bytes(b"an earlier map")
-    assert expected in refused("import", *arguments)
-
-
 # --- implausible units ---------------------------------------------------------------------------------------------------
+
+DEGREES, ALL_THREE = 180.0 / math.pi, "vx=km/h,delta_f=deg,yaw_rate=deg/s"
+WHEEL = "or are these angles of the steering wheel? delta_f is at the road wheel"
 
 
 @pytest.mark.parametrize(
@@ -345,19 +293,13 @@ def test_a_wrong_command_prints_one_line_and_writes_nothing(
         ((1.0, 57.3, 1.0), UNITS, "delta_f goes to 11.46 rad", "delta_f=deg"),
         ((1.0, 1.0, 57.3), UNITS, "yaw_rate goes to 41.98 rad/s", "yaw_rate=deg/s"),
         ((3.6, 1.0, 1.0), UNITS, "g of lateral acceleration, above 2 g", "vx=km/h"),
-        ((1.0, 1.0, 1.0), "vx=m/s,delta_f=deg,yaw_rate=rad/s", "delta_f goes to 0.2 deg", "delta_f=rad"),
         ((1.0, 1.0, 1.0), "vx=m/s,delta_f=rad,yaw_rate=deg/s", "yaw_rate goes to 0.7327 deg/s", "yaw_rate=rad/s"),
         ((1.0, 1.0, 1.0), "vx=km/h,delta_f=rad,yaw_rate=rad/s", "a wheelbase of 0.819 m (at least 0.9)", "vx=m/s"),
         ((1.0, 1.0, 1.0), "vx=km/h,delta_f=deg,yaw_rate=rad/s", "delta_f goes to 0.2 deg", "delta_f=rad,vx=m/s"),
         ((1.0, 0.2, 0.057), UNITS, "a wheelbase of 10.2 m (at most 8)", "vx=km/h"),
         ((100.0, 1.0, 1.0), UNITS, "vx goes to 3000 m/s", "check the units of all three"),
-        (
-            (3.6, 180.0 / math.pi, 180.0 / math.pi),
-            None,
-            "nothing says in which unit vx is",
-            "add --units vx=km/h,delta_f=deg,yaw_rate=deg/s (these would fit the values)",
-        ),
-        ((1.0, 40.0, 1.0), UNITS, "delta_f goes to 8 rad", "or are these angles of the steering wheel? delta_f is at the road"),
+        ((3.6, DEGREES, DEGREES), None, "nothing says in which unit vx is", f"add --units {ALL_THREE} (these would fit the v"),
+        ((1.0, 40.0, 1.0), UNITS, "delta_f goes to 8 rad", WHEEL),
     ],
 )
 def test_an_implausible_unit_is_rejected_with_the_likely_one(
@@ -368,18 +310,14 @@ def test_an_implausible_unit_is_rejected_with_the_likely_one(
     assert guess in line
 
 
-WHEEL = "or are these angles of the steering wheel? delta_f is at the road wheel"
-
-
-@pytest.mark.parametrize("rate", ["deg/s", "rad/s"])
-def test_steering_wheel_angles_lead_to_no_guessed_unit(table: Callable[[str], Path], rate: str) -> None:
+def test_steering_wheel_angles_lead_to_no_guessed_unit(table: Callable[[str], Path]) -> None:
     """In m/s there would be no slow turn to judge by; the steering ratio is 16."""
     rows = "20,16,2.0\n20,32,4.0\n60,16,5.1\n60,32,10.1\n"
-    line = message(table(f"v [km/h],steering wheel [deg],r [{rate}]\n{rows}"), delta_f="steering wheel")
-    assert "would fit" not in line
-    assert "check the units of all three, and which variable is which" in line
-    if rate == "deg/s":
-        assert "a wheelbase of 45.6 m" in line and line.endswith(WHEEL)
+    for rate, words in {"deg/s": "a wheelbase of 45.6 m", "rad/s": "yaw_rate"}.items():
+        line = message(table(f"v [km/h],steering wheel [deg],r [{rate}]\n{rows}"), delta_f="steering wheel")
+        assert words in line and "would fit" not in line
+        assert "check the units of all three, and which variable is which" in line
+        assert line.endswith(WHEEL) or rate == "rad/s"
     assert "would fit" not in message(table("v,steer,r\n" + rows))
 
 
@@ -400,21 +338,19 @@ def matlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Pat
     return file_with
 
 
-def test_rows_orient_a_square_table(matlab: Callable[..., Path]) -> None:
+TURNED = "or is it the other way round? --rows delta_f would fit"
+
+
+def test_rows_orient_a_square_table(table: Callable[[str], Path], matlab: Callable[..., Path]) -> None:
     direct = import_map(matlab(vx=V, delta_f=D[:3], yaw_rate=R[:, :3]), Choices({}, UNITS))
     assert any("its rows are taken for vx (--rows delta_f for the other way round)" in line for line in direct.said)
     turned = import_map(matlab(vx=V, delta_f=D[:3], yaw_rate=R[:, :3].T), Choices({}, UNITS, "delta_f"))
     np.testing.assert_array_equal(direct.reference_map.yaw_rate, turned.reference_map.yaw_rate)
-
-
-TURNED = "or is it the other way round? --rows delta_f would fit"
-
-
-def test_a_table_that_fits_only_when_turned(table: Callable[[str], Path], matlab: Callable[..., Path]) -> None:
+    # One that fits only when turned.
     v, d, r = np.array([20.0, 60.0, 90.0]), np.array([1.0, 2.0, 4.0]), np.array([[2, 4, 7.9], [5.1, 10.1, 19], [6, 12, 20]])
-    units, path = "vx=km/h,delta_f=deg,yaw_rate=deg/s", table(matrix_text(d, v, r.T, ""))
-    assert message(path, units).endswith(TURNED)
-    np.testing.assert_allclose(import_map(path, Choices({}, units, "delta_f")).reference_map.yaw_rate, np.radians(r))
+    path = table(matrix_text(d, v, r.T, ""))
+    assert message(path, ALL_THREE).endswith(TURNED)
+    np.testing.assert_allclose(import_map(path, Choices({}, ALL_THREE, "delta_f")).reference_map.yaw_rate, np.radians(r))
     # At 60 m/s the rates of the largest angle would be above 2 g in the wrong orientation.
     v, d = np.array([3.0, 20.0, 60.0]), np.array([0.01, 0.1, 0.5])
     r = v[:, None] * np.tan(d) / (2.8 + 0.2 * v[:, None] ** 2)
