@@ -6,7 +6,6 @@ import functools
 import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
-from ctypes import c_int
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -193,15 +192,6 @@ class Slave:
 
     def from_bytes(self, content: bytes) -> Any:
         return self.fmu.deserializeFMUState(content)
-
-    def free_state(self, state: Any) -> None:
-        self.fmu.freeFMUState(state)
-
-    def call(self, name: str, *arguments: Any) -> int:
-        """A function of the standard as it is, without fmpy's own check of what it returns."""
-        function = self.fmu.dll[f"fmi{self.made.version}{name}"]  # a face of its own, without types of arguments
-        function.restype = c_int
-        return int(function(*arguments))
 
 
 def drive(slave: Slave, rows: np.ndarray, size: float, names: Iterable[str] = OUTPUTS) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The firmware project: its files, its recorded drive, and `codegen firmware`; tests/evidence/toolchains runs its image."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re
@@ -86,22 +84,24 @@ def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path
     manifest, source = read_manifest(tmp_path / "fw"), read_manifest(BUILD)
     assert (manifest["what"], manifest["name"], manifest["build"]["id"]) == ("firmware", "4ws2", source["build_id"])
     readme = (tmp_path / "fw" / "README.md").read_text()
-    assert source["build_id"] in readme
-    assert manifest["build"]["manifest_sha256"] in readme
+    assert source["build_id"] in readme and manifest["build"]["manifest_sha256"] in readme
 
 
-END = "end: cycles=2 ticks={ticks} lost_samples=1 fpu={fpu} stack=96"
 FAULT = "fault: exception=6 cfsr=0x00010000 hfsr=0x00000000 pc=0x12"
+
+
+def end(ticks: int = 2, fpu: int = 1) -> str:
+    return f"end: cycles=2 ticks={ticks} lost_samples=1 fpu={fpu} stack=96"
 
 
 @pytest.mark.parametrize(
     ("lines", "code", "verdict"),
     [
-        (["201#AA", "201#BB", END.format(ticks=2, fpu=1)], 0, (True, 0, 0)),
-        (["201#AA", "201#BB", END.format(ticks=3, fpu=1)], 0, (False, 0, 0)),
-        (["201#AA", "201#BB", END.format(ticks=2, fpu=0)], 0, (False, 0, 0)),
-        (["201#AA", "201#BB", END.format(ticks=2, fpu=1)], 1, (False, 0, 0)),
-        (["201#AA", "201#BC", "201#DD", END.format(ticks=2, fpu=1)], 0, (False, 2, 0)),
+        (["201#AA", "201#BB", end()], 0, (True, 0, 0)),
+        (["201#AA", "201#BB", end(ticks=3)], 0, (False, 0, 0)),
+        (["201#AA", "201#BB", end(fpu=0)], 0, (False, 0, 0)),
+        (["201#AA", "201#BB", end()], 1, (False, 0, 0)),
+        (["201#AA", "201#BC", "201#DD", end()], 0, (False, 2, 0)),
         (["201#AA", FAULT], 2, (False, 1, 1)),
         (["201#AA"], -9, (False, 1, 1)),
     ],
@@ -112,14 +112,10 @@ def test_the_verdict_on_a_run(lines: list[str], code: int, verdict: tuple[bool, 
     assert (found.passed, found.different, found.faults) == verdict
     assert (found.cycles, found.stack) == ((2, 96) if lines[-1].startswith("end") else (0, 0))
     assert found.message == (lines[-1] if len(lines) > 1 else "killed")
+    with pytest.raises(CodegenError, match="unsupported machine type"):  # of the emulator
+        image._judged(subprocess.CompletedProcess([], 1, "", "unsupported machine type\n"), [], "gcc", image.Sizes(1, 1))
     if found.different == 2:
         assert found.first_difference == "cycle 1: 201#BC sent, 201#BB expected"
-
-
-def test_an_emulator_that_fails_is_reported() -> None:
-    ended = subprocess.CompletedProcess([], 1, "", "unsupported machine type\n")
-    with pytest.raises(CodegenError, match="unsupported machine type"):
-        image._judged(ended, ["201#AA"], "gcc", image.Sizes(1, 1))
 
 
 # --- the command ----------------------------------------------------------------------------------------------------
@@ -142,14 +138,10 @@ def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Pa
     assert "controller/src/ars_reference_model.c" in facts["files"]
 
 
-def test_a_build_of_double_precision(refused: Refused, tmp_path: Path) -> None:
+def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) -> None:
     write_folder(prepare(GENERATED / "4ws2.npz", precision="double").folder, tmp_path / "double")
     line = refused("firmware", "--build", tmp_path / "double", "-o", tmp_path / "fw")
-    assert "computes in double precision" in line
-    assert "--precision single" in line
-
-
-def test_an_output_that_is_not_ours(refused: Refused, tmp_path: Path) -> None:
+    assert "computes in double precision" in line and "--precision single" in line
     shutil.copytree(BUILD, tmp_path / "4ws2")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "main.c").write_text("int main(void);\n")

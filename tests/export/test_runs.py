@@ -1,12 +1,9 @@
 """A run as MF4, Parquet and CSV: read back by other readers, bit for bit, with names, units and the texts of the status."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,13 +41,6 @@ def same_bits(found: Any, wanted: np.ndarray) -> bool:
     return found.dtype == np.float64 and found.tobytes() == np.ascontiguousarray(wanted).tobytes()
 
 
-def test_each_column_of_a_run_is_described() -> None:
-    assert tuple(column.name for column in COLUMNS) == RECORD_COLUMNS
-    for column in COLUMNS:
-        assert column.name.endswith(SUFFIX_OF_UNIT[column.unit])
-        assert column.meaning
-
-
 def test_mf4_by_asammdf(record: np.ndarray, tmp_path: Path) -> None:
     save(record, tmp_path / "run.mf4")
     with asammdf.MDF(tmp_path / "run.mf4") as run:
@@ -60,6 +50,7 @@ def test_mf4_by_asammdf(record: np.ndarray, tmp_path: Path) -> None:
         assert [channel.name for channel in group.channels] == list(RECORD_COLUMNS)
         assert run.masters_db == {0: 0}
         for number, column in enumerate(COLUMNS):
+            assert column.meaning and column.name.endswith(SUFFIX_OF_UNIT[column.unit])
             signal = run.get(column.name, raw=True)
             assert (signal.unit, signal.comment) == (column.unit, column.meaning)
             assert same_bits(signal.timestamps, record[:, 0])
@@ -83,7 +74,7 @@ def test_parquet_by_pyarrow(record: np.ndarray, tmp_path: Path) -> None:
     assert list(described) == list(RECORD_COLUMNS)
     for column in COLUMNS:
         assert (described[column.name]["unit"], described[column.name]["description"]) == (column.unit, column.meaning)
-    assert described["status"]["values"] == {"0": "TRACKING", "1": "LIMITED", "2": "STANDBY", "3": "DEGRADED", "4": "FAIL_SAFE"}
+    assert described["status"]["values"] == {str(int(state)): state.name for state in Status}
     assert table.schema.metadata[b"made_by"].startswith(b"ars-codegen ")
 
 
@@ -96,44 +87,32 @@ def test_csv_by_the_standard_library(record: np.ndarray, tmp_path: Path) -> None
     assert [row[-1] for row in rows] == [str(int(value)) for value in record[:, -1]]
 
 
-@pytest.fixture
-def other_day(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Another time, time zone, user and host."""
-
-    def change() -> None:
-        real = time.time
-        monkeypatch.setattr(time, "time", lambda: real() + 86_400.0)
-        for name, value in {"TZ": "UTC+5", "USER": "somebody", "LOGNAME": "somebody", "HOSTNAME": "elsewhere"}.items():
-            monkeypatch.setenv(name, value)
-        time.tzset()
-
-    monkeypatch.setenv("TZ", "Pacific/Auckland")
-    time.tzset()
-    yield change  # type: ignore[misc]
-    monkeypatch.undo()
-    time.tzset()
-
-
 @pytest.mark.parametrize("suffix", ALL)
-def test_equal_runs_give_equal_bytes(
-    record: np.ndarray, tmp_path: Path, suffix: str, other_day: Callable[[], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    save(record, tmp_path / f"one{suffix}")
-    other_day()
-    (tmp_path / "folder").mkdir()
-    monkeypatch.chdir(tmp_path / "folder")
-    save(record.copy(order="F"), Path(f"other{suffix.upper()}"))  # capitals are the same extension
-    content = Path(f"other{suffix.upper()}").read_bytes()
-    assert content == (tmp_path / f"one{suffix}").read_bytes()
-    assert str(tmp_path).encode() not in content
+def test_equal_runs_give_equal_bytes(record: np.ndarray, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At another time, in another time zone and folder, of another user and host."""
+    contents, real = [], time.time
+    try:
+        for zone, user, name in (("Pacific/Auckland", "me", f"one{suffix}"), ("UTC+5", "you", f"other{suffix.upper()}")):
+            for variable, value in {"TZ": zone, "USER": user, "LOGNAME": user, "HOSTNAME": user}.items():
+                monkeypatch.setenv(variable, value)
+            monkeypatch.setattr(time, "time", lambda: real() + 86_400.0 * len(contents))
+            time.tzset()
+            (tmp_path / user).mkdir()
+            monkeypatch.chdir(tmp_path / user)
+            save(record.copy(order="F" if contents else "C"), Path(name))  # capitals are the same extension
+            contents.append(Path(name).read_bytes())
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert contents[0] == contents[1]
+    assert str(tmp_path).encode() not in contents[0]
 
 
 @pytest.mark.parametrize(("package", "suffix"), [("asammdf", ".mf4"), ("pyarrow", ".parquet")])
 def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch, package: str, suffix: str) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(
-        CodegenError, match=rf'{package}, which writes {suffix}, is missing; pip install "ars-codegen\[tools\]"'
-    ):
+    message = rf'{package}, which writes {suffix}, is missing; pip install "ars-codegen\[tools\]"'
+    with pytest.raises(CodegenError, match=message):
         check_formats((Path(f"run{suffix}"),))
     check_formats((Path("run.csv"),))
 
