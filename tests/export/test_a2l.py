@@ -1,17 +1,16 @@
 """The A2L: read by independent readers, and compared with the addresses and numbers that a program itself prints."""
 
-from __future__ import annotations
-
-import itertools
 import json
 import math
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from codegen.errors import BuildError
 from codegen.export.a2l.elf import Elf, aliases, children
 from codegen.export.a2l.fill import Filled, fill
 from codegen.refmap import map as refmap
-from codegen.refmap.stack import solve_stack
 from codegen.sil.toolchain import compiler_command
 from tests import builds
 from tests.cli.conftest import refused, run
@@ -82,7 +80,7 @@ def objects(text: str) -> dict[str, tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class Linked:
-    """A build, a program for this machine that it is linked into, and the A2L of the two."""
+    """A build, a program that it is linked into, and the A2L of the two."""
 
     build: Path
     prefix: str
@@ -120,10 +118,8 @@ def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("a2l")
     if request.param != "stack":
         return linked(GENERATED / request.param, "ars", folder)
-    grid = builds.CONFIG.grid.model_copy(update={"speed_points": 7, "front_angle_points": 5})
-    config = builds.CONFIG.model_copy(update={"grid": grid})
-    reference_map = solve_stack(config, "4ws-2", (0.5, 0.9))
-    made = build(reference_map, config, BuildOptions("stack", prefix="rear"), BuildInputs("stack.npz", "0" * 64, "preset"))
+    reference_map, inputs = builds.MAPS["rough stack"](), BuildInputs("stack.npz", "0" * 64, "preset")
+    made = build(reference_map, builds.CONFIG, BuildOptions("stack", prefix="rear"), inputs)
     write_folder(made, folder / "stack")
     return linked(folder / "stack", "rear", folder)
 
@@ -146,29 +142,11 @@ def test_every_address_and_its_bytes_are_those_of_the_program(program: Linked) -
     assert f"0x{first:08X} 0x{size:X}" in program.filled.text
 
 
-def test_an_independent_reader_finds_no_fault(program: Linked, tmp_path: Path) -> None:
-    """a2ltool, strict, with its checks of references and limits, also of the build's own A2L."""
+def test_independent_readers_see_the_same_objects_with_units_limits_and_groups(program: Linked, tmp_path: Path) -> None:
+    """a2ltool finds no fault, also in the build's own A2L. pya2l: every object is in a group, has the unit that the header's
+    comment begins with, and the limits that the C judges it by."""
     read_strictly(program.filled.text, tmp_path)
     read_strictly((program.build / f"{program.prefix}.a2l").read_text(encoding="ascii"), tmp_path)
-
-
-def test_an_independent_reader_of_the_elf_finds_the_same_addresses(program: Linked, tmp_path: Path) -> None:
-    """a2ltool's own reader of DWARF finds all addresses anew."""
-    blank, updated = tmp_path / "blank.a2l", tmp_path / "updated.a2l"
-    blank.write_text(re.sub(r"\b0x[0-9A-F]{8}\n", "0x00000000\n", program.filled.text), encoding="ascii")
-    command = ["a2ltool", "--strict", "-e", str(program.program), "-u", "ADDRESSES", "--update-mode", "STRICT", str(blank)]
-    subprocess.run([*command, "-o", str(updated)], check=True, capture_output=True, env=tools())
-    assert not any(address for _, _, address in objects(blank.read_text()).values())
-    found = {
-        block[2]: int((re.search(r"ECU_ADDRESS (\S+)", block[0]) or re.search(r"\b(0x\w+)", block[0]) or [""])[1], 16)
-        for block in OBJECT.finditer(updated.read_text())
-    }
-    assert found == {name: address for name, (_, _, address) in program.objects.items()}
-
-
-def test_a_second_reader_sees_the_same_objects_with_units_limits_and_groups(program: Linked, tmp_path: Path) -> None:
-    """pya2l: every object is in a group, has the unit that the header's comment begins with, and the limits that the C judges
-    it by."""
     filled, read = tmp_path / "filled.a2l", tmp_path / "read.json"
     filled.write_text(program.filled.text, encoding="ascii")
     subprocess.run(["pya2l", str(filled), "to_json", "-o", str(read)], check=True, capture_output=True, env=tools())
@@ -293,43 +271,31 @@ def test_a_damaged_program_is_one_line(paper: Linked) -> None:
     assert refused > 20
 
 
-@dataclass
-class Entry:
+def entry(offset: int, *below: Any, tag: str = "", of: Any = None) -> Any:
     """An entry of debug information, as far as walking over it goes."""
-
-    offset: int
-    tag: str = ""
-    below: tuple[Entry, ...] = ()
-    names: Entry | None = None
-
-    @property
-    def attributes(self) -> dict[str, Entry | None]:
-        return {"DW_AT_type": self.names}
-
-    def iter_children(self) -> Iterator[Entry]:
-        """As pyelftools does in a file whose last entry names the first as its sibling."""
-        return itertools.cycle(self.below) if self.tag == "damaged" else iter(self.below)
-
-    def get_DIE_from_attribute(self, attribute: str) -> Entry | None:  # noqa: N802 - as in pyelftools
-        return self.attributes[attribute]
+    walk = {"iter_children": lambda: below, "get_DIE_from_attribute": lambda name: of}
+    return SimpleNamespace(offset=offset, tag=tag, attributes={"DW_AT_type": of}, **walk)
 
 
 def test_entries_and_types_that_lead_back_end_the_walk() -> None:
-    below = tuple(Entry(offset) for offset in (20, 30, 40))
-    assert list(children(Entry(10, below=below))) == list(below)
+    below = [entry(offset) for offset in (20, 30, 40)]
+    assert list(children(entry(10, *below))) == below
+    # As pyelftools does in a file whose last entry names the first as its sibling.
     with pytest.raises(ValueError, match="the entry at 40 is followed by the one at 20"):
-        list(children(Entry(10, "damaged", below)))
+        list(children(entry(10, *below, *below)))
     with pytest.raises(ValueError, match="the entry at 25"):
-        list(children(Entry(25, below=below)))
-    number = Entry(10, "DW_TAG_base_type")
-    named = Entry(20, "DW_TAG_typedef", names=Entry(15, "DW_TAG_const_type", names=number))
-    assert list(aliases(named)) == [named, named.names, number]
-    named.names = named
+        list(children(entry(25, *below)))
+    number = entry(10, tag="DW_TAG_base_type")
+    constant = entry(15, tag="DW_TAG_const_type", of=number)
+    named = entry(20, tag="DW_TAG_typedef", of=constant)
+    assert list(aliases(named)) == [named, constant, number]
+    named.get_DIE_from_attribute = lambda name: named
     with pytest.raises(ValueError, match="names of each other"):
         list(aliases(named))
 
 
-def test_what_else_is_in_a_program_does_not_matter(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dwarf", ["2", "5"])
+def test_what_else_is_in_a_program_does_not_matter(paper: Linked, tmp_path: Path, dwarf: str) -> None:
     """Arrays without a length, a large array of structs, a task inside a function and in a union."""
     main = """
 #include "ars_task.h"
@@ -343,16 +309,10 @@ int main(void)
     return nodes[0].number + item.count + (int)inner.task.cycles;
 }
 """
-    filled = filled_with(tmp_path, main)
-    assert filled.instance == "inner.task"
-    read_strictly(filled.text, tmp_path)
-
-
-@pytest.mark.parametrize("dwarf", ["2", "5"])
-def test_versions_of_dwarf(paper: Linked, tmp_path: Path, dwarf: str) -> None:
-    main = '#include "ars_task.h"\nars_task_t own;\nint main(void) { return own.wrong_length; }\n'
     filled = filled_with(tmp_path, main, f"-gdwarf-{dwarf}")
+    assert filled.instance == "inner.task"
     assert not filled.left_out and len(filled.places) == len(paper.objects)
+    read_strictly(filled.text, tmp_path)
 
 
 def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
@@ -383,23 +343,17 @@ def test_a_frozen_calibration_is_still_the_same_build(paper: Linked) -> None:
     assert fill(PAPER, Elf("frozen", bytes(content))).places == paper.filled.places
 
 
-def test_a_controller_without_a_task_leaves_the_tasks_measurements_out(paper: Linked, tmp_path: Path) -> None:
-    main = '#include "ars_controller.h"\nars_controller_t own;\nint main(void) { ars_controller_init(&own, 0.0f); return 0; }\n'
-    elf = Elf.read(compiled(PAPER, tmp_path, main))
-    filled = fill(PAPER, elf)
-    assert filled.instance == "own"
-    assert set(filled.left_out) == {name for name in paper.objects if ".received." in name or name.endswith("cycles")} | {
-        "ars.lost_samples"
-    }
-    assert not any(name in filled.text for name in filled.left_out if name != "ars.received.front_angle")
-    assert filled.places["ars.integral"] == elf.place("own.integral")
-    read_strictly(filled.text, tmp_path)
-
-
-def test_a_program_without_either_has_the_calibration_alone(paper: Linked, tmp_path: Path) -> None:
-    main = '#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n'
-    filled = filled_with(tmp_path, main)
-    assert filled.instance == "" and set(filled.left_out) == {
-        name for name, (kind, _, _) in paper.objects.items() if kind == "MEASUREMENT"
-    }
-    read_strictly(filled.text, tmp_path)
+def test_what_a_program_lacks_is_left_out(paper: Linked, tmp_path: Path) -> None:
+    """A controller without a task has no measurements of one; a program without either has the calibration alone."""
+    measured = {name for name, (kind, _, _) in paper.objects.items() if kind == "MEASUREMENT"}
+    of_task = {name for name in measured if ".received." in name or name.endswith("cycles")} | {"ars.lost_samples"}
+    own, alone = "ars_controller_t own;", "ars_selftest() ? 0 : 1"
+    for declared, result, instance, missing in (
+        (own, "ars_controller_init(&own, 0.0f), 0", "own", of_task),
+        ("", alone, "", measured),
+    ):
+        main = f'#include "ars_controller.h"\n{declared}\nint main(void) {{ return {result}; }}\n'
+        filled = filled_with(tmp_path, main)
+        assert (filled.instance, set(filled.left_out)) == (instance, missing)
+        assert objects(filled.text).keys() == paper.objects.keys() - missing
+        read_strictly(filled.text, tmp_path)

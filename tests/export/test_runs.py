@@ -117,11 +117,10 @@ def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch, package: str
     check_formats((Path("run.csv"),))
 
 
-@pytest.mark.parametrize("name", ["run", "run.mdf", "run.xlsx", ".mf4"])
-def test_an_ending_without_a_format(record: np.ndarray, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["run", "run.mdf", ".mf4"])
+def test_an_ending_without_a_format(name: str) -> None:
     with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.csv"):
-        save(record, tmp_path / name)
-    assert list(tmp_path.iterdir()) == []
+        check_formats((Path(name),))
 
 
 @pytest.mark.parametrize("suffix", ALL)

@@ -152,23 +152,12 @@ def test_runs_far_out_do_not_set_the_axis_or_get_few_plain_ticks() -> None:
     assert [label.get_text() for label in axes.get_xticklabels()] == ["-100000", "-10000", "-1000", "-100", "0", "100"]
 
 
-@pytest.mark.parametrize("gone", [{"tracking"}, {"pi", "tracking", "passive"}])
-def test_a_controller_of_which_all_runs_spin_keeps_its_entry(summary: Summary, gone: set[str]) -> None:
-    """It has no figures."""
-    runs = summary.outcomes["sine-with-dwell", "pi"].runs
-    outcomes = summary.outcomes | {("sine-with-dwell", name): Outcome(runs, runs) for name in gone}
-    pages = dict(pictures(replace(summary, outcomes=outcomes)))
-    (panel,) = [axes for axes in pages["sideslip"].axes if axes.get_title(loc="left") == "sine-with-dwell"]
-    for name, entry in zip(("pi", "tracking", "passive"), entries(panel), strict=True):
-        assert entry.startswith(name)
-        assert entry.endswith(", 100 % spun") == (name in gone)
-    assert ("all runs spin" in [text.get_text() for text in panel.texts]) == (len(gone) == 3)
-
-
 def test_names_of_any_length_and_letter_fit_into_the_pictures(summary: Summary) -> None:
-    """No legend or title leaves the picture or overlaps that of the next panel."""
+    """No legend or title leaves the picture or overlaps that of the next panel; a controller that only spins has its entry."""
     long = dict(zip(("pi", "tracking", "passive"), ("W" * 63, "i" * 63, ("a_b " * 16)[:63]), strict=True))
     outcomes = {(scenario, long[controller]): outcome for (scenario, controller), outcome in summary.outcomes.items()}
+    spun = outcomes["sine-with-dwell", long["tracking"]].runs
+    outcomes["sine-with-dwell", long["tracking"]] = Outcome(spun, spun)
     for name, picture in pictures(replace(summary, outcomes=outcomes)):
         to_png(picture)
         whole = picture.bbox.padded(1.0)
@@ -176,6 +165,8 @@ def test_names_of_any_length_and_letter_fit_into_the_pictures(summary: Summary) 
         for box in (*legends, *(axes.get_tightbbox() for axes in picture.axes)):
             assert whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0, name
         assert all(left.x1 < right.x0 for left, right in pairwise(legends)), name
+        told = [sum("100 % spun" in entry for entry in entries(axes)) for axes in picture.axes]
+        assert name != "sideslip" or told == [0, 1]
         # in: the curves keep their height beside the legends
         assert min(axes.get_window_extent().height for axes in picture.axes) / picture.dpi > 2.5, name
 
