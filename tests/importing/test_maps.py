@@ -26,7 +26,7 @@ from tests.cli.conftest import Run
 
 COMMITTED = Path(__file__).resolve().parents[2] / "generated" / "4ws2.npz"
 
-UNITS = "vx=m/s,delta_f=rad,yaw_rate=rad/s"
+UNITS, ALL_THREE = "vx=m/s,delta_f=rad,yaw_rate=rad/s", "vx=km/h,delta_f=deg,yaw_rate=deg/s"
 GOOD = "vx_m_s,delta_f_rad,yaw_rate_rad_s\n5,0.1,0.1\n5,0.2,0.2\n9,0.1,0.2\n9,0.2,0.3\n"
 V = np.array([5.0, 15.0, 30.0])
 D = np.array([0.01, 0.05, 0.1, 0.2])
@@ -80,23 +80,20 @@ def committed_in(folder: Path, form: str) -> tuple[Path, str | None]:
     solved = npz.load(COMMITTED)
     v, d, r = solved.speed * 3.6, np.degrees(solved.front_angle), np.degrees(solved.yaw_rate)
     path = folder / f"map.{'mat' if form.startswith('v') else 'csv'}"
-    names = {"speed_km_h": v, "delta_f_deg": d, "yaw_rate_deg_s": r}
-    if form == "v7":
-        savemat(path, names, do_compression=True)
-    elif form == "v4":
+    if form == "v4":
         savemat(path, {"v": v, "df": d, "r": r}, format="4")
-        return path, "vx=km/h,delta_f=deg,yaw_rate=deg/s"
-    elif form == "v5-struct-transposed":
-        savemat(path, {"map": {"v": v, "delta_f_deg": d, "r_deg_s": r.T}, "note": "a text"})
+        return path, ALL_THREE
+    if form == "v7-struct-transposed":
+        savemat(path, {"map": {"v": v, "delta_f_deg": d, "r_deg_s": r.T}, "note": "a text"}, do_compression=True)
         return path, "vx=km/h"
-    elif form == "long-decimal-comma":
+    if form == "long-decimal-comma":
         path.write_bytes(decimal_comma(long_text(v, d, r, "v (km/h),delta_f [deg],r (deg/s)")).encode("utf-8-sig"))
     else:
         path.write_text(matrix_text(v, d, r, r"v [km/h] \ delta_f [deg] : r [deg/s]"), encoding="utf-8")
     return path, None
 
 
-@pytest.mark.parametrize("form", ["v4", "v7", "v5-struct-transposed", "long-decimal-comma", "matrix"])
+@pytest.mark.parametrize("form", ["v4", "v7-struct-transposed", "long-decimal-comma", "matrix"])
 def test_the_committed_map_returns_from_every_form(tmp_path: Path, form: str) -> None:
     path, units = committed_in(tmp_path, form)
     made = import_map(path, Choices({}, units))
@@ -283,7 +280,7 @@ def test_messages_for_bad_tables_and_arguments(table: Callable[[str], Path], tmp
 
 # --- implausible units ---------------------------------------------------------------------------------------------------
 
-DEGREES, ALL_THREE = 180.0 / math.pi, "vx=km/h,delta_f=deg,yaw_rate=deg/s"
+DEGREES = 180.0 / math.pi
 WHEEL = "or are these angles of the steering wheel? delta_f is at the road wheel"
 
 

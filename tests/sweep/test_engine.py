@@ -97,16 +97,9 @@ def test_a_cluster_that_is_lost_is_reported_while_work_is_left() -> None:
     assert list(results) == []
 
 
-def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.1)
-    for port, message in ((9, "no Dask scheduler answers"), (99999, "is no address")):
-        with pytest.raises(CodegenError, match=message):
-            Dask(f"tcp://127.0.0.1:{port}")
-
-
-@pytest.mark.parametrize("greeting", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
-def test_another_program_at_the_address(greeting: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that waits for a request, as Dask's client does too, and one whose first bytes look like a size."""
+@pytest.mark.parametrize("greeting", [None, b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_nobody_or_another_program_at_the_address(greeting: bytes | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody; one that waits for a request, as Dask's client does too; one whose first bytes look like a size."""
     monkeypatch.setattr("codegen.sweep.engine.CONNECT_TIMEOUT", 0.3)
     connections: list[socket.socket] = []
 
@@ -114,11 +107,16 @@ def test_another_program_at_the_address(greeting: bytes, monkeypatch: pytest.Mon
         with contextlib.suppress(OSError):  # closed
             while True:
                 connections.append(listener.accept()[0])
-                connections[-1].sendall(greeting)
+                connections[-1].sendall(greeting or b"")
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
         threading.Thread(target=listen, daemon=True).start()
-        with pytest.raises(CodegenError, match=r"no Dask scheduler answers \(what answers is another program\)"):
-            Dask(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
+        port, cause = listener.getsockname()[1], r"\(what answers is another program\)"
+        if greeting is None:
+            port, cause = 9, ""
+        with pytest.raises(CodegenError, match=f"no Dask scheduler answers {cause}"):
+            Dask(f"tcp://127.0.0.1:{port}")
     for connection in connections:
         connection.close()
+    with pytest.raises(CodegenError, match="is no address"):
+        Dask("tcp://127.0.0.1:99999")

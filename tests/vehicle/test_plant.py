@@ -11,7 +11,7 @@ import pytest
 from codegen.config import Config, parse
 from codegen.sil.compile import compile_library
 from codegen.sil.software import bench_sources
-from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_OUTPUTS, plant_parameters, two_track, two_track_of_parameters
+from codegen.vehicle.dynamics import PLANT_OUTPUTS, plant_parameters, two_track, two_track_of_parameters
 from tests.vehicle.reference_plant import CARS, Car, simulate
 
 PERIODS, MILLISECOND = 10, 1e-3
@@ -87,20 +87,15 @@ def test_derivative_and_output_in_c(name: str) -> None:
     assert (c.open_model.states, c.open_model.outputs) == (c.states, PLANT_OUTPUTS)
 
 
-def hold(seconds: float, wheel_deg: float, rear_deg: float = 0.0, **changes: float) -> tuple[float, np.ndarray]:
-    values = {
-        "speed": 42.5 / 3.6,
-        "steering_wheel_command": math.radians(wheel_deg),
-        "rear_angle_command": math.radians(rear_deg),
-        "friction": 0.9,
-        "yaw_moment": 0.0,
-    } | changes
-    return seconds, np.array([values[name] for name in PLANT_INPUTS])
+def hold(
+    seconds: float, wheel_deg: float, rear_deg: float = 0.0, speed: float = 42.5 / 3.6, friction: float = 0.9, gust: float = 0.0
+) -> tuple[float, np.ndarray]:
+    return seconds, np.array([speed, math.radians(wheel_deg), math.radians(rear_deg), friction, gust])
 
 
 REAR_STEPS = [hold(0.3, 90.0, rear) for rear in (0.0, -3.011, -3.5, 2.77, -9.0, 0.0)]
-GUST = [(25.0, 0.0), (-25.0, 800.0), (9.7, 0.0)]
-SLALOM = [hold(0.7, wheel, speed=80.0 / 3.6, friction=0.6, yaw_moment=moment) for wheel, moment in GUST]
+GUSTS = [(25.0, 0.0), (-25.0, 800.0), (9.7, 0.0)]
+SLALOM = [hold(0.7, wheel, speed=80.0 / 3.6, friction=0.6, gust=gust) for wheel, gust in GUSTS]
 OTHER = [hold(1.0, 40.0, friction=1.0), hold(0.5, 40.0, -4.0, friction=1.0), hold(0.5, -33.0, 1.5, friction=0.5)]
 
 
