@@ -121,11 +121,3 @@ def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch, package: str
 def test_an_ending_without_a_format(name: str) -> None:
     with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.csv"):
         check_formats((Path(name),))
-
-
-@pytest.mark.parametrize("suffix", ALL)
-def test_what_cannot_be_written_leaves_nothing(record: np.ndarray, tmp_path: Path, suffix: str) -> None:
-    (tmp_path / f"run{suffix}").mkdir()
-    with pytest.raises(CodegenError, match="cannot be written"):
-        save(record, tmp_path / f"run{suffix}")
-    assert [path.name for path in tmp_path.iterdir()] == [f"run{suffix}"]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from codegen import config as configuration
 from codegen.errors import CodegenError
@@ -45,58 +44,37 @@ def tyres_of(made: TyreImport) -> AxleTyres:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_curve_is_that_of_the_formula_without_its_shifts(name: str, car: Path) -> None:
+def test_curve_and_figures_are_those_of_a_left_and_a_right_tyre_together(name: str, car: Path) -> None:
     version, force, p, sign = FILES[name]
     made = import_tyres([DATA / name], car)
-    tyres = tyres_of(made)
-    loads = static_wheel_loads(configuration.parse(tomllib.loads(made.text), "made"))
-    for axle, tyre, load in zip(made.axles, (tyres.front, tyres.rear), loads, strict=True):
-        assert (axle.version, axle.load) == (version, load)
-        horizontal, vertical = book.shifts(p, load)
-        assert (axle.horizontal_shift, axle.vertical_shift) == pytest.approx((horizontal, vertical), rel=1e-9)
-        # The slope of the formula is B C D where the shifted curve crosses its own origin.
-        zero = brentq(lambda slip, load=load, vertical=vertical: force(p, slip, load) - vertical, -0.1, 0.1, xtol=1e-14)
-        assert zero == pytest.approx(-horizontal, abs=1e-6 + 1e-4 * abs(horizontal))  # atan of the shift, not the shift
-        step = 1e-5  # rad; the error of the difference is of the order of (B step)^2 = 1e-7, its rounding 1e-10
-        slope = sign * (force(p, zero + step, load) - force(p, zero - step, load)) / (2.0 * step)
-        assert slope > 0.0
-        # The shift in tan(alpha) of 6.1 costs 5e-6, the difference 1e-6.
-        assert tyre.cornering_stiffness == pytest.approx(slope, rel=2e-5)
-        # The peak without shifts is D on either side.
-        slips = np.linspace(0.0, 0.6, 6001)
-        highest = max(sign * (force(p, float(slip), load) - vertical) for slip in slips)
-        assert float(np.max(tyre.force(slips))) == pytest.approx(highest, rel=1e-5)  # a grid of 1e-4 rad near a flat top
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_the_figures_are_those_of_a_left_and_a_right_tyre_together(name: str, car: Path) -> None:
-    _, force, p, sign = FILES[name]
-    made = import_tyres([DATA / name], car)
-    tyres = tyres_of(made)
+    tyres, loads = tyres_of(made), static_wheel_loads(configuration.parse(tomllib.loads(made.text), "made"))
     without = {**p, "PHY1": 0.0, "PHY2": 0.0, "PVY1": 0.0, "PVY2": 0.0}
 
     def pair(slips: np.ndarray, load: float) -> np.ndarray:
         return np.array([0.5 * sign * (force(without, slip, load) - force(without, -slip, load)) for slip in slips])
 
-    for axle, tyre, bound in zip(
-        made.axles, (tyres.front, tyres.rear), (tyres.front_slip_bound, tyres.rear_slip_bound), strict=True
-    ):
+    bounds = (tyres.front_slip_bound, tyres.rear_slip_bound)
+    for axle, tyre, bound, load in zip(made.axles, (tyres.front, tyres.rear), bounds, loads, strict=True):
+        assert (axle.version, axle.load) == (version, load)
+        assert (axle.horizontal_shift, axle.vertical_shift) == pytest.approx(book.shifts(p, load), rel=1e-9)
+        # The error of the difference is of the order of (B 1e-5)^2 = 1e-7; the tangent of 6.1 and nine written digits are less.
+        assert tyre.cornering_stiffness == pytest.approx(float(pair(np.array([1e-5]), load)[0]) / 1e-5, rel=1e-6)
         for largest, figure in ((bound, axle.worst), (axle.slip_at_peak or math.radians(20.0), axle.worst_to_peak)):
             slips = np.linspace(0.0, largest, 301)
-            difference = np.max(np.abs(tyre.force(slips) - pair(slips, axle.load))) / axle.peak
+            difference = np.max(np.abs(tyre.force(slips) - pair(slips, load))) / axle.peak
             # The grid is coarser than that of the figure; up to the peak the curves differ more.
             assert difference == pytest.approx(figure, abs=1e-6 if figure == axle.worst else 1e-4)
         assert axle.worst < 5e-4  # what remains: one E for both sides, the slip for its tangent
         assert axle.slip_bound == pytest.approx(bound)
         slips = np.linspace(0.0, math.radians(45.0), 4501)
-        forces = pair(slips, axle.load)
+        forces = pair(slips, load)
         assert axle.slip_at_peak == pytest.approx(slips[np.argmax(forces)], abs=2e-4)  # the step of the grid
         sensitivity = axle.values["peak_load_sensitivity_p2"] / axle.values["peak_factor_p1"]
         for share, figure in ((0.7, axle.stiffness_lighter), (1.3, axle.stiffness_heavier)):
-            load = share * axle.load
-            peak = abs(p["PDY1"] + p["PDY2"] * (load / (p["LFZO"] * p["FNOMIN"]) - 1.0)) * load * peak_factor(p)
-            assert tyre.peak(load, tyre.nominal_friction) == pytest.approx(peak, rel=1e-8)  # nine digits of p1 and p2
-            slope = float(pair(np.array([1e-5]), load)[0]) / 1e-5
+            other = share * load
+            peak = abs(p["PDY1"] + p["PDY2"] * (other / (p["LFZO"] * p["FNOMIN"]) - 1.0)) * other * peak_factor(p)
+            assert tyre.peak(other, tyre.nominal_friction) == pytest.approx(peak, rel=1e-8)  # nine digits of p1 and p2
+            slope = float(pair(np.array([1e-5]), other)[0]) / 1e-5
             kept = axle.stiffness * share * (1.0 + (share - 1.0) * sensitivity)
             assert figure == pytest.approx(kept / slope - 1.0, abs=1e-5)
 
