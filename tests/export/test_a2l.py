@@ -239,7 +239,6 @@ UNFIT: dict[str, Callable[[Path], Path]] = {
     "no debug information": lambda folder: compiled(PAPER, folder, EMPTY, "-g0"),
     "no variable ars_epk": lambda folder: compiled(folder, folder, "int number = 1;\n" + EMPTY),
     "it holds the build ": lambda folder: compiled(GENERATED / "4ws2-tracking", folder, EMPTY),
-    "several objects of ars_task_t: one, two[0], two[1]": lambda folder: compiled(PAPER, folder, TASKS),
 }
 
 
