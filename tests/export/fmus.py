@@ -176,8 +176,8 @@ class Slave:
     def row(self, names: Iterable[str] = OUTPUTS) -> list[float]:
         return [self.get(name) for name in names]
 
-    def step(self, size: float, time: float | None = None) -> None:
-        self.fmu.doStep(self.time if time is None else time, size)
+    def step(self, size: float) -> None:
+        self.fmu.doStep(self.time, size)
         self.time += size
 
     def state(self) -> Any:

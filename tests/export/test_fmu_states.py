@@ -92,7 +92,7 @@ def test_a_state_that_is_none_is_refused(version: Version) -> None:
 
 
 @each_version
-def test_two_instances_know_nothing_of_each_other(version: Version) -> None:
+def test_instances_know_nothing_of_each_other_nor_of_a_run_before_their_reset(version: Version) -> None:
     wanted = go_on(turning(made("loop", version), 0))
     one, two = turning(made("loop", version), 0, "one"), Slave(made("loop", version), "two")
     two.start({"speed_m_s": 33.0, "friction": 0.4, "parameters.lead_time": 0.2})
@@ -105,18 +105,12 @@ def test_two_instances_know_nothing_of_each_other(version: Version) -> None:
         one.step(STEP)
         got.append(one.row())
     assert np.array_equal(got, wanted)
-
-
-@each_version
-def test_after_a_reset_it_is_as_new_and_may_start_at_any_time(version: Version) -> None:
-    slave = turning(made("loop", version), 0)
-    first = go_on(slave)
-    slave.set({"parameters.rear_angle_max": 0.03, "inhibit": True})
-    slave.fmu.terminate()
-    slave.fmu.reset()
-    slave.start(TURN, start=-3.7, stop=-3.3)
-    assert np.array_equal(go_on(slave), first)
-    assert "after the stop time" in refused(slave, slave.step, STEP)
+    one.set({"parameters.rear_angle_max": 0.03, "inhibit": True})
+    one.fmu.terminate()
+    one.fmu.reset()
+    one.start(TURN, start=-3.7, stop=-3.3)
+    assert np.array_equal(go_on(one), wanted)
+    assert "after the stop time" in refused(one, one.step, STEP)
 
 
 NO_MULTIPLE = "no whole multiple of 0.001 s"
