@@ -61,13 +61,6 @@ def test_two_threads_give_the_same_bytes(plan: Plan, whole: Path, tmp_path: Path
     assert run_campaign(plan, tmp_path / "two", Threads(2)).read_bytes() == whole.read_bytes()
 
 
-def test_more_samples_keep_the_first_chunks_and_another_seed_changes_them(plan: Plan, tmp_path: Path) -> None:
-    one, other = run_chunk(plan, 0), run_chunk(planning.read(write_spec(tmp_path, samples=5 * SAMPLES)), 0)
-    assert one.keys() == other.keys()
-    assert all(np.array_equal(one[key], other[key], equal_nan=True) for key in one)
-    assert not np.array_equal(one["friction"], run_chunk(with_seed(plan, 6), 0)["friction"])
-
-
 # --- the folder ----------------------------------------------------------------------------------------------------
 
 
@@ -151,16 +144,21 @@ def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path,
 # --- chunks and runs -----------------------------------------------------------------------------------------------
 
 
-def test_the_memory_of_a_chunk_is_bounded(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    run_chunk(plan, 0)  # compiled builds stay in memory and do not count
+def test_a_chunk_depends_on_seed_and_number_alone_and_its_memory_is_bounded(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_longer = run_chunk(planning.read(write_spec(tmp_path, samples=5 * SAMPLES)), 0)
     per_sample = round(plan.config.controller.sampling_time_s / plan.config.plant.sampling_time_s)
     samples = max(profile.inputs.shape[0] for profile in plan.profiles) // per_sample
     of_one = 8 * planning.NUMBERS_PER_SAMPLE * samples
-    tracemalloc.start()
-    run_chunk(plan, 0)
+    tracemalloc.start()  # the builds were compiled above, stay in memory and do not count
+    chunk = run_chunk(plan, 0)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= of_one * plan.samples_per_chunk
+    assert chunk.keys() == of_longer.keys()
+    assert all(np.array_equal(chunk[key], of_longer[key], equal_nan=True) for key in chunk)
+    assert not np.array_equal(chunk["friction"], run_chunk(with_seed(plan, 6), 0)["friction"])
     for limit, wanted in ((10 * of_one, 10), (1, 1)):
         monkeypatch.setattr(planning, "CHUNK_BYTES", limit)
         assert (plan.samples_per_chunk, plan.chunk_count) == (wanted, SAMPLES // wanted)
