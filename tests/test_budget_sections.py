@@ -1,7 +1,5 @@
 """`[budgets]`: values, defaults, and their absence from a configuration that does not set them."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from typing import get_args
@@ -23,43 +21,32 @@ def test_every_kind_has_every_budget_but_that_of_the_flash(kind: Kind) -> None:
     assert all(value > 0 for value in found.values())
 
 
-def test_a_map_that_is_more_work_may_take_more() -> None:
-    """Lookups, and each function with one: by ten instructions a round of the search, and by the tables for several frictions
-    and for the grip that slip leaves."""
-    plain = Budgets().resolved("pi", PLAIN)
-    uneven = Budgets().resolved("pi", MapShape(search_rounds=8))
-    stacked = Budgets().resolved("pi", MapShape(search_rounds=8, frictions=4))
-    gripping = Budgets().resolved("pi", MapShape(search_rounds=8, with_grip=True))
-    more = {"lookup_instructions_max", "reference_instructions_max", "step_instructions_max", "task_instructions_max"}
-    for found, by in ((uneven, 80), (gripping, 80 + 60)):
-        assert {key: found[key] - plain[key] for key in plain} == {key: by if key in more else 0 for key in plain}
-    # Where the car lies between two frictions, a reference is more work still.
-    steered = {"reference_instructions_max": 20}
-    assert {key: stacked[key] - plain[key] for key in plain} == {
-        key: 80 + 100 + steered.get(key, 0) if key in more else 0 for key in plain
-    }
-
-
+# Ten instructions a round of the search; a conversion for each table and layer of raw numbers; where the car lies between two
+# frictions, a reference is more work still. A step looks up as its law does: the PI in the map, tracking through a reference.
 @pytest.mark.parametrize(
     ("shape", "lookup", "reference"),
     [
+        (MapShape(search_rounds=8), 80, 80),
+        (MapShape(search_rounds=8, with_grip=True), 80 + 60, 80 + 60),
+        (MapShape(search_rounds=8, frictions=4), 80 + 100, 80 + 100 + 20),
         (MapShape(is_raw=True), 15, 30),
         (MapShape(is_raw=True, with_grip=True), 60 + 2 * 15, 60 + 3 * 15),
         (MapShape(is_raw=True, frictions=3), 90 + 2 * 15, 90 + 20 + 4 * 15),
         (MapShape(is_raw=True, frictions=3, with_grip=True), 90 + 60 + 30 + 4 * 15, 90 + 60 + 30 + 20 + 6 * 15),
     ],
 )
-def test_raw_numbers_take_a_conversion_for_each_table_and_layer(shape: MapShape, lookup: int, reference: int) -> None:
-    for kind, step in (("pi", lookup), ("tracking", reference)):
-        plain, found = Budgets().resolved(kind, PLAIN), Budgets().resolved(kind, shape)
-        assert found["lookup_instructions_max"] - plain["lookup_instructions_max"] == lookup
-        assert found["reference_instructions_max"] - plain["reference_instructions_max"] == reference
-        assert found["step_instructions_max"] - plain["step_instructions_max"] == step
+@pytest.mark.parametrize("kind", ["pi", "tracking"])
+def test_a_map_that_is_more_work_may_take_more(shape: MapShape, lookup: int, reference: int, kind: Kind) -> None:
+    plain, found = Budgets().resolved(kind, PLAIN), Budgets().resolved(kind, shape)
+    step = lookup if kind == "pi" else reference
+    more = {"lookup": lookup, "reference": reference, "step": step, "task": step}
+    assert {key: found[key] - plain[key] for key in plain} == {
+        key: more.get(key.removesuffix("_instructions_max"), 0) for key in plain
+    }
 
 
 def test_a_given_budget_does_not_depend_on_the_map() -> None:
-    budgets = Budgets(step_instructions_max=321, flash_bytes_max=65_536)
-    found = budgets.resolved("pi", MapShape(search_rounds=8))
+    found = Budgets(step_instructions_max=321, flash_bytes_max=65_536).resolved("pi", MapShape(search_rounds=8))
     assert (found["step_instructions_max"], found["flash_bytes_max"]) == (321, 65_536)
     assert found["lookup_instructions_max"] == 95 + 80
 
@@ -67,10 +54,7 @@ def test_a_given_budget_does_not_depend_on_the_map() -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        *(
-            (f"lookup_instructions_max = {value}", r"budgets\.lookup_instructions_max: ")
-            for value in ("0", "95.5", "true", '"95"')
-        ),
+        *((f"lookup_instructions_max = {value}", r"budgets\.lookup_instructions_max: ") for value in ("0", "95.5", "true")),
         ("step_instruction_max = 5", r"budgets\.step_instruction_max: unknown key; did you mean 'step_instructions_max'\?$"),
     ],
 )

@@ -1,7 +1,5 @@
 """`[can]` of ars.toml: places and scales of signals, and the messages for what cannot be."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -49,9 +47,9 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
 
 
 def test_defaults() -> None:
-    speed = parse({"can": {"vehicle_motion": {"speed": {"factor": 0.01}}}}, "x").can.vehicle_motion.speed
-    assert speed == Can().vehicle_motion.speed.model_copy(update={"factor": 0.01})
     message = Can().vehicle_motion
+    speed = parse({"can": {"vehicle_motion": {"speed": {"factor": 0.01}}}}, "x").can.vehicle_motion.speed
+    assert speed == message.speed.model_copy(update={"factor": 0.01})
     assert message.e2e_data_id == message.id
     assert message.model_copy(update={"data_id": 0x1234}).e2e_data_id == 0x1234
 
@@ -61,7 +59,6 @@ def test_defaults() -> None:
     [
         ({"vehicle_motion": {"speed": {"start_bit": 24}}}, ("can.vehicle_motion: Speed and FrontAngle share bit 32",)),
         ({"vehicle_motion": {"speed": {"start_bit": 4}}}, ("Motion_Crc and Speed share bit 4",)),
-        ({"vehicle_motion": {"qualifier": {"start_bit": 11}}}, ("Motion_Counter and Motion_Qualifier share bit 11",)),
         ({"vehicle_motion": {"yaw_rate": {"start_bit": 49}}}, ("YawRate reaches beyond the 8 bytes",)),
         ({"vehicle_motion": {"qualifier": {"length": 2}}}, ("Motion_Qualifier needs at least 3 bits",)),
         ({"vehicle_motion": {"id": 0x800}}, ("can.vehicle_motion.id", "2047")),
@@ -69,17 +66,12 @@ def test_defaults() -> None:
         ({"vehicle_motion": {"data_id": 0x102}}, ("same data_id 0x102",)),
         ({"vehicle_motion": {"name": "RearSteerCommand"}}, ("two messages are called RearSteerCommand",)),
         ({"vehicle_motion": {"speed": {"name": "FrontAngle"}}}, ("two signals are called FrontAngle",)),
-        ({"vehicle_motion": {"speed": {"name": "v x"}}}, ("'v x' cannot stand in a DBC",)),
         ({"vehicle_motion": {"speed": {"name": 'x" */'}}}, ("cannot stand in a DBC",)),
-        ({"vehicle_motion": {"speed": {"name": "BO_"}}}, ("'BO_' has a meaning of its own in a DBC",)),
         ({"vehicle_motion": {"name": "RearSteering"}}, ("'RearSteering' has a meaning of its own in a DBC",)),
         ({"vehicle_motion": {"yaw_rate": {"signed": False}}}, ("can.vehicle_motion.yaw_rate carries 0 to 13.11", "-2.618 to")),
-        ({"rear_steer_command": {"rear_angle": {"signed": False}}}, ("can.rear_steer_command.rear_angle carries 0 to",)),
         ({"vehicle_motion": {"front_angle": {"length": 2, "factor": 1.0}}}, ("in steps of 1, which is too coarse",)),
         ({"vehicle_motion": {"sped": {"name": "x"}}}, ("can.vehicle_motion.sped: unknown key", "did you mean 'speed'?")),
-        ({"vehicle_motion": {"speed": {"factr": 1.0}}}, ("can.vehicle_motion.speed.factr: unknown key",)),
         ({"vehicle_motion": {"byte_order": "big"}}, ("can.vehicle_motion.byte_order", "'intel' or 'motorola'")),
-        ({"vehicle_motion": {"speed": {"length": 25}}}, ("can.vehicle_motion.speed.length",)),
         ({"vehicle_conditions": {"inhibit": {"length": 2}}}, ("Inhibit needs 1 bits",)),
         ({"rear_steer_command": {"diagnostics": {"length": 15}}}, ("Diagnostics needs 16 bits",)),
         ({"rear_steer_command": {"status": {"length": 2}}}, ("Status needs at least 3 bits",)),
@@ -96,9 +88,7 @@ def test_defaults() -> None:
 def test_bad_values(can: dict[str, Any], words: tuple[str, ...]) -> None:
     message = refused(can)
     assert message.startswith("car.toml: ")
-    assert "\n" not in message
-    for word in words:
-        assert word in message
+    assert [word for word in words if word not in message] == []
 
 
 def test_cycle_times_follow_the_sampling_time() -> None:

@@ -1,9 +1,8 @@
 """`ars.toml`: valid configurations, and for everything else one line that names the key and the remedy."""
 
-from __future__ import annotations
-
 import json
 import math
+import re
 import tomllib
 import types
 import typing
@@ -15,39 +14,19 @@ from pydantic import BaseModel
 
 from codegen import config as configuration
 from codegen.config import Case, Config, check_name, load, parse, preset, preset_text
-from codegen.errors import CodegenError, ConfigError
+from codegen.errors import ConfigError
 
 
-def checked(error: CodegenError) -> str:
-    """Return the message of an error, after the checks that hold for every message."""
-    message = str(error)
-    assert "\n" not in message
-    assert message.isprintable()
-    assert len(message) < 950  # three parts of 300 at most
-    assert error.what and error.where and error.remedy
-    assert error.exit_code == 2
+def refused(source: str | Path | dict[str, Any]) -> str:
+    """Return the message for a TOML text, a file or the data of one, after the checks that hold for every message."""
+    with pytest.raises(ConfigError) as caught:
+        load(source) if isinstance(source, Path) else parse(
+            tomllib.loads(source) if isinstance(source, str) else source, "car.toml"
+        )
+    error, message = caught.value, str(caught.value)
+    assert message.isprintable() and len(message) < 950  # three parts of 300 at most
+    assert error.what and error.where and error.remedy and error.exit_code == 2
     return message
-
-
-def refused(text: str) -> str:
-    with pytest.raises(ConfigError) as caught:
-        parse(tomllib.loads(text), "car.toml")
-    return checked(caught.value)
-
-
-def refused_file(path: Path) -> str:
-    with pytest.raises(ConfigError) as caught:
-        load(path)
-    return checked(caught.value)
-
-
-def table(key: str, value: object) -> str:
-    """Return TOML that sets one dotted key."""
-    section, _, name = key.rpartition(".")
-    return f"[{section}]\n{name} = {value}\n" if section else f"{name} = {value}\n"
-
-
-# --- presets and fields --------------------------------------------------------------------------------------------
 
 
 def leaves_of(data: dict[str, Any], key: str = "") -> dict[str, Any]:
@@ -58,45 +37,26 @@ def leaves_of(data: dict[str, Any], key: str = "") -> dict[str, Any]:
     return found
 
 
-def differences(left: Config, right: Config) -> dict[str, tuple[Any, Any]]:
+def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
     one, other = leaves_of(left.model_dump(mode="json")), leaves_of(right.model_dump(mode="json"))
-    return {key: (one.get(key), other.get(key)) for key in one | other if repr(one.get(key)) != repr(other.get(key))}
+    return {(key, one.get(key), other.get(key)) for key in one | other if repr(one.get(key)) != repr(other.get(key))}
 
 
 def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_its_controller(tmp_path: Path) -> None:
     """The paper limits no rate and has no limiter. A cycle time that is not given is the sampling time."""
     recommended, path = preset("recommended"), tmp_path / "ars.toml"
-    assert differences(Config(), recommended) == {
-        f"can.{role}.cycle_time_ms": (None, 10.0) for role in recommended.can.messages()
-    }
+    roles = recommended.can.messages()
+    assert differences(Config(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
     assert differences(recommended, preset()) == {
-        "controller.kind": ("tracking", "pi"),
-        "controller.rear_rate_max_deg_s": (25.0, "off"),
-        "limiter.rear_rate_max_deg_s": (30.0, "off"),
-        "limiter.opposite_phase_max_deg": ("from-car", "off"),
+        ("controller.kind", "tracking", "pi"),
+        ("controller.rear_rate_max_deg_s", 25.0, "off"),
+        ("limiter.rear_rate_max_deg_s", 30.0, "off"),
+        ("limiter.opposite_phase_max_deg", "from-car", "off"),
     }
     path.write_text("")
     assert load(path) == Config()
     path.write_bytes(preset_text().replace("\n", "\r\n").encode())
     assert load(path) == preset()
-
-
-def test_preset_holds_the_published_numbers() -> None:
-    paper = preset()
-    assert (paper.vehicle.mass_kg, paper.vehicle.yaw_inertia_kg_m2) == (2335.07, 5376.432)
-    assert (paper.vehicle.cg_height_m, paper.vehicle.track_m, paper.vehicle.front_roll_share) == (0.42, 1.627, 0.6)
-    assert paper.vehicle.wheelbase == pytest.approx(3.14, rel=1e-15)
-    assert [tyre.cornering_stiffness_n_per_rad for tyre in (paper.tyre.front, paper.tyre.rear)] == [119_540.0, 119_830.0]
-    assert (paper.road.friction, paper.road.gravity_m_s2) == (0.9, 9.81)
-    assert (paper.limits.sideslip_max_deg, paper.limits.rear_angle_max_deg) == (3.0, 3.5)
-    assert (paper.limits.lateral_acceleration_max_g, paper.limits.slip_departure_percent) == (0.8, 10.0)
-    assert (paper.controller.proportional_gain_s, paper.controller.integral_gain) == (0.01, 1.0)
-    assert (paper.controller.sampling_time_s, paper.plant.sampling_time_s) == (0.01, 0.001)
-    assert paper.steering.ratio * 6.75 == pytest.approx(90.0, rel=1e-15)
-    assert paper.steering.wheel_rate_max_deg_s == 300.0
-    assert paper.case("fws") == Case(rear_steering=False, sideslip_weight_per_s2=100.0)
-    assert paper.case("4ws-1") == Case(rear_steering=True, sideslip_weight_per_s2=100.0)
-    assert paper.case("4ws-2") == Case(rear_steering=True, sideslip_weight_per_s2=3000.0)
 
 
 def fields(model: type[BaseModel], key: str = "") -> dict[str, Any]:
@@ -114,22 +74,6 @@ def fields(model: type[BaseModel], key: str = "") -> dict[str, Any]:
 FIELDS = fields(Config)
 ALTERNATIVES = {key: typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,) for key, kind in FIELDS.items()}
 FLOATS = [*(key for key, kinds in ALTERNATIVES.items() if float in kinds), "cases.mine.sideslip_weight_per_s2"]
-UNITS = {
-    **{"kg": "kg", "kg_m2": "kg m^2", "m": "m", "m_s2": "m/s^2", "m_s3": "m/s^3", "n": "N", "n_per_rad": "N/rad"},
-    **{"per_rad": "1/rad", "per_s2": "1/s^2", "deg": "deg", "deg_s": "deg/s", "km_h": "km/h", "g": "g", "percent": "%"},
-    **{"s": "s", "ms": "ms", "kbit_s": "kbit/s", "db": "dB"},
-}
-"""Suffix of a key -> unit in messages."""
-BARE = {"friction", "front_roll_share", "shape_factor_c", "curvature_factor_e", "peak_factor_p1", "ratio", "friction_max"}
-BARE |= {"peak_load_sensitivity_p2", "friction_min", "integral_gain", "sensitivity_max", "sensitivity"}
-BARE |= {"factor", "offset"}  # of a CAN signal, whose unit is that of its quantity
-
-
-def unit_of(key: str) -> str:
-    """Return the unit that a key names by its longest known suffix, "" for a bare number."""
-    found = [suffix for suffix in UNITS if key.endswith(f"_{suffix}")]
-    assert found or key.rpartition(".")[2] in BARE, key
-    return UNITS[max(found, key=len)] if found else ""
 
 
 @pytest.mark.parametrize("name", ["paper", "recommended"])
@@ -142,98 +86,86 @@ def test_preset_shows_every_key(name: Any) -> None:
 
 
 def test_units() -> None:
-    for key, kinds in ALTERNATIVES.items():
-        if any(kind is float or typing.get_origin(kind) is list for kind in kinds):
-            unit_of(key)
     data = {"limits": {"sideslip_max_deg": 2.0, "rear_angle_max_deg": 4.0}, "steering": {"front_angle_stop_deg": 30.0}}
-    config = parse({**data, "rear_actuator": {"angle_max_deg": 5.0}}, "car.toml")
-    assert (config.limits.sideslip_max, config.limits.rear_angle_max) == (math.radians(2.0), math.radians(4.0))
-    assert (config.steering.front_angle_stop, config.rear_actuator.angle_max) == (math.radians(30.0), math.radians(5.0))
+    config = parse(data, "car.toml")
+    angles = config.limits.sideslip_max, config.limits.rear_angle_max, config.steering.front_angle_stop
+    assert angles == (math.radians(2.0), math.radians(4.0), math.radians(30.0))
     assert pytest.approx(1.0, rel=1e-15) == 3.6 * configuration.KM_H
-
-
-# --- values --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1e9", "1e9", "true", '"1.0"', "[1.0]", "{}", "2020-01-01"])
 def test_no_number_takes_a_value_of_no_car(value: str) -> None:
     for key in FLOATS:
-        assert refused(table(key, value)).startswith(f"car.toml: {key}: ")  # the key as written, no inner path of a checker
+        # The key as written, no inner path of a checker.
+        assert refused(f"{key} = {value}").startswith(f"car.toml: {key}: ")
 
 
-# The paper's own values in another unit: no car can have them.
+# The paper's own values in another unit (t, cm, mm, percent, kN, rad, mrad, cm/s, ms, a share): no car can have them.
 @pytest.mark.parametrize(
-    "values",
+    ("unit", "lines"),
     [
-        {"vehicle.mass_kg": 2.33507, "vehicle.yaw_inertia_kg_m2": 5.376432},  # t, t m^2
-        {"vehicle.cg_height_m": 42.0, "vehicle.track_m": 1627.0, "vehicle.cg_to_front_axle_m": 1574.0},  # cm, mm
-        {"vehicle.mass_kg": 2335070.0, "vehicle.cg_to_rear_axle_m": 156.6, "road.gravity_m_s2": 981.0},  # g, cm
-        {"vehicle.front_roll_share": 60.0, "road.friction": 90.0, "controller.friction_min": 10.0},  # percent
-        {"tyre.front.cornering_stiffness_n_per_rad": 119.54, "tyre.rear.stiffness_factor_b_per_rad": 17.9 / 57.3},  # kN, 1/deg
-        {"tyre.rear.horizontal_shift_deg": 5.0, "tyre.front.vertical_shift_n": 150e3},  # mrad, mN
-        {"limits.sideslip_max_deg": 0.05236, "limits.rear_angle_max_deg": 0.06109},  # rad
-        {"limits.lateral_acceleration_max_g": 7.848, "limits.slip_departure_percent": 0.1},  # m/s^2, a share
-        {"grid.speed_max_km_h": 3333.0, "controller.enable_speed_km_h": 416.7},  # cm/s
-        {"grid.front_angle_max_deg": 0.17453, "grid.front_angle_min_deg": 0.00175},  # rad
-        {"grid.speed_breakpoints_km_h": [556.0, 3333.0], "grid.front_angle_breakpoints_deg": [0.00175, 0.17453]},
-        {"steering.ratio": 0.075, "steering.front_angle_stop_deg": 0.61087, "rear_actuator.angle_max_deg": 0.06109},  # 1/x, rad
-        {"steering.lag_s": 5.0, "rear_actuator.lag_s": 50.0, "controller.sampling_time_s": 10.0},  # ms
-        {"controller.inputs.implausible_time_s": 300.0, "plant.sampling_time_s": 1.0},
-        {"controller.rear_rate_max_deg_s": 0.43633, "controller.inputs.yaw_rate_max_deg_s": 2.618},  # rad/s
-        {"controller.rear_angle_error_max_deg": 0.03491, "controller.inputs.front_angle_max_deg": 0.7854},  # rad
+        ("kg", ["vehicle.mass_kg = 2.33507", "vehicle.mass_kg = 2.335e6", "vehicle.mass_kg = -2335.07"]),
+        ("kg m^2", ["vehicle.yaw_inertia_kg_m2 = 5.376432"]),
+        ("m", ["vehicle.cg_height_m = 42", "vehicle.track_m = 1627", "vehicle.cg_to_front_axle_m = 1574"]),
+        ("m/s^2", ["road.gravity_m_s2 = 981"]),
+        ("", ["vehicle.front_roll_share = 60", "road.friction = 90", "controller.friction_min = 10", "steering.ratio = 0.075"]),
+        ("N/rad", ["tyre.front.cornering_stiffness_n_per_rad = 119.54"]),
+        ("1/rad", ["tyre.rear.stiffness_factor_b_per_rad = 0.3124"]),
+        ("N", ["tyre.front.vertical_shift_n = 150000"]),
+        ("g", ["limits.lateral_acceleration_max_g = 7.848"]),
+        ("%", ["limits.slip_departure_percent = 0.1"]),
+        ("km/h", ["grid.speed_max_km_h = 3333", "controller.enable_speed_km_h = 416.7"]),
+        ("km/h", ["grid.speed_breakpoints_km_h = [556, 3333]", "grid.speed_breakpoints_km_h = [nan, 5.0]"]),
+        (
+            "deg",
+            ["limits.sideslip_max_deg = 0.05236", "limits.rear_angle_max_deg = 0.06109", "tyre.rear.horizontal_shift_deg = 5"],
+        ),
+        ("deg", ["grid.front_angle_min_deg = 0.00175", "grid.front_angle_max_deg = 0.17453"]),
+        ("deg", ["grid.front_angle_breakpoints_deg = [0.00175, 0.17453]"]),
+        ("deg", ["steering.front_angle_stop_deg = 0.61087", "rear_actuator.angle_max_deg = 0.06109"]),
+        ("deg", ["controller.rear_angle_error_max_deg = 0.03491", "controller.inputs.front_angle_max_deg = 0.7854"]),
+        ("deg/s", ["controller.rear_rate_max_deg_s = 0.43633", "controller.inputs.yaw_rate_max_deg_s = 2.618"]),
+        ("s", ["steering.lag_s = 5", "rear_actuator.lag_s = 50", "controller.sampling_time_s = 10"]),
+        ("s", ["controller.inputs.implausible_time_s = 300", "plant.sampling_time_s = 1"]),
     ],
 )
-def test_a_wrong_unit_shows_by_its_size(values: dict[str, Any]) -> None:
-    for key, value in values.items():
-        what, _, remedy = refused(table(key, value)).partition("; ")
-        assert what.startswith(f"car.toml: {key}: {value[0] if isinstance(value, list) else value:g} is outside ")
-        unit = unit_of(key)
-        assert what.split(" to ")[1].partition(" ")[2].startswith(unit) if unit else what.split(" to ")[1].count(" ") == 0
-        assert remedy == "check the value and its unit"
+def test_a_wrong_unit_shows_by_its_size(unit: str, lines: list[str]) -> None:
+    for line in lines:
+        key, value = re.fullmatch(r"(\S+) = \[?([^],]+).*", line).groups()
+        start = re.escape(f"car.toml: {key}: {float(value):g} is outside ")
+        assert re.fullmatch(
+            rf"{start}\S+ to [\d.]+{unit and f' {re.escape(unit)}'}(| for one tyre); check the value and its unit",
+            refused(line),
+        )
 
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("vehicle.mass_kg", -2335.07, "-2335.07 is outside 200 to 60000 kg; check the value and its unit"),
-        ("vehicle.mass_kg", "true", "a number is needed, not True"),
         ("vehicle.mass_kg", '"2000"', "a number is needed, not '2000'"),
         *(("grid.speed_points", value, "") for value in ("1", "2001", "10.0", "true", '"10"', "nan", "1" + 400 * "0")),
         ("controller.fail_safe.degraded_samples_max", -1, ""),
         ("controller.fail_safe.recovery_samples", 0, ""),
-        ("plant.command_delay_samples", 101, ""),
-        ("plant.command_delay_samples", 0.5, ""),
+        *(("plant.command_delay_samples", value, "") for value in (101, 0.5)),
         ("plant.load_transfer", '"half"', "'moment-balance'"),
         ("controller.kind", '"pid"', "'pi'"),
-        ("controller.rear_rate_max_deg_s", '"of"', ""),
-        ("controller.rear_rate_max_deg_s", "false", ""),
+        *(("controller.rear_rate_max_deg_s", value, "") for value in ('"of"', "false")),
         ("cases.mine.rear_steering", 1, ""),
-        ("cases.mine.rear_steering", '"yes"', ""),
-        ("schema_version", 2, ""),
-        ("schema_version", '"1"', ""),
-        # misspelt keys
+        *(("schema_version", value, "") for value in (2, '"1"')),
         ("vehicel", 1, "unknown key; did you mean 'vehicle'?"),
-        ("vehicle.mass", 1, "unknown key; did you mean 'mass_kg'?"),
         ("tyre.rear.cornering_stiffness_kn_per_rad", 1, "unknown key; did you mean 'cornering_stiffness_n_per_rad'?"),
-        ("limits.sideslip_max_rad", 1, "unknown key; did you mean 'sideslip_max_deg'?"),
         ("cases.mine.sideslip_weight", 1, "unknown key; did you mean 'sideslip_weight_per_s2'?"),
-        ("controller.inputs.speed_max", 1, "unknown key; did you mean 'speed_max_km_h'?"),
-        ("schema_versoin", 1, "unknown key; did you mean 'schema_version'?"),
         ("road.qqq", 1, "unknown key; known here: friction, gravity_m_s2"),
-        # breakpoints
         ("grid.speed_breakpoints_km_h", [5, 20, 10], "breakpoint 2 (10) is not above the one before it (20); sort the list"),
         ("grid.front_angle_breakpoints_deg", [5.0, 5.0], "breakpoint 1 (5) is not above"),
         ("grid.speed_breakpoints_km_h", [5.0], "1 breakpoints; 2 to 2000 are needed"),
         ("grid.speed_breakpoints_km_h", [20.0 + 0.01 * k for k in range(2001)], "2001 breakpoints; 2 to 2000 are needed"),
-        ("grid.speed_breakpoints_km_h", "[5.0, nan]", "nan is outside"),
-        ("grid.front_angle_breakpoints_deg", [-5.0, 5.0], "-5 is outside"),
         ("grid.speed_breakpoints_km_h", '[5.0, "10"]', ".1: "),
-        ("grid.speed_breakpoints_km_h", "[5.0, [6.0]]", ".1: "),
         ("grid.speed_breakpoints_km_h", '"5, 10"', "list"),
     ],
 )
 def test_a_value(key: str, value: object, words: str) -> None:
-    message = refused(table(key, value))
+    message = refused(f"{key} = {value}")
     assert message.startswith(f"car.toml: {key}")
     assert words in message
 
@@ -241,7 +173,7 @@ def test_a_value(key: str, value: object, words: str) -> None:
 @pytest.mark.parametrize("value", ["1.0", '"text"', "[]", "true"])
 def test_a_value_where_a_table_belongs(value: str) -> None:
     for section in ("vehicle", "tyre", "tyre.front", "cases", "cases.mine", "controller.inputs"):
-        message = refused(f"{section} = {value}\n")
+        message = refused(f"{section} = {value}")
         assert message.startswith(f"car.toml: {section}: ")
         assert "instance of" not in message  # a word of the checker, which the user does not know
 
@@ -254,7 +186,6 @@ def test_a_value_where_a_table_belongs(value: str) -> None:
         ("[controller]\nenable_speed_km_h = 12.0\n", "controller disable_speed_km_h enable_speed_km_h"),
         ("[controller]\nsampling_time_s = 0.0105\n", "controller.sampling_time_s plant.sampling_time_s"),
         ("[plant]\nsampling_time_s = 0.003\n", "controller.sampling_time_s plant.sampling_time_s"),
-        ("[controller]\nsampling_time_s = 0.001\n[plant]\nsampling_time_s = 0.002\n", "controller.sampling_time_s"),
         ("[steering]\nfront_angle_stop_deg = 9.9\n", "steering.front_angle_stop_deg grid"),
         ("[grid]\nfront_angle_breakpoints_deg = [1.0, 35.5]\n", "steering.front_angle_stop_deg grid"),
         ("[controller.inputs]\nrear_angle_max_deg = 3.4\n", "controller.inputs.rear_angle_max_deg rear_actuator.angle_max_deg"),
@@ -296,35 +227,19 @@ def test_limits_themselves_are_allowed_and_the_canonical_text_reads_back(text: s
 
 
 def test_canonical_text_depends_on_values_alone() -> None:
-    texts = {
-        parse(tomllib.loads(text), "car.toml").to_json()
-        for text in (
-            "",
-            f"[vehicle]\nmass_kg = {math.nextafter(2335.07, math.inf)!r}\n",  # one unit in the last place
-            "[plant]\ncommand_delay_samples = 1\n",
-            '[plant]\nload_transfer = "paper"\n',
-            "[controller.fail_safe]\nrecovery_samples = 11\n",
-            "[cases.fws]\n",
-        )
-    }
-    assert len(texts) == 6
+    heavier = f"[vehicle]\nmass_kg = {math.nextafter(2335.07, math.inf)!r}\n"  # one unit in the last place
+    changes = ("", heavier, "[plant]\ncommand_delay_samples = 1\n", '[plant]\nload_transfer = "paper"\n', "[cases.fws]\n")
+    assert len({parse(tomllib.loads(text), "car.toml").to_json() for text in changes}) == len(changes)
     forward = {"vehicle": {"mass_kg": 1500.0, "track_m": 1.5}, "cases": {"a": {}, "b": {}}}
     backward = {"cases": {"b": {}, "a": {}}, "vehicle": {"track_m": 1.5, "mass_kg": 1500}}
     assert parse(forward, "car.toml").to_json() == parse(backward, "car.toml").to_json()
 
 
-# --- cases ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "name", ["a*/", 'a"b', "a'b", "a\n", "a\\", "é", "４ws", "a b", "", "-a", ".a", "_a", "a\x00", "x" * 64]
-)
+@pytest.mark.parametrize("name", ["a*/", 'a"b', "a'b", "a\n", "a\\", "é", "４ws", "a b", "", "-a", ".a", "_a", "x" * 64])
 def test_names_that_cannot_stand_in_c(name: str) -> None:
     with pytest.raises(ValueError, match=r"cannot stand in C|has 64 characters"):
         check_name(name)
-    with pytest.raises(ConfigError) as caught:
-        parse({"cases": {name: {}}}, "car.toml")
-    message = checked(caught.value)
+    message = refused({"cases": {name: {}}})
     assert message.startswith("car.toml: cases.")
     assert "use 1 to 63 ASCII letters, digits, '.', '_' or '-'" in message
 
@@ -334,19 +249,15 @@ def test_cases() -> None:
         assert check_name(name) == name
     config = parse({"cases": {"mine": {"sideslip_weight_per_s2": 10.0}}}, "car.toml")
     assert config.case("mine") == Case(rear_steering=True, sideslip_weight_per_s2=10.0)
-    for cases, name, where, words in (
-        (preset(), "4ws2", "[cases]", "there is no case '4ws2'; known cases: fws, 4ws-1, 4ws-2; did you mean '4ws-"),
-        (preset(), "sport\n\x1b[31m", "--case", "known cases: fws, 4ws-1, 4ws-2"),
-        (config, "fws", "[cases]", "known cases: mine"),
+    for name, where, words in (
+        ("4ws2", "[cases]", "there is no case '4ws2'; known cases: fws, 4ws-1, 4ws-2; did you mean '4ws-"),
+        ("sport\n\x1b[31m", "--case", "known cases: fws, 4ws-1, 4ws-2"),
     ):
         with pytest.raises(ConfigError) as caught:
-            cases.case(name, where=where)
-        message = checked(caught.value)
-        assert message.startswith(f"{where}: ") and words in message
+            preset().case(name, where=where)
+        message = str(caught.value)
+        assert message.startswith(f"{where}: ") and words in message and message.isprintable()
         assert ("did you mean" in message) == (name == "4ws2")
-
-
-# --- files ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -354,25 +265,22 @@ def test_cases() -> None:
     [
         (b"[vehicle]\nmass_kg = \n", "line 2,"),
         (b"[vehicle\nmass_kg = 1\n", "line 1,"),
-        (b"# a car\n\n[vehicle]\nmass_kg = 2000 kg\n", "line 4,"),
         (b"[vehicle]\nmass_kg = 2000\nmass_kg = 2000\n", "line 3,"),
-        (b'[plant]\nload_transfer = "paper\n', "line 2,"),
         (b"# caf\xe9\n", "byte 5"),
         ("# mass\n".encode("utf-16"), "byte 0"),
         (b"[vehicle]\nmass_kg = 2.3\n", ": vehicle.mass_kg: 2.3 is outside"),
     ],
 )
 def test_contents_of_files(tmp_path: Path, content: bytes, words: str) -> None:
-    path = tmp_path / "ars.toml"
+    path = tmp_path / "my\ncar.toml"
     path.write_bytes(content)
-    message = refused_file(path)
-    assert message.startswith(str(path))
+    message = refused(path)
+    assert message.startswith(f"{tmp_path}/my car.toml")
     assert words in message
     assert ("TOML syntax" in message, "UTF-8" in message) == (words.startswith("line"), words.startswith("byte"))
 
 
 def test_places_of_files(tmp_path: Path) -> None:
-    message = refused_file(tmp_path / "ars.toml")
+    message = refused(tmp_path / "ars.toml")
     assert "No such file" in message and "codegen init" in message
-    assert "not a file" in refused_file(tmp_path)
-    assert "my car.toml" in refused_file(tmp_path / "my\ncar.toml")
+    assert "not a file" in refused(tmp_path)
