@@ -1,7 +1,5 @@
 """A user at the command line: runs commands, and sees what they print, return and leave on disk."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

@@ -3,8 +3,6 @@
 Messages are tested where they are raised; here is one case for each command and for each message of the command line itself.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os
@@ -37,113 +35,77 @@ def files(here: Path) -> None:
         Path(name).mkdir()
     for name, target in (("link.csv", "file.csv"), ("link.png", "pipe.png"), ("link.npz", MAP)):
         Path(name).symlink_to(target)
-    for name in ("pipe.csv", "pipe.png", "pipe.toml"):
+    for name in ("pipe.png", "pipe.toml"):
         os.mkfifo(name)
-    np.savez("none.npz", vx=[5.0, 10.0], delta_f=[0.1, 0.2], yaw_rate=np.ones((2, 2)), feasible=np.zeros((2, 2), dtype=bool))
     np.savez("bare.npz", vx=[5.0, 10.0], delta_f=[0.1, 0.2], yaw_rate=[[0.1, 0.2], [0.2, 0.4]])
-    np.savez("fast.npz", vx=[60.0, 70.0], delta_f=[0.1, 0.2], yaw_rate=[[0.01, 0.02], [0.02, 0.04]])
 
 
 @pytest.mark.parametrize(
     ("command", "words"),
     [
         ("frobnicate", "frobnicate"),
-        ("build", "--map"),
         ("solve --case", "--case"),
         ("init .", "already there"),
-        # solve
         ("solve --case 4ws2 -o m.npz", "did you mean '4ws-2'"),
-        ("solve --config missing.toml --case fws -o m.npz", "missing.toml"),
         ("solve --config pipe.toml --case fws -o m.npz", "not a file"),
         ("solve --case fws -o missing/m.npz", "its folder does not exist"),
         ("solve --case fws -o m.txt", "only .npz is written"),
         ("solve --config ars.toml --case fws -o ars.toml", "ars.toml"),
         (f"solve --case fws -o {BUILD}/fws.npz", "inside a build"),
-        ("solve --case 4ws-2 -o m.npz --friction", "--friction"),
         ("solve --case 4ws-2 -o m.npz --friction=", "leave --friction out"),
         ("solve --case 4ws-2 -o m.npz --friction=0.3,,0.9", "a number is missing between two commas or at an end"),
-        ("solve --case 4ws-2 -o m.npz --friction=wet,0.9", "'wet' is no number"),
         ("solve --case 4ws-2 -o m.npz --friction='0.3\n\x1b[31m,0.9'", "is no number"),
-        (
-            "solve --case 4ws-2 -o m.npz --friction=0.3,0.5",
-            "the largest friction, 0.5, is not the one that the map itself is for",
-        ),
-        # show
-        ("show missing.npz", "missing.npz"),
-        ("show text.npz", "text.npz"),
+        ("solve --case 4ws-2 -o m.npz --friction=0.3,0.5", "the largest friction, 0.5, is not the one that the map itself"),
         (f"show {MAP} --plot missing/p.png", "its folder does not exist"),
         (f"show {MAP} --config ars.toml", "add --flash"),
-        (f"show {MAP} --against {MAP}", "is the map itself; name another map"),
         (f"show {MAP} --against link.npz", "is the map itself"),
         (f"show {MAP} --against bare.npz --flash", "--against: does not go with --flash"),
-        (f"show {MAP} --against fast.npz --plot p.png", "fast.npz: no operating point in common"),
-        # build
         ("build --map text.npz", "text.npz"),
-        ("build --map none.npz", "none.npz"),
         (f"build --map {MAP} --prefix=a-b", "such as ars"),
         (f"build --map {MAP} -o folder.npz/../file.csv", "file.csv"),
         (f"build --map {MAP} --max-error 0.05", "has no unit; give a number and deg/s or rad/s"),
-        (f"build --map {MAP} --max-error 0.05m/s", "is in 'm/s'; give a number and deg/s or rad/s"),
         (f"build --map {MAP} --max-error '1\ndeg/s\n2'", "no number"),
         (f"build --map {MAP} --max-error 0deg/s", "above zero"),
-        (f"build --map {MAP} --max-error 1e999rad/s", "above zero"),
-        (f"build --map {MAP} --max-flash 4", "no unit; give a number and B or kB or KiB or MB or MiB"),
         (f"build --map {MAP} --max-flash 0.1B", "the smallest one takes 32 bytes"),
         (f"build --map {MAP} --storage int16", "add --max-error or --max-flash"),
         (f"build --map {MAP} --storage int8 --max-error 1deg/s", "int8"),
-        # sil, and the outputs that it shares with hil and plant
-        ("sil", "codegen build"),
         ("sil --build folder", "codegen build"),
         (f"{SIL} --scenario stepsteer", "did you mean 'step-steer'"),
         (f"{SIL} --scenario ecu-loss", "codegen hil"),
         (f"{SIL} --sensors", "add --can"),
         (f"{SIL} --plot link.png", "not a file"),
-        (f"{SIL} --csv pipe.csv", "not a file"),
         (f"{SIL} --csv run.csv --plot missing/run.png", "missing"),
-        (f"{SIL} --csv manifest.json", "name it"),
         (f"{SIL} --plot run.jpg", "name it"),
         (f"{SIL} --csv {BUILD}/src/run.csv", "inside a build"),
         (f"{SIL} -o run", "run: no format for a run"),
         (f"{SIL} -o run.csv -o ./folder/../run.csv", "run.csv: it would be written twice; name each file once"),
-        (f"{SIL} -o run.csv --csv run.csv", "run.csv: it would be written twice"),
         (f"{SIL} -o link.csv -o file.csv", "file.csv: it would be written twice"),
         (f"{SIL} -o folder.csv", "folder.csv: there is something that is not a file"),
         (f"{SIL} --scenario file.csv -o link.csv", "link.csv: it is what this command reads"),
         ("plant --bus virtual:x --lock-step --scenario file.csv --csv file.csv", "file.csv: it is what this command reads"),
-        ("plant --bus virtual:x --lock-step --log run.mf4 -o run.mf4", "run.mf4: it would be written twice"),
-        # sil --suite
         ("sil --suite trakking", "did you mean 'tracking'"),
         (f"{SUITE} --scenario step-steer", "--scenario: it is about one scenario"),
         (f"{SUITE} --baselines", "--baselines"),
         (f"{SUITE} --plot overview.pdf", "overview.png"),
-        (f"{SUITE} --build nowhere", "nowhere"),
         (f"{SUITE} -o one -o two", "two: a second folder for the pictures; name one"),
         (f"{SUITE} -o file.csv", "not a folder; name a folder for the pictures"),
         ("sil -o pictures --build nowhere", "--plot"),
-        # hil, ecu, plant, faults
         (f"hil --build {BUILD} --ecu cffi --bus vcan0", "'vcan0' is not INTERFACE:CHANNEL"),
         (f"{HIL} --log run.txt", ".blf, .asc, .log, .mf4"),
         (f"{HIL} --seed -1", "seed"),
         (f"{HIL} --lock-step --scenario ecu-loss", "take --real-time"),
-        ("hil --build nowhere --bus virtual:x --ecu cffi", "nowhere"),
         (f"ecu --build {BUILD} --bus virtual:x --ecu native", "the native ECU speaks SocketCAN"),
         ("plant --json --bus virtual:x --scenario ecu-loss", "cannot be switched off from here"),
         (f"faults --build {BUILD} --ecu native", "add --bus"),
-        # tune
         ("tune --map bare.npz -o t.npz", "bare.npz: it brings no configuration"),
         (f"tune --map {MAP} -o tuned.txt", "only .npz is written"),
-        # report
         (f"report --map {MAP} -o r.pdf", "only .html is written"),
         (f"report --map {MAP} -o {BUILD}/r.html", "it lies inside a build"),
         (f"{REPORT} --build nowhere", "no generated folder"),
-        (f"{REPORT} --run none.csv", "there is no such file"),
         (f"{REPORT} --build {BUILD} --scenario nosuch", "there is no scenario 'nosuch'"),
-        # explore
-        ("explore --map nowhere.npz", "nowhere.npz"),
         ("explore --map bare.npz", "bare.npz: it was not solved here"),
         (f"explore --map {MAP} --folder gone", "gone: there is no such folder"),
         (f"explore --map {MAP} --port 65536", "--port"),
-        # verify
         ("verify nowhere", "nowhere"),
     ],
 )
@@ -156,17 +118,9 @@ def test_one_line(refused: Refused, files: None, command: str, words: str) -> No
 @pytest.mark.parametrize(
     ("command", "change", "words"),
     [
-        ("solve --case 4ws-2 -o m.npz", ("mass_kg = 2335.07", "mass_kg = 2.33507"), "vehicle.mass_kg: 2.33507 is outside"),
-        ("solve --case 4ws-2 -o m.npz", ("[cases.4ws-1]", '[cases."a\\nb"]'), "cases.a b: "),
-        (
-            "solve --case fws -o m.npz",
-            ("angle_min_deg = 0.1", "angle_min_deg = 9.99"),
-            "no operating point of the grid is feasible",
-        ),
+        ("solve --case fws -o m.npz", ("angle_min_deg = 0.1", "angle_min_deg = 9.99"), "no operating point of the grid is"),
         ("solve --case 4ws-2 -o m.npz", ("per_rad = 119830.0", "per_rad = 60000.0"), "unstable"),
         (f"tune --map {MAP} -o t.npz", ("mass_kg = 2335.07", "mass_kg = 2000.0"), "[vehicle] differ"),
-        (f"tune --map {MAP} -o t.npz", ("sideslip_max_deg = 3.0", "sideslip_max_deg = 2.0"), "[limits] differ"),
-        (f"tune --map {MAP} -o t.npz", ("speed_max_km_h = 120.0", "speed_max_km_h = 130.0"), "[grid] differ"),
         (f"tune --map {MAP} -o t.npz", ("s2 = 3000.0", "s2 = 2000.0"), "[cases.4ws-2] differ"),
         (f"tune --map {MAP} -o t.npz", ("[cases.4ws-2]", "[cases.mine]"), "there is no case '4ws-2'"),
         (f"explore --map {MAP}", ("[cases.4ws-2]", "[cases.mine]"), "there is no case '4ws-2'"),
@@ -178,24 +132,13 @@ def test_a_configuration(refused: Refused, files: None, command: str, change: tu
     if "fws" in command:
         edit(Path("ars.toml"), ("speed_min_km_h = 20.0", "speed_min_km_h = 100.0"))
     line = refused(*shlex.split(command), "--config", "ars.toml")
-    assert "ars.toml" in line
-    assert words in line
+    assert "ars.toml" in line and words in line
 
 
-@pytest.mark.parametrize("name", ["a'b", "a\nb", "ä", "-a"])
+@pytest.mark.parametrize("name", ["a'b", "a\nb", "-a"])
 def test_name_of_a_map(refused: Refused, here: Path, name: str) -> None:
     shutil.copy(MAP, f"./{name}.npz")
     assert "rename the map" in refused("build", "--map", here / f"{name}.npz")
-
-
-def test_a_pickle_in_a_map_is_not_executed(refused: Refused, here: Path) -> None:
-    class Trap:
-        def __reduce__(self) -> tuple[object, tuple[str]]:
-            return os.system, (f"touch {here / 'sprung'}",)
-
-    np.savez("trap.npz", vx=np.array([Trap(), 1.0], dtype=object), delta_f=[0.1, 0.2], yaw_rate=np.ones((2, 2)))
-    for command in (("build", "--map"), ("show",)):
-        assert "pickle" in refused(*command, "trap.npz")
 
 
 def test_files_of_the_user_in_an_output_folder_stay(
@@ -215,15 +158,13 @@ def test_without_a_compiler(refused: Refused, command: str, monkeypatch: pytest.
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")
     line = refused(*command.split())
-    assert "compiler" in line
-    assert "install" in line
+    assert "compiler" in line and "install" in line
 
 
 @pytest.mark.parametrize(
     ("package", "command", "extra"),
     [
         ("asammdf", f"{SIL} -o run.mf4", "tools"),
-        ("pyarrow", f"{SIL} -o run.parquet", "tools"),
         ("plotly", REPORT, "report"),
         ("plotly", f"explore --map {MAP}", "report"),
     ],

@@ -1,7 +1,5 @@
 """`codegen doctor`: its findings where something is there, missing, too old or broken."""
 
-from __future__ import annotations
-
 import errno
 import importlib.util
 import json

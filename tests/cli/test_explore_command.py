@@ -1,7 +1,5 @@
 """`codegen explore` as its user starts and ends it; the page itself is tested in tests/explore."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -29,36 +27,30 @@ pathlib.Path(__file__).with_suffix(".json").write_text(json.dumps(data), encodin
 """
 
 
-@pytest.mark.parametrize(("number", "with_browser"), [(signal.SIGINT, False), (signal.SIGTERM, True)])
-def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(
-    here: Path, number: signal.Signals, with_browser: bool
-) -> None:
+def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(here: Path) -> None:
     """All users of a computer can read the arguments of a process, so the browser is not started with the key."""
     script = here / "browser.py"
     script.write_text(BROWSER, encoding="utf-8")
-    command = program(MAIN, "explore", "--map", MAP, *(() if with_browser else ("--no-browser",)))
     own = {"PYTHONPATH": str(ROOT), "BROWSER": f"{sys.executable} {script} %s", "DISPLAY": ":0", "TMPDIR": str(here)}
-    environment = {**os.environ, **own}
+    command, environment = program(MAIN, "explore", "--map", MAP), {**os.environ, **own}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
         assert address.startswith("http://127.0.0.1:")
         assert process.stdout.readline() == "Ctrl-C ends it.\n"
         with urllib.request.urlopen(address, timeout=60) as answer:
-            page = answer.read()
-        process.send_signal(number)  # it ends after the browser has been started, and not before
+            assert b"<title>Explore 4ws2</title>" in answer.read()
+        process.send_signal(signal.SIGINT)  # it ends after the browser has been started, and not before
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (0, "", "")
-    assert b"<title>Explore 4ws2</title>" in page
-    assert set(everything_in(here)) == {"browser.py", *(("browser.json",) if with_browser else ())}
-    if with_browser:
-        data = json.loads(script.with_suffix(".json").read_text(encoding="utf-8"))
-        key = address.partition("key=")[2]
-        assert len(key) >= 32
-        assert key not in " ".join(data["arguments"])
-        assert f"url={address}" in data["text"]
-        assert data["modes"] == ["0o600", "0o700"]
-        assert not Path(data["path"]).exists()
+    assert set(everything_in(here)) == {"browser.py", "browser.json"}
+    data = json.loads(script.with_suffix(".json").read_text(encoding="utf-8"))
+    key = address.partition("key=")[2]
+    assert len(key) >= 32
+    assert key not in " ".join(data["arguments"])
+    assert f"url={address}" in data["text"]
+    assert data["modes"] == ["0o600", "0o700"]
+    assert not Path(data["path"]).exists()
 
 
 @pytest.mark.parametrize("fault", ["no browser", "no folder", "no screen"])

@@ -1,7 +1,5 @@
 """`codegen report`: the page that it writes, and its notes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from .conftest import BUILD, MAP, Refused, Run

@@ -1,7 +1,5 @@
 """`codegen show`: one map, a stack, two maps compared, bytes of flash; and the tyre of the optimisation of each map."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -3,8 +3,6 @@
 A signal is sent from inside, at a point of the program: no test waits for a time.
 """
 
-from __future__ import annotations
-
 import shutil
 import signal
 from pathlib import Path

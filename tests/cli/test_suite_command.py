@@ -1,7 +1,5 @@
 """`codegen sil --suite` and `codegen sil --baselines` at the command line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -94,11 +92,12 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert "…" not in line
 
 
-def test_a_baseline_that_cannot_be_tuned_is_noted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_baseline_that_cannot_be_tuned_is_noted(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> Any:
         raise ConfigError("no gains meet the demands", where="[tuning]")
 
     monkeypatch.setattr(candidate, "tuned", refuse)
-    answer = run("sil", "--build", BUILD, "--baselines")
+    Path("short.toml").write_text('name = "short"\nbase = "step-steer"\nduration_s = 11.0\n', encoding="utf-8")
+    answer = run("sil", "--build", BUILD, "--baselines", "--scenario", "short.toml")
     assert answer.code == 0, answer
     assert "note: tracking is not shown beside: [tuning]: no gains meet the demands" in answer.err

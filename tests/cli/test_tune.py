@@ -1,7 +1,5 @@
 """`codegen tune`: a map in, the same map with a controller out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

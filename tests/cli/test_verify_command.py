@@ -1,7 +1,5 @@
 """`codegen verify` at the command line; the checks themselves are tested in tests/verify."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
