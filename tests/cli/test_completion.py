@@ -12,6 +12,7 @@ from codegen.cli import cli, completion, values
 from codegen.cli.entry import COMPLETION, PROGRAM
 from codegen.config import Preset
 from codegen.export import runs
+from codegen.sil.vector import ISAS
 from hil_sim import log_formats, scenarios
 
 from .conftest import MAIN, Run, python
@@ -88,6 +89,8 @@ def test_bash_gets_the_part_that_it_takes_for_the_word(monkeypatch: pytest.Monke
 
 
 def test_names_repeated_for_speed_are_those_of_the_project() -> None:
+    (isa,) = (parameter.type for parameter in cli.commands["sweep"].params if parameter.name == "isa")
+    assert isinstance(isa, click.Choice) and tuple(isa.choices) == ISAS
     assert list(values.SCENARIOS) == list(scenarios.SCENARIOS)
     for preset in get_args(Preset):
         assert list(configuration.preset(preset).cases) == list(values.OF_EVERY_CASE)

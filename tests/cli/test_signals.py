@@ -27,7 +27,7 @@ sys.meta_path.insert(0, AtImport())
 """
 
 
-@pytest.mark.parametrize("module", ["codegen.cli.entry", "click", "codegen.cli.map_commands", "numpy"])
+@pytest.mark.parametrize("module", ["codegen.cli.entry", "numpy"])
 def test_ctrl_c_while_modules_are_imported(module: str) -> None:
     ended = python(f"NAME = {module!r}\n{AT_IMPORT}{MAIN}", "show", MAP)
     assert (ended.returncode, ended.stdout, ended.stderr) in ((130, "", QUIET), (-signal.SIGINT, "", QUIET))
@@ -70,7 +70,7 @@ real, count = os.fsync, 0
 def fsync(handle):
     global count
     count += 1
-    if count == 3: os.kill(os.getpid(), NUMBER)
+    if count == 3: os.kill(os.getpid(), signal.SIGKILL)
     real(handle)
 os.fsync = fsync
 """
@@ -84,11 +84,10 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 @pytest.mark.parametrize(
     ("before", "code"),
     [
-        (f"NUMBER = {int(signal.SIGTERM)}\n{WHILE_WRITING}", 143),
-        (f"NUMBER = {int(signal.SIGKILL)}\n{WHILE_WRITING}", -signal.SIGKILL),
+        (WHILE_WRITING, -signal.SIGKILL),
         (FULL_DISK, 2),
     ],
-    ids=["SIGTERM", "SIGKILL", "full disk"],
+    ids=["SIGKILL", "full disk"],
 )
 def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, before: str, code: int) -> None:
     shutil.copytree(BUILD, "out")
@@ -96,8 +95,8 @@ def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, befo
     ended = python(before + MAIN, "build", "--map", MAP, "-o", "out", "--prefix", "other", folder=here)
     assert ended.returncode == code, ended
     assert everything_in(here / "out") == was
-    assert len(ended.stderr.splitlines()) == (1 if code == 2 else 0)
-    if code == -signal.SIGKILL:  # the next build clears away what this one leaves beside the folder
+    assert ended.stderr.count("\n") == (code == 2)
+    if code != 2:  # the next build clears away what this one leaves beside the folder
         assert run("build", "--map", MAP, "-o", "out").code == 0
     assert [path.name for path in here.iterdir()] == ["out"]
 
@@ -156,12 +155,8 @@ import tempfile
 from codegen.verify import runner
 def waiting(running):
     scratch = os.path.join(tempfile.gettempdir(), os.listdir(tempfile.gettempdir())[0])
-    for _ in range(2_000_000):  # until a check has begun to write
-        if os.listdir(scratch):
-            break
+    while not os.listdir(scratch):  # until a check has begun to write
         os.sched_yield()
-    else:
-        raise RuntimeError("no check writes into the common folder")
     os.killpg(0, signal.SIGINT)
     raise RuntimeError("the signal was lost")
 runner.as_completed = waiting
@@ -210,28 +205,17 @@ os.dup2(write, 1)
 """
 
 
-@pytest.mark.parametrize(
-    ("command", "code"),
-    [
-        ("--help", 0),
-        ("scenarios --json", 0),
-        (f"build --map {MAP} --check -o nowhere", 1),  # a pipe does not hide a failed check
-    ],
-)
-def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path, command: str, code: int) -> None:
-    ended = python(NO_READER + MAIN, *command.split(), folder=tmp_path)
-    assert ended.returncode == code
-    assert "Traceback" not in ended.stderr
-    assert "Broken" not in ended.stderr
-    assert (ended.stderr == "") is (code == 0)
-
-
-def test_a_reader_of_both_streams_that_went_away(tmp_path: Path) -> None:
+def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path) -> None:
+    ended = python(NO_READER + MAIN, "--help", folder=tmp_path)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    # A pipe does not hide a failed check.
+    ended = python(NO_READER + MAIN, "build", "--map", MAP, "--check", "-o", "nowhere", folder=tmp_path)
+    assert ended.returncode == 1
+    assert ended.stderr and "Traceback" not in ended.stderr and "Broken" not in ended.stderr
     assert python(f"{NO_READER}os.dup2(write, 2)\n{MAIN}", "show", "no", folder=tmp_path).returncode == 2
 
 
 def test_a_broken_pipe_of_something_else_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("codegen.refmap.map.load", Mock(side_effect=BrokenPipeError(32, "Broken pipe")))
     answer = run("show", MAP)
-    assert answer.code == 2
-    assert answer.err.startswith("error: ")
+    assert (answer.code, answer.err[:7]) == (2, "error: ")

@@ -35,11 +35,9 @@ def test_exit_code_last_line_and_record(
     run: Run, build: Path, monkeypatch: pytest.MonkeyPatch, verdicts: list[Verdict], code: int, last: str
 ) -> None:
     def come(subject: Subject, effort: Effort, *_: Any) -> Report:
-        outcomes = {
-            check.name: Outcome(check.shows, "a figure", verdict, () if verdict is PASSED else ("why",))
-            for check, verdict in zip(CHECKS, verdicts, strict=True)
-        }
-        return Report(subject, effort, outcomes)
+        pairs = zip(CHECKS, verdicts, strict=True)
+        found = {one.name: Outcome(one.shows, "a figure", came, ("why",) * (came is not PASSED)) for one, came in pairs}
+        return Report(subject, effort, found)
 
     monkeypatch.setattr(runner, "run", come)
     answer = run("verify", build, "--json", "result.json")
