@@ -120,9 +120,10 @@ def test_notes_of_a_run(run: Run, short: Path, hil: tuple[object, ...]) -> None:
     shutil.copytree(BUILD, "edited")
     with Path("edited/CMakeLists.txt").open("a", encoding="utf-8") as file:  # no C, so nothing is compiled again
         file.write("# by hand\n")
-    answer = run(*hil, "--build", "edited")
-    assert answer.code == 0
-    assert "CMakeLists.txt was changed after the build" in answer.err
+    for command in (hil, ("sil", "--scenario", short)):
+        answer = run(*command, "--build", "edited")
+        assert answer.code == 0
+        assert "CMakeLists.txt was changed after the build" in answer.err
 
 
 def test_a_run_in_every_format_at_once(run: Run, short: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ import pytest
 
 from codegen.cli.explore_command import _opened
 
-from .conftest import MAIN, MAP, ROOT, Refused, everything_in, program
+from .conftest import MAIN, MAP, ROOT, everything_in, program
 
 BROWSER = """
 import json, os, pathlib, sys, urllib.parse, urllib.request
@@ -65,11 +64,3 @@ def test_a_browser_that_cannot_be_opened_is_noted(
     with _opened("http://127.0.0.1:1/?key=secret"):
         assert capsys.readouterr().err == "note: no browser was opened; open that address in one on this computer\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_port_in_use(refused: Refused) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        assert f"--port: port {port} is in use" in refused("explore", "--map", MAP, "--no-browser", "--port", port)

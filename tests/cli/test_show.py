@@ -10,10 +10,8 @@ import pytest
 from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case
 from codegen.report.html.blocks import Chart, Gallery, Text
-from codegen.report.html.compare import comparison
 from codegen.report.html.curves import front_angle_chart
 from codegen.report.html.gather import Request, gather, read
-from codegen.report.html.maps import cuts
 from codegen.report.html.report import sections
 from tests import shared
 
@@ -65,9 +63,8 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
     assert Path("difference.png").read_bytes().startswith(b"\x89PNG")
     Path("heavy.toml").write_text(f"[vehicle]\nmass_kg = 2000.0\n{GRID}", encoding="utf-8")
     assert run("solve", "--config", "heavy.toml", "--case", "4ws-2", "-o", "heavy.npz").code == 0
-    answer = run("show", maps["linear"], "--against", "heavy.npz", "--json")
-    assert "different cars" in answer.err
-    data = json.loads(answer.out)
+    assert "different cars" in run("show", maps["linear"], "--against", "heavy.npz").err
+    data = json.loads(run("show", maps["linear"], "--against", "heavy.npz", "--json").out)
     assert (data["map"], data["against"], data["plot"]) == ("linear.npz", "heavy.npz", None)
     assert data["first"]["front_slip"]["largest_percent"] > 110.0
 
@@ -92,16 +89,6 @@ def test_a_report_compares_with_a_map_of_the_same_tyre(maps: dict[str, Path]) ->
             assert {"FWS (magic-formula)", "4WS-2 (magic-formula)"} <= {line["name"] for line in cut.figure["data"]}
         else:
             assert "magic-formula" not in repr(found["compared"])
-
-
-def test_a_report_distinguishes_maps_of_different_tyres(maps: dict[str, Path]) -> None:
-    found = gather(read(Request(maps["nonlinear"], compare=(maps["linear"],))), lambda done, total: None)
-    data = next(section for section in sections(found) if section.name == "compared").blocks[0]
-    assert isinstance(data, Text)
-    assert data.text.endswith("; tyre of the optimisation: magic-formula of nonlinear, linear of linear.")
-    captions = [chart.caption for chart in comparison(found.map, found.others[0]).charts]
-    assert captions[:2] == ["Yaw rate: nonlinear (magic-formula).", "Yaw rate: linear."]
-    assert [one["name"] for one in cuts([found.map, *found.others]).data["maps"]] == ["nonlinear (magic-formula)", "linear"]
 
 
 def test_a_case_that_differs_by_its_tyre_alone_is_drawn_once(maps: dict[str, Path]) -> None:

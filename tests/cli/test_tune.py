@@ -57,21 +57,14 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     after = npz.load(Path("tuned.npz"))
     for key in ("speed", "front_angle", "yaw_rate", "feasible", "sideslip", "rear_angle", "active"):
         np.testing.assert_array_equal(getattr(before, key), getattr(after, key))
-    assert before.config is not None
-    assert after.config is not None
     assert after.case == "4ws-2"
-    assert {key: value for key, value in after.meta.items() if key != "configuration"} == {
-        key: value for key, value in before.meta.items() if key != "configuration"
-    }
+    assert after.meta | {"configuration": ""} == before.meta | {"configuration": ""}
     controller = after.config.controller
     assert controller.kind == "tracking"
-    schedule = controller.tracking.schedule
-    assert schedule is not None
-    assert weakest(after.config, gains_of(schedule)).enough
+    assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
     # Taken out again, the controller is what it was.
-    untuned = controller.tracking.model_copy(update={"schedule": None})
-    was = controller.model_copy(update={"kind": "pi", "tracking": untuned})
-    assert after.config.model_copy(update={"controller": was}) == before.config
+    was = {"kind": "pi", "tracking": controller.tracking.model_copy(update={"schedule": None})}
+    assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
 
 
 def test_demands_that_cannot_be_met_leave_the_map_alone(run: Run, solved: Path, here: Path) -> None:

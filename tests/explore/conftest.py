@@ -1,7 +1,5 @@
 """Explorers of small maps (the paper's PI and the recommended controller), and a client of the server."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import threading

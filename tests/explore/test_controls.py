@@ -1,7 +1,5 @@
 """The controls: bounds from the models of the configuration, and the configuration that results from the settings."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

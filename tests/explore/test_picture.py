@@ -1,7 +1,5 @@
 """The figures of the page, against the functions of the project and against a fresh build of the same settings."""
 
-from __future__ import annotations
-
 import base64
 import json
 import threading
@@ -35,9 +33,6 @@ def unpacked(table: dict[str, Any]) -> np.ndarray:
     kind = {"f4": "<f4", "u1": "u1"}[table["dtype"]]
     shape = [int(part) for part in table["shape"].split(",")]
     return np.frombuffer(base64.b64decode(table["bdata"]), dtype=kind).reshape(shape)
-
-
-# --- the map -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_map_is_that_of_codegen_solve(pi: Explorer) -> None:
@@ -83,8 +78,6 @@ def test_sets_without_a_fixed_colour_take_turns() -> None:
     assert binding_colours(known[:4]) == colours[:4]
 
 
-# --- what a setting changes --------------------------------------------------------------------------------------------
-
 PARTS = ("map", "cut", "step", "margins")
 
 
@@ -129,9 +122,6 @@ def test_nothing_remains_of_the_settings_before(pi: Explorer) -> None:
         assert before["step"] != after["step"]
 
 
-# --- the step ----------------------------------------------------------------------------------------------------------
-
-
 def test_the_figures_of_the_step(pi: Explorer) -> None:
     shown = pi.picture({})["step"]["figures"]
     # The PI follows the cap of the map, (slip bound of the tyre over slip for each m/s^2) / speed, to the end.
@@ -160,9 +150,6 @@ def test_a_step_that_spins_or_does_not_settle_has_no_steady_figures(pi: Explorer
         found = figures(record, preset())
         steady = [found[key] for key in ("yaw_rate_steady_deg_s", "overshoot_percent", "rise_time_s")]
         assert (found["settled"], None in steady) == (slope == 0.0, slope != 0.0)
-
-
-# --- margins -----------------------------------------------------------------------------------------------------------
 
 
 def test_margins_are_those_of_the_design(pi: Explorer, tracking: Explorer) -> None:
@@ -208,8 +195,6 @@ def test_settings_without_a_feasible_point_are_rejected_and_leave_no_trace(pi: E
         coarse.picture({"limits.lateral_acceleration_max_g": 0.05})
     assert {**coarse.picture({}), "took_ms": None} == {**before, "took_ms": None}
 
-
-# --- the recalibrated C ------------------------------------------------------------------------------------------------
 
 FRICTION = {"road.friction": 0.5, "limits.sideslip_max_deg": 1.5}
 LIMITS = {

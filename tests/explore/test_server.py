@@ -1,7 +1,5 @@
 """The server over plain HTTP: it serves one user on this computer, and only the page."""
 
-from __future__ import annotations
-
 import json
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The button that writes a file: its content, and the files that it never overwrites."""
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from pathlib import Path

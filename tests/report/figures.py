@@ -1,7 +1,5 @@
 """Checks that every figure shares, and access to what a figure draws."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A result of the test set made by hand: no car is driven, every figure is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The live view of a run: its numbers, its charts at every terminal size, and no load on the thread of the bench."""
 
-from __future__ import annotations
-
 import io
 import math
 import re
@@ -57,9 +55,6 @@ def view_on(console: Console, **changes: Any) -> LiveView:
     for cycle in range(900):
         view._samples.append(replace(CALM, time=0.01 * cycle, status=cycle % 6, **changes))
     return view
-
-
-# --- rows --------------------------------------------------------------------------------------------------------------
 
 
 def test_diagnostic_bits_are_those_of_the_generated_c() -> None:
@@ -148,9 +143,6 @@ def test_each_signal_is_drawn_beside_its_number(signal: str, first: int, style: 
     assert (chr(0x2802) in without_colour or chr(0x2804) in without_colour) == (style == "magenta")  # every other dot
 
 
-# --- charts ------------------------------------------------------------------------------------------------------------
-
-
 def trace_of(signal: Callable[[float], float]) -> Trace:
     trace = Trace()
     for cycle in range(1000):
@@ -193,9 +185,6 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
     assert (step[4][:9], step[0][11:]) == (lower * 9, upper * 9)
     peak = cells(trace_of(lambda time: 1.0 if abs(time - 7.02) < 0.005 else 0.0))[0]
     assert peak[14] != " " and peak.count(" ") == 19
-
-
-# --- terminals ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])

@@ -1,7 +1,5 @@
 """Comparison of two maps in figures, counted independently, on equal and on different axes; and the summary of a stack."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,15 +1,12 @@
 """Figures of maps, tyres and runs: the data drawn, units, layout, and reproducible bytes."""
 
-from __future__ import annotations
-
 import math
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import matplotlib
 import numpy as np
@@ -55,11 +52,6 @@ def solved(maps: Maps) -> ReferenceMap:
     return maps["4ws-2"]
 
 
-@pytest.fixture(scope="module")
-def bare(solved: ReferenceMap) -> ReferenceMap:
-    return without_car(solved)
-
-
 def without_car(one: ReferenceMap) -> ReferenceMap:
     return ReferenceMap(one.speed, one.front_angle, one.yaw_rate, one.feasible)
 
@@ -92,10 +84,6 @@ def driven(name: str, **columns: Any) -> Any:
     angle = inputs[:, 1] / CONFIG.steering.ratio
     given = {key: values(angle) if callable(values) else values for key, values in columns.items()}
     return made_run(0.01 * np.arange(len(inputs)), **{"speed_m_s": inputs[:, 0], "front_angle_rad": angle, **given})
-
-
-def speed_ramp_runs() -> Runs:
-    return {"controlled": driven("speed-ramp"), "passive": driven("speed-ramp", status=2.0)}
 
 
 def ramp_runs() -> Runs:
@@ -164,14 +152,6 @@ def panel(figure: Figure, title: str) -> Axes:
     return found
 
 
-def cells(axes: Axes) -> Any:
-    """Return the masked array that a panel shows."""
-    return mesh(axes).get_array()
-
-
-# --- every figure ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", FIGURES)
 def test_layout_and_units(name: str, maps: Maps) -> None:
     check_layout(FIGURES[name](maps))
@@ -183,32 +163,7 @@ def test_bytes_depend_on_the_input_alone(maps: Maps) -> None:
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "figure.dpi": 50.0, "savefig.bbox": "tight"}):
         assert style.to_png(difference(one, other)) == first
         assert matplotlib.rcParams["font.size"] == 20.0
-    chunks, place = set(), 8
-    while place < len(first):
-        chunks.add(first[place + 4 : place + 8])
-        place += 12 + int.from_bytes(first[place : place + 4], "big")
-    assert chunks == {b"IHDR", b"pHYs", b"IDAT", b"IEND"}  # neither a date nor a version
-
-
-def test_import_loads_no_library_and_drawing_no_pyplot(tmp_path: Path) -> None:
-    program = f"""
-import sys
-from codegen.report import plots
-assert not {{"matplotlib", "casadi", "cffi", "scipy"}} & set(sys.modules)
-import numpy as np
-from codegen.refmap.map import ReferenceMap
-table = np.ones((3, 2))
-one = ReferenceMap(np.array([5.0, 6.0, 7.0]), np.array([0.1, 0.2]), table, table > 0.0)
-plots.save(plots.map_figure(one, "bare"), __import__("pathlib").Path({str(tmp_path / "bare.png")!r}))
-assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
-"""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "bare.png").stat().st_size > 1000
-
-
-# --- maps --------------------------------------------------------------------------------------------------------------
+    assert not [chunk for chunk in (b"tEXt", b"zTXt", b"iTXt", b"tIME") if chunk in first[:100]]  # neither a date nor a version
 
 
 def test_a_map_figure_shows_the_tables_in_degrees(solved: ReferenceMap) -> None:
@@ -237,9 +192,8 @@ def test_a_difference_shows_the_yaw_rate_gained_and_the_worse_axle(maps: Maps) -
     assert np.array_equal(np.ma.getmaskarray(gain), ~both)
     assert np.array_equal(gain.compressed(), expected[both])  # type: ignore[union-attr]
     assert more.norm.vmax == -more.norm.vmin == np.abs(expected[both]).max()  # type: ignore[operator]
-    used, where = slip_use(one), cells(panel(figure, "Where feasible"))
-    assert used is not None
-    shown = cells(panel(figure, "Slip used, first")).compressed()
+    used, where = slip_use(one), mesh(panel(figure, "Where feasible")).get_array()
+    shown = mesh(panel(figure, "Slip used, first")).get_array().compressed()
     assert np.array_equal(shown, np.fmax(used.front, used.rear).T[one.feasible.T])
     counts = [both.sum(), (one.feasible & ~other.feasible).sum(), 0]
     assert [int((where == kind).sum()) for kind in range(3)] == counts
@@ -261,42 +215,39 @@ def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
 
 
 def test_each_set_of_binding_constraints_has_the_colour_of_its_name(solved: ReferenceMap) -> None:
-    assert solved.active is not None
     active = solved.active.copy()
     # Two sets that the map lacks; the second has no colour of its own.
     active[0, 0], active[1, 0] = Binding.SIDESLIP, Binding.SIDESLIP | Binding.REAR_ANGLE
     figure = plots.map_figure(replace(solved, active=active), "map")
-    drawn = mesh(panel(figure, "Binding"))
     legend = next(one for one in figure.legends if "none" in [text.get_text() for text in one.get_texts()])
     patches = zip(legend.get_texts(), legend.get_patches(), strict=True)
     colours = {text.get_text(): patch.get_facecolor() for text, patch in patches}
-    sets = np.unique(active[solved.feasible])
-    assert set(colours) == {binding_text(int(flags)) for flags in sets}
-    assert len(set(colours.values())) == sets.size >= 5
-    shown = drawn.to_rgba(drawn.get_array())  # type: ignore[arg-type]
-    for flags in sets:
-        assert np.allclose(shown[(active == flags).T & solved.feasible.T], to_rgba(colours[binding_text(int(flags))]))
+    sets = {binding_text(int(flags)): flags for flags in np.unique(active[solved.feasible])}
+    assert colours.keys() == sets.keys()
+    assert len(set(colours.values())) == len(sets) >= 5
+    drawn = mesh(panel(figure, "Binding"))
+    shown = drawn.to_rgba(drawn.get_array())
+    for name, flags in sets.items():
+        assert np.allclose(shown[(active == flags).T & solved.feasible.T], to_rgba(colours[name]))
     many = np.resize(np.arange(32, dtype=np.uint8), solved.feasible.shape)
     found = names(plots.map_figure(replace(solved, active=many), "map"))
-    assert any(name.endswith("rarer sets") for name in found)
-    assert len(found) <= 15
+    assert len(found) <= 15 and any(name.endswith("rarer sets") for name in found)
 
 
-def test_a_map_with_fewer_tables_shows_those_it_has(bare: ReferenceMap, solved: ReferenceMap) -> None:
+def test_a_map_with_fewer_tables_shows_those_it_has(solved: ReferenceMap) -> None:
+    bare = without_car(solved)
     for kept, title in ((None, None), ("sideslip", "Sideslip"), ("rear_angle", "Rear"), ("active", "Binding")):
-        figure = plots.map_figure(replace(bare, **({kept: getattr(solved, kept)} if kept else {})), "map")
+        # Read as a formula, the name of this file would not draw.
+        figure = plots.map_figure(
+            replace(bare, **({kept: getattr(solved, kept)} if kept else {})), "a $\\frac{1}{$ map\nof mine"
+        )
         titles = [axes.get_title(loc="left").split(" ")[0] for axes in figure.axes if axes.get_title(loc="left")]
         assert titles == ["Yaw", *([title] if title else [])]
         figure.draw_without_rendering()
-    assert names(plots.map_figure(bare, "map")) == [INFEASIBLE]
+        assert figure.texts[0].get_text().replace(r"\$", "$") == "a $\\frac{1}{$ map of mine"
+        assert title or names(figure) == [INFEASIBLE]
     missing = [text.get_text() for axes in plots.three_maps_figure({"bare": bare}).axes for text in axes.texts]
     assert missing.count("not in this map") == 2
-
-
-def test_the_name_of_a_file_is_shown_verbatim(bare: ReferenceMap) -> None:
-    figure = plots.map_figure(bare, "a $\\frac{1}{$ map\nof mine.npz")
-    figure.draw_without_rendering()  # read as a formula, this would not draw
-    assert [text.get_text().replace(r"\$", "$") for text in figure.texts] == ["a $\\frac{1}{$ map of mine.npz"]
 
 
 def test_three_maps_share_a_scale_in_each_column(maps: Maps) -> None:
@@ -306,7 +257,7 @@ def test_three_maps_share_a_scale_in_each_column(maps: Maps) -> None:
         largest = np.degrees(max(np.nanmax(np.abs(getattr(one, table))) for one in maps.values()))
         assert [mesh(axes).norm.vmax for axes in panels[:, column]] == pytest.approx([largest] * 3)
         for axes, one in zip(panels[:, column], maps.values(), strict=True):
-            assert np.array_equal(cells(axes).compressed(), np.degrees(getattr(one, table)).T[one.feasible.T])
+            assert np.array_equal(mesh(axes).get_array().compressed(), np.degrees(getattr(one, table)).T[one.feasible.T])
     assert [[bool(axes.get_lines()) for axes in row] for row in panels] == [[False] * 3, [True] * 3, [True] * 3]
     assert {"FWS", "4WS-1", "4WS-2"} <= {text.get_text() for axes in panels.flat for text in axes.texts}
 
@@ -318,7 +269,6 @@ def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
         column = int(np.argmin(np.abs(one.front_angle - FOUR_DEGREES)))
         for axes, table in zip(figure.axes, (one.yaw_rate, one.sideslip), strict=True):
             line = line_of(axes, case.upper())
-            assert table is not None
             assert np.allclose(line.get_xdata(), one.speed * 3.6, rtol=1e-12)
             # Equal, NaN where infeasible: 4 deg is a breakpoint, so nothing is interpolated.
             assert np.array_equal(line.get_ydata(), np.degrees(table[:, column]), equal_nan=True)
@@ -359,9 +309,6 @@ def test_tyre_curves_tangent_and_linear_range() -> None:
         assert any(f"{math.degrees(bound):.3f} deg" in text.get_text() for text in axes.texts)
 
 
-# --- runs --------------------------------------------------------------------------------------------------------------
-
-
 def dashed(axes: Axes) -> list[Any]:
     return [line for line in axes.get_lines() if line.get_label() == "_"]
 
@@ -392,10 +339,9 @@ def test_a_run_shows_its_columns_and_dashed_its_reference_and_command() -> None:
 
 def test_the_window_starts_half_a_second_before_the_steering() -> None:
     assert plots.run_figure({"a": made_run()}, "made").axes[0].get_xlim() == pytest.approx((1.5, 5.0))
-    straight = made_run(front_angle_rad=0.0)
-    assert run_plots.run_window({"a": straight}) == pytest.approx((0.0, 6.0))
-    late = 0.3 * (straight[:, 0] >= 5.4)
-    assert run_plots.run_window({"a": made_run(yaw_rate_rad_s=late)})[1] == pytest.approx(5.4 + 0.5, abs=0.02)
+    assert run_plots.run_window({"a": made_run(front_angle_rad=0.0)}) == pytest.approx((0.0, 6.0))
+    late = made_run(yaw_rate_rad_s=0.3 * (TIME >= 5.4), front_angle_rad=0.1 * (TIME >= 2.0))
+    assert run_plots.run_window({"a": late})[1] == pytest.approx(5.4 + 0.5, abs=0.02)
 
 
 def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
@@ -418,7 +364,7 @@ def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
 
 
 def test_a_varying_speed_is_shown_and_rounding_is_not() -> None:
-    figure = plots.run_figure(speed_ramp_runs(), "made")
+    figure = plots.run_figure({"controlled": driven("speed-ramp")}, "made")
     (axes,) = [axes for axes in figure.axes if axes.get_ylabel().startswith("Speed")]
     assert max(line_of(axes, "controlled").get_ydata()) == pytest.approx(30.0)  # twice the enable speed, km/h
     low, high = plots.run_figure({"a": made_run(sideslip_rad=1e-12)}, "x").axes[1].get_ylim()
@@ -459,7 +405,7 @@ def test_gain_and_phase_over_frequency() -> None:
 
     figure = scenario("sine-sweep", sweep_runs())
     gain, phase = figure.axes
-    frequency, level = (np.asarray(values) for values in line_of(gain, "controlled").get_data())
+    frequency, level = line_of(gain, "controlled").get_data()
     response = exact(0.15, frequency)
     (drawn, _) = [line for line in phase.get_lines() if len(line.get_xdata()) > 10]
     # The error of the estimate: 0.2 %, and 0.3 deg.
@@ -495,7 +441,6 @@ def test_long_titles_are_wrapped_and_complete() -> None:
         "a-build-with-a-long-name",
         "Low friction: 2 deg at the front wheels, 80 km/h, friction 0.5, estimated 0.5",
     ]
-    assert scenario("speed-ramp", speed_ramp_runs(), "a$b\nc").get_suptitle().startswith(r"a\$b c – Speed")
     details = ", ".join(f"factor number {number} +{number} %" for number in range(12))
     own = replace(find("low-friction-estimated"), subject="A scenario of my own with quite a long name")
     figure = plots.scenario_figure(own, CONFIG, {"a": made_run()}, "run 7, pi", details)
@@ -508,20 +453,17 @@ def test_long_titles_are_wrapped_and_complete() -> None:
 @pytest.mark.parametrize(("letter", "count"), [("W", 7), ("a_b ", 3)])
 def test_long_names_fit_into_the_legend(letter: str, count: int) -> None:
     """Entries lie within the picture, do not overlap, and leave the height of the panels as it is."""
-
-    def figure_of(names: list[str]) -> Figure:
-        figure = plots.run_figure({name: made_run() for name in names}, "made")
-        figure.draw_without_rendering()
-        return figure
-
-    figure = figure_of([(f"{number}" + letter * 63)[:63] for number in range(count)])
-    (legend,) = figure.legends
-    boxes = [text.get_window_extent() for text in legend.get_texts()]
+    figure, short = (
+        plots.run_figure({name: made_run() for name in names}, "made")
+        for names in ([(f"{number}" + letter * 63)[:63] for number in range(count)], ["a"])
+    )
+    for one in (figure, short):
+        one.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.legends[0].get_texts()]
     assert len(boxes) == count + 1
     assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and figure.bbox.y0 <= box.y0 for box in boxes)
     assert overlapping(boxes) == []
-    short = figure_of(["a"]).axes[0].get_window_extent().height
-    assert figure.axes[0].get_window_extent().height > 0.9 * short
+    assert figure.axes[0].get_window_extent().height > 0.9 * short.axes[0].get_window_extent().height
 
 
 def test_the_overview_shows_map_and_runs_and_its_legends_cover_no_curve(maps: Maps) -> None:
@@ -529,61 +471,46 @@ def test_the_overview_shows_map_and_runs_and_its_legends_cover_no_curve(maps: Ma
     data = style.to_png(figure)
     assert (int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")) == (1600, 620)
     left, right = figure.axes[:2]
-    assert cells(left).compressed() == pytest.approx(np.degrees(maps["4ws-2"].yaw_rate.T[maps["4ws-2"].feasible.T]))
+    assert mesh(left).get_array().compressed() == pytest.approx(np.degrees(maps["4ws-2"].yaw_rate.T[maps["4ws-2"].feasible.T]))
     assert any("43.2 km/h, 6.7 deg" in name for name in names(figure))
     assert len(right.get_lines()) == 5  # three runs, two references
     # Shown 900 pixels wide, the smallest text is still 9 pixels high or more.
     smallest = min(text.get_fontsize() for text in figure.findobj(matplotlib.text.Text))  # type: ignore[attr-defined]
     assert smallest * 130.0 / 72.0 * 900.0 / 1600.0 >= 9.0
     for axes in (left, right):
-        legend = axes.get_legend()
-        assert legend is not None
+        covered = axes.get_legend().get_window_extent()
         for line in axes.get_lines():
-            assert not legend.get_window_extent().count_contains(line.get_transform().transform(line.get_xydata())), line
-
-
-# --- errors and saving -------------------------------------------------------------------------------------------------
+            assert not covered.count_contains(line.get_transform().transform(line.get_xydata())), line
 
 
 def test_messages_for_input_that_cannot_be_drawn(maps: Maps) -> None:
     for expected, draw in (
         (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
         (r"run mine: shape \(1, 12\)", lambda: plots.run_figure({"mine": np.zeros((1, 12))}, "x")),
-        (r"run mine: shape \(12,\)", lambda: plots.run_figure({"mine": np.zeros(12)}, "x")),
         ("no runs", lambda: plots.run_figure({}, "x")),
         ("no maps", lambda: plots.three_maps_figure({})),
         ("no maps", lambda: plots.front_angle_cut_figure({}, FOUR_DEGREES)),
         ("no map 4ws-2", lambda: plots.overview_figure(CONFIG, {"fws": maps["fws"]}, RUNS)),
-        *(
-            (r"outside the map's front angles; choose 0\.5 to 10 deg", lambda a=a: plots.front_angle_cut_figure(maps, a))
-            for a in (math.radians(0.3), math.radians(10.1), math.nan)
-        ),
+        ("front angles; choose 0\\.5 to 10 deg", lambda: plots.front_angle_cut_figure(maps, math.radians(10.1))),
+        ("front angles; choose 0\\.5 to 10 deg", lambda: plots.front_angle_cut_figure(maps, math.nan)),
     ):
         with pytest.raises(plots.PlotError, match=expected):
             draw()
 
 
 def test_save_replaces_a_file_or_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    figure = style.new_figure(1.0, 1.0)
-    for name in ("map.pdf", "map", "map.png.txt", ".png"):
+    figure, path = style.new_figure(1.0, 1.0), tmp_path / "map.PNG"
+    for name in ("map.pdf", "map", ".png"):
         with pytest.raises(plots.PlotError, match=r"only PNG .*; name it .*\.png$"):
             plots.save(figure, tmp_path / name)
-    path = tmp_path / "map.PNG"
+    with pytest.raises(CodegenError, match=r"missing/map\.png"):
+        plots.save(figure, tmp_path / "missing" / "map.png")
     path.write_bytes(b"old")
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
+        with pytest.raises(CodegenError, match="No space left"):
+            plots.save(figure, path)
+    assert path.read_bytes() == b"old"
     plots.save(figure, path)
     assert path.read_bytes() == style.to_png(figure)
-    (tmp_path / "folder.png").mkdir()
-    for wrong in (tmp_path / "missing" / "map.png", tmp_path / "folder.png"):
-        with pytest.raises(CodegenError) as caught:
-            plots.save(figure, wrong)
-        assert str(wrong) in str(caught.value) and "\n" not in str(caught.value)
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    path.write_bytes(b"old")
-    with pytest.raises(CodegenError, match="No space left"):
-        plots.save(figure, path)
-    assert path.read_bytes() == b"old"
-    assert sorted(os.listdir(tmp_path)) == ["folder.png", "map.PNG"]
+    assert os.listdir(tmp_path) == ["map.PNG"]

@@ -1,7 +1,5 @@
 """The figures of the test suite show the values of its result."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -12,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from codegen.report import style, suite_plots
+from codegen.report import suite_plots
 from codegen.report.suite_looks import COLOURS
 from hil_sim.suite.conditions import SLIPPERY
 from hil_sim.suite.tracking import Outside, SuiteResult
@@ -36,20 +34,17 @@ def lines_in(axes: Axes, colour: str) -> list[Any]:
     return [line for line in axes.get_lines() if to_rgba(line.get_color()) == to_rgba(colour)]
 
 
-def test_there_is_a_legible_figure_for_each_table(good: SuiteResult, figures: dict[str, Figure]) -> None:
+def test_there_is_a_legible_figure_for_each_table(figures: dict[str, Figure]) -> None:
     assert tuple(figures) == FIGURES
     for name, figure in figures.items():
         check_layout(figure, shared_labels=True)
-        renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         for axes in figure.axes:
-            ticks = [[one for one in axis.get_ticklabels() if one.get_visible()] for axis in (axes.xaxis, axes.yaxis)]
-            for texts in (*ticks, axes.texts):
-                assert overlapping([text.get_window_extent(renderer) for text in texts if text.get_text()]) == []
+            for texts in (axes.get_xticklabels(), axes.get_yticklabels(), axes.texts):
+                shown = [text for text in texts if text.get_visible() and text.get_text()]
+                assert overlapping([text.get_window_extent() for text in shown]) == []
         wanted = {"cells": ["the car spins"], "margins": ["tracking: worst of the family", "asked for", "a build warns below"]}
         assert set(wanted.get(name, SUBJECTS)) <= set(names(figure))
     assert [axes.get_title(loc="left") for axes in figures["cells"].axes[:5]] == list(SUBJECTS)
-    one, other = (style.to_png(suite_plots.margins_figure(good)) for _ in range(2))
-    assert one == other
 
 
 def test_steps_show_each_subject_until_it_spins(good: SuiteResult, figures: dict[str, Figure]) -> None:

@@ -1,7 +1,5 @@
 """The tables of the test suite show the values of its result, and fit the page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """The charts of a report hold the numbers of maps, runs, tyres, losses and budgets."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math
@@ -64,9 +62,6 @@ def bare() -> NamedMap:
     """Return a map with another number in each cell, one of them infeasible."""
     arrays = {"vx": SPEED, "delta_f": ANGLE, "yaw_rate": np.where(FEASIBLE, RATES, np.nan), "feasible": FEASIBLE}
     return NamedMap("bare", from_arrays(arrays, "test"))
-
-
-# --- maps --------------------------------------------------------------------------------------------------------------
 
 
 def test_a_bare_map_is_drawn_with_speed_to_the_right(bare: NamedMap) -> None:
@@ -179,9 +174,6 @@ def test_error_against_flash_agrees_in_figure_table_and_json() -> None:
     assert data["grid"] == {"breakpoints": [20, 30], "flash_bytes": 4_000, "error_rad_s": math.radians(0.3)}
 
 
-# --- runs --------------------------------------------------------------------------------------------------------------
-
-
 def record(scale: float = 1.0) -> np.ndarray:
     """Return a run in which each column is a line of its own slope. With scale 8 the speed is not held."""
     time = 0.01 * np.arange(400)
@@ -229,9 +221,6 @@ def test_runs_differ_without_colour_and_the_passive_car_has_no_controller() -> N
     assert not any("passive car, " in each["name"] for each in chart.figure["data"])
     passive = {name: is_passive(name) for name in ("passive", "Passive car", "passive_safe", "pi")}
     assert passive == {"passive": True, "Passive car": True, "passive_safe": False, "pi": False}
-
-
-# --- curves, losses, margins, budgets ----------------------------------------------------------------------------------
 
 
 def test_tyres_show_their_own_force_and_range() -> None:

@@ -1,7 +1,5 @@
 """The page of a report, and the files that a report reads."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -88,9 +86,6 @@ def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
     made = {section.name: section for section in sections(found)}
     assert "compared" not in made
     assert page.render("own", list(made.values()))
-
-
-# --- files -------------------------------------------------------------------------------------------------------------
 
 
 def record() -> np.ndarray:
