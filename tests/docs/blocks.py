@@ -15,10 +15,8 @@ A block is the text between two fences. Its language decides on its use:
 A fence without a language, in README, is `console` where a line starts with `$ `, else `sh`.
 """
 
-from __future__ import annotations
-
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,14 +60,6 @@ class Command:
         return re.sub(r"\s+#\s.*$", "", self.text).strip()
 
 
-@dataclass
-class _Open:
-    """A command whose lines are still being read."""
-
-    lines: list[str]
-    shown: list[str] = field(default_factory=list)
-
-
 def blocks(page: str) -> list[Block]:
     """All blocks of a page, in order; directives of Sphinx (`{figure}` and the like) are none."""
     found: list[Block] = []
@@ -88,12 +78,9 @@ def blocks(page: str) -> list[Block]:
         body = [line.removeprefix(fence["indent"]) for line in lines[start:number]]
         number += 1
         if not fence["language"].startswith("{"):
-            found.append(Block(page, start, _language(fence["language"], body), "\n".join(body), _mark(lines, start - 2)))
+            language = fence["language"] or ("console" if any(line.startswith("$ ") for line in body) else "sh")
+            found.append(Block(page, start, language, "\n".join(body), _mark(lines, start - 2)))
     return found
-
-
-def _language(named: str, body: list[str]) -> str:
-    return named or ("console" if any(line.startswith("$ ") for line in body) else "sh")
 
 
 def _mark(lines: list[str], before: int) -> tuple[str, str] | None:
@@ -105,22 +92,19 @@ def _mark(lines: list[str], before: int) -> tuple[str, str] | None:
 
 def commands(block: Block) -> list[Command]:
     """The commands of a `console` or `sh` block; a backslash at the end of a line joins the next one."""
-    console, found, going = block.language == "console", [], False
+    console, going = block.language == "console", False
+    found: list[tuple[list[str], list[str]]] = []  # lines of a command, and of its output
     for line in block.text.splitlines():
-        if going:
-            found[-1].lines.append(line)
-        elif console and line.startswith("$ "):
-            found.append(_Open([line[2:]]))
-        elif console:
+        is_output = console and not going and not line.startswith("$ ")
+        if is_output:
             assert found, f"{block.place}: output stands before the first command"
-            found[-1].shown.append(line)
-            continue
+            found[-1][1].append(line)
+        elif going:
+            found[-1][0].append(line)
         elif line.strip() and not line.lstrip().startswith("#"):
-            found.append(_Open([line]))
-        else:
-            continue
-        going = line.endswith("\\")
-    return [Command("\n".join(one.lines), "\n".join(one.shown).strip("\n") or None) for one in found]
+            found.append(([line.removeprefix("$ ") if console else line], []))
+        going = not is_output and line.endswith("\\")
+    return [Command("\n".join(lines), "\n".join(shown).strip("\n") or None) for lines, shown in found]
 
 
 def matches(shown: str, printed: str) -> bool:

@@ -1,7 +1,5 @@
 """Use of each block of a page: run, written to a file, checked, or left out for a reason in a table here."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -54,7 +52,7 @@ def import_examples(folder: Path) -> None:
     with np.load(ROOT / "generated/4ws2.npz") as archive:
         table = np.where(archive["feasible"], archive["yaw_rate"], np.nan)
         savemat(folder / "b.mat", {"map": {"vx": archive["vx"], "delta_f": archive["delta_f"], "yaw_rate": table.T}})
-    (folder / "ars.toml").write_text(preset_text("recommended"))
+    own_configuration(folder)
     for block in blocks("docs/import.md"):  # the page speaks of a file before it shows it
         if block.mark is not None:
             write(block, folder)
@@ -63,7 +61,6 @@ def import_examples(folder: Path) -> None:
 
 
 def own_configuration(folder: Path) -> None:
-    """Write the ars.toml of `codegen init`, for a page that shows keys to put into it."""
     (folder / "ars.toml").write_text(preset_text("recommended"))
 
 
@@ -141,39 +138,27 @@ def with_keys(text: str, changes: str) -> str:
     tomllib.loads(changes)
     lines, table = text.splitlines(), ""
     for line in changes.splitlines():
-        if header := re.match(r"\[(?!\[)(?P<name>[^\]]+)\]", line):
-            table = header["name"]
-            if f"[{table}]" not in (one.split("#")[0].strip() for one in lines):
-                lines += ["", f"[{table}]"]
-        elif key := re.match(r"(?P<key>\w+)\s*=", line):
-            _put(lines, table, key["key"], line)
+        headers = [one.split("#")[0].strip() for one in lines]
+        if header := re.match(r"\[(?!\[)[^\]]+\]", line):
+            table = header[0]
+            lines += [] if table in headers else ["", table]
+        elif key := re.match(r"(\w+)\s*=", line):
+            first = headers.index(table) if table else -1
+            last = next((k for k in range(first + 1, len(lines)) if lines[k].startswith("[")), len(lines))
+            own = [k for k in range(first + 1, last) if re.match(rf"{key[1]}\s*=", lines[k])]
+            lines[own[0] if own else first + 1 : own[0] + 1 if own else first + 1] = [line]
     return "\n".join(lines) + "\n"
-
-
-def _put(lines: list[str], table: str, key: str, line: str) -> None:
-    first = next((k for k, one in enumerate(lines) if one.split("#")[0].strip() == f"[{table}]"), -1)
-    assert table == "" or first >= 0
-    last = next((k for k in range(first + 1, len(lines)) if lines[k].startswith("[")), len(lines))
-    for k in range(first + 1, last):
-        if re.match(rf"{key}\s*=", lines[k]):
-            lines[k] = line
-            return
-    lines.insert(first + 1, line)
 
 
 def unread(block: Block) -> str | None:
     """Return a message for a block that is neither run, nor written, nor checked, nor in a table; else None."""
-    if block.language in ("console", "sh", "python", "text") or block.mark is not None or block.language == "c":
-        return None
-    first = block.text.splitlines()[0]
-    if (block.page, first) in NOT_READ:
+    is_used = block.language in ("console", "sh", "python", "text", "c") or block.mark is not None
+    if is_used or (block.page, block.text.splitlines()[0]) in NOT_READ:
         return None
     return f"{block.place}: nothing is done with a block of {block.language!r}; mark it with <!-- file: NAME --> or the like"
 
 
 def names_in_headers() -> set[str]:
     """Return the names in the headers of the committed builds."""
-    found: set[str] = set()
-    for header in (ROOT / "generated").glob("*/include/*.h"):
-        found.update(NAME_IN_C.findall(header.read_text(encoding="utf-8")))
-    return found
+    headers = (ROOT / "generated").glob("*/include/*.h")
+    return {name for header in headers for name in NAME_IN_C.findall(header.read_text(encoding="utf-8"))}

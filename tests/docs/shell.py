@@ -1,7 +1,5 @@
 """A shell that runs the commands of one page, in a folder that looks like a checkout after `make`."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import selectors

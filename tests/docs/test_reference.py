@@ -1,9 +1,6 @@
 """The reference pages are made from the code: nothing of the code is missing, and nothing is left over."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
@@ -28,17 +25,7 @@ def test_every_key_of_ars_toml_has_its_meaning_and_no_other() -> None:
     used = paths | set(map(config_tables._shared, paths))
     used |= {f"signal.{key}" for _, model in config_tables.inline_tables() for key in model.model_fields}
     assert sorted(set(config_tables.MEANINGS) - used) == []
-    said = config_tables.comments()
-    assert said["vehicle.cg_height_m"] == "centre of gravity above the road"
-    assert said["can.e2e.sync_counter_init"].startswith("by so many")
-
-
-def test_a_key_without_a_meaning_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    import config_tables
-
-    monkeypatch.delitem(config_tables.MEANINGS, "vehicle.mass_kg")
-    with pytest.raises(LookupError, match=r"vehicle\.mass_kg"):
-        config_tables.markdown()
+    assert config_tables.comments()["vehicle.cg_height_m"] == "centre of gravity above the road"
 
 
 def test_the_interface_names_every_command() -> None:
@@ -56,6 +43,3 @@ def test_the_tables_are_those_of_the_code() -> None:
     assert "`ars_controller_step`" in interface_tables.c_functions("ars_controller.h")
     assert interface_tables.run_columns().count("\n| `") == 12
     assert "| 129, 130, 143 |" in interface_tables.exit_codes()
-    for header in sorted(Path(interface_tables.BUILD / "include").glob("*.h")):
-        if header.name != "ars_sections.h":
-            assert interface_tables.c_functions(header.name)

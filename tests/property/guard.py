@@ -1,7 +1,5 @@
 """Bounds for a loader of arbitrary files: it ends, and needs no more memory than the size limits of its files allow."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import tracemalloc

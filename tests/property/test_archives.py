@@ -3,8 +3,6 @@
 The same with more examples: tests/evidence/drives/test_properties.py.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct
@@ -100,12 +98,7 @@ class ChangedArchive(RuleBasedStateMachine):
     def at(self, place: float) -> int:
         return int(place * len(self.data))
 
-    @rule(place=PLACE, bit=st.integers(0, 7))
-    def flip(self, place: float, bit: int) -> None:
-        if self.data:
-            self.data[self.at(place)] ^= 1 << bit
-
-    @rule(place=PLACE, removed=st.integers(0, 200), new=st.binary(max_size=12))
+    @rule(place=PLACE, removed=st.integers(0, 200) | st.just(1), new=st.binary(max_size=12) | st.binary(min_size=1, max_size=1))
     def replace(self, place: float, removed: int, new: bytes) -> None:
         self.data[self.at(place) : self.at(place) + removed] = new
 
@@ -187,18 +180,10 @@ test_any_members = examples(check_members, 30, **MEMBER_INPUTS)
 
 
 # A file of some kB unpacks to 60 MiB of one-byte numbers. As real numbers they would take eight times as many bytes.
-WIDE = 60 * 2**20
-LONG = np.arange(7_000)
-
-
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"vx": np.zeros(WIDE, dtype=np.int8)},
-        {"vx": LONG * 0.01, "delta_f": LONG * 1e-4, "yaw_rate": np.zeros((LONG.size, LONG.size), dtype=np.uint8)},
-        {"feasible": np.ones(WIDE, dtype=bool)},
-    ],
-    ids=["axis", "table", "feasible"],
+    [{"vx": np.zeros(60 * 2**20, dtype=np.int8)}, {"feasible": np.ones(60 * 2**20, dtype=bool)}],
+    ids=["axis", "feasible"],
 )
 def test_narrow_numbers_do_not_unpack_to_more_than_the_limit(changes: dict[str, Any]) -> None:
     """The limit holds for the bytes that are read and for the arrays made from them, and 4 MiB are for the rest."""

@@ -3,8 +3,6 @@
 The result is one line of error or a complete configuration. With more examples: tests/evidence/drives/test_properties.py.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +20,6 @@ from tests.property.guard import bounded, examples
 SCENARIO = """name = "wet-lane-change"
 base = "sine-with-dwell"
 speed_km_h = 70.0
-
 [[faults]]
 kind = "delay"
 start_s = 2.5
@@ -63,9 +60,7 @@ NUMBERS = "0 -1 1e400 -1e-400 nan inf -inf 0x7fffffffffffffff 0o777 0b1 1_000 tr
 TEXTS = ('""', '"off"', '"\\u0000"', '"\\uFFFF"', '"x\\ny"', "'''\n'''", f'"{"x" * 500}"')
 NESTED = ("[]", "[1, 2]", "[[1], [2]]", '["a"]', "[1, true]", "[nan, 1]", "{}", "{a = 1}", "{a.b.c = 1}", "[" * 90 + "]" * 90)
 VALUES = st.sampled_from([*NUMBERS.split(), "9" * 400, *TEXTS, *NESTED])
-KEYS = st.sampled_from(
-    ["x", "mass_kg", '""', '"a b"', '"\\u001b[31m"', "a.b.c", "vehicle", "vehicle.mass_kg", "1", "cases", "kind"]
-)
+KEYS = st.sampled_from(["x", "mass_kg", '""', '"a b"', '"\\u001b[31m"', "a.b.c", "vehicle", "vehicle.mass_kg", "1", "cases"])
 LINES = st.builds("{} = {}".format, KEYS, VALUES) | st.builds("[{}]".format, KEYS) | st.builds("[[{}]]".format, KEYS)
 ANYTHING = st.text(max_size=30)
 """Includes control characters and characters of other planes. `check_changes` covers what is not UTF-8."""
@@ -83,9 +78,6 @@ class ChangedText(RuleBasedStateMachine):
         self.load, texts = LOADERS[name]
         self.lines = data.draw(st.sampled_from(texts)).splitlines()
 
-    def at(self, place: int) -> int:
-        return place % max(len(self.lines), 1)
-
     @rule(place=st.integers(0, 10**4), value=VALUES)
     def give_another_value(self, place: int, value: str) -> None:
         settable = [k for k, line in enumerate(self.lines) if "=" in line and not line.startswith("#")]
@@ -95,13 +87,14 @@ class ChangedText(RuleBasedStateMachine):
 
     @rule(place=st.integers(0, 10**4), removed=st.integers(0, 5), line=LINES | ANYTHING)
     def replace(self, place: int, removed: int, line: str) -> None:
-        self.lines[self.at(place) : self.at(place) + removed] = [line]
+        at = place % max(len(self.lines), 1)
+        self.lines[at : at + removed] = [line]
 
     @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4), cut=st.integers(0, 60), more=ANYTHING)
     def repeat(self, place: int, to: int, cut: int, more: str) -> None:
         if self.lines:
-            line = self.lines[self.at(place)]
-            self.lines.insert(self.at(to), line if cut > 40 else line[:cut] + more)
+            line = self.lines[place % len(self.lines)]
+            self.lines.insert(to % len(self.lines), line if cut > 40 else line[:cut] + more)
 
     @invariant()
     def is_read_or_refused(self) -> None:
@@ -120,10 +113,7 @@ def test_changed_texts(tmp_path: Path) -> None:
     check_changed_texts(tmp_path, 12)
 
 
-Change = tuple[float, bytes, int]
-
-
-def check_changes(name: str, tmp_path: Path, changes: list[Change]) -> None:
+def check_changes(name: str, tmp_path: Path, changes: list[tuple[float, bytes, int]]) -> None:
     load, texts = LOADERS[name]
     content = bytearray(texts[0].encode())
     for place, new, removed in changes:
@@ -144,20 +134,15 @@ test_changed_bytes = by_loader(examples(check_changes, 30, **CHANGE_INPUTS))
 test_anything = by_loader(examples(check_anything, 25, **ANY_INPUTS))
 
 
-LARGE = {
+LARGE = {  # below the size limit of a file
     "dotted key": "a" + ".a" * 500_000 + " = 1",
-    "dotted table": "[a" + ".a" * 500_000 + "]",
     "nested lists": "a = " + "[" * 400_000,
     "nested tables": "a = " + "{a = " * 200_000,
-    "hexadecimal digits": "speed_km_h = 0x" + "f" * 5_000,
     "hexadecimal digits of a known key": "[vehicle]\nmass_kg = 0x" + "f" * 5_000,
     "very many of them": "speed_km_h = 0x" + "f" * 900_000,
-    "binary digits": "[[faults]]\ncycles = 0b" + "1" * 50_000,
     "decimal digits": "speed_km_h = " + "9" * 900_000,
-    "tables": "[[a]]\n" * 20_000,
     "text": "name = '" + "x" * 1_000_000 + "'",
 }
-"""Texts below the size limit of a file."""
 
 
 @by_loader

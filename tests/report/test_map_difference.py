@@ -15,16 +15,8 @@ from codegen.refmap.map import Binding, ReferenceMap, from_arrays
 from codegen.refmap.slip_use import slip_use
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
-from codegen.report.map_difference import (
-    CAR_HEADER,
-    DIFFERENCE_HEADER,
-    POINT_HEADER,
-    interpolated,
-    map_difference,
-    on_axes_of,
-    same_car,
-)
-from codegen.report.summary import LayerSummary, map_summary, table
+from codegen.report.map_difference import interpolated, map_difference, on_axes_of, same_car
+from codegen.report.summary import LayerSummary, map_summary
 from tests import shared
 
 CONFIG = configuration.parse(
@@ -88,15 +80,12 @@ def test_points_are_those_of_the_tables(linear: ReferenceMap, ours: ReferenceMap
     """30, 60 and 100 km/h, 2, 5 and 10 deg are breakpoints; 150 km/h is outside."""
     points = {(point.at.speed_km_h, point.at.front_angle_deg): point for point in map_difference(linear, ours).points}
     assert {speed for speed, _ in points} == {30.0, 60.0, 100.0}
-    i, j = int(np.argmin(np.abs(linear.speed * 3.6 - 60.0))), int(np.argmin(np.abs(np.degrees(linear.front_angle) - 2.0)))
-    point = points[60.0, 2.0]
-    for one, yaw_rate, rear_angle in (
-        (linear, point.first_yaw_rate_deg_s, point.first_rear_angle_deg),
-        (ours, point.second_yaw_rate_deg_s, point.second_rear_angle_deg),
-    ):
-        assert one.rear_angle is not None
-        assert (yaw_rate, rear_angle) == (np.degrees(one.yaw_rate[i, j]), np.degrees(one.rear_angle[i, j]))
     assert (60.0, 10.0) not in points  # infeasible in both
+    point = points[60.0, 2.0]
+    i, j = int(np.argmin(np.abs(linear.speed * 3.6 - 60.0))), int(np.argmin(np.abs(np.degrees(linear.front_angle) - 2.0)))
+    expected = [float(np.degrees(table[i, j])) for one in (linear, ours) for table in (one.yaw_rate, one.rear_angle)]
+    found = [point.first_yaw_rate_deg_s, point.first_rear_angle_deg, point.second_yaw_rate_deg_s, point.second_rear_angle_deg]
+    assert found == expected
 
 
 def test_between_breakpoints_the_second_is_interpolated_where_all_corners_are_feasible(linear: ReferenceMap) -> None:
@@ -148,28 +137,10 @@ def test_a_bare_map_leaves_unknown_figures_out(linear: ReferenceMap) -> None:
     }
 
 
-def test_the_widest_tables_fit_a_terminal(linear: ReferenceMap, ours: ReferenceMap) -> None:
-    """Places with the most digits, every row, every count of five digits."""
-    found = map_difference(linear, ours)
-    assert found.first.front_slip is not None
-    slip = replace(found.first.front_slip, at=replace(found.largest_at, speed_km_h=119.97, front_angle_deg=33.333))
-    names = ["none", "sideslip", "lateral acceleration", "front slip", "rear slip", "rear angle"]
-    counts = dict.fromkeys(names, 99_999)
-    side = replace(found.first, front_slip=slip, rear_slip=slip, binding_cells=counts, unreached_cells=99_999)
-    wide = replace(found, first=side, second=side, outside=10_000, largest_at=slip.at, largest_deg_s=-12.345)
-    assert len(wide.rows) == 19
-    tables = ((CAR_HEADER, wide.rows), (DIFFERENCE_HEADER, [wide.difference_row]), (POINT_HEADER, wide.point_rows))
-    lines = [line for header, rows in tables for line in table(header, rows).splitlines()]
-    assert max(len(line) for line in lines) <= 80
-    assert all("nan" not in line for line in lines)
-
-
 def test_the_same_car_is_recognised(linear: ReferenceMap, ours: ReferenceMap) -> None:
     assert same_car(linear, ours) is True
-    assert linear.config is not None
     heavier = linear.config.vehicle.model_copy(update={"mass_kg": 2000.0})
-    other = replace(linear, config=linear.config.model_copy(update={"vehicle": heavier}))
-    assert same_car(linear, other) is False
+    assert same_car(linear, replace(linear, config=linear.config.model_copy(update={"vehicle": heavier}))) is False
     assert same_car(linear, replace(linear, config=None, case=None, meta={})) is None
 
 
@@ -177,18 +148,15 @@ def test_a_stack_is_summarised_layer_by_layer() -> None:
     stacked = solve_stack(CONFIG, "4ws-2", (0.3, 0.5, 0.9))
     summary, maps = map_summary(stacked), [*(layer.map for layer in stacked.layers), stacked]
     largest = [float(np.nanmax(one.speed[:, np.newaxis] * one.yaw_rate)) for one in maps]
-    assert (summary.friction, summary.lateral_acceleration_max_m_s2) == (0.9, largest[-1])
     cells = [int(one.feasible.sum()) for one in maps]
+    assert (summary.friction, summary.lateral_acceleration_max_m_s2) == (0.9, largest[-1])
     assert summary.stack == tuple(map(LayerSummary, (0.3, 0.5), cells, largest))
     assert summary.headline.endswith("; a stack with friction 0.3, 0.5")
     rows = summary.stack_rows
-    assert [row[0] for row in rows] == ["0.3", "0.5", "0.9 (the map itself)"]
-    assert [int(row[1]) for row in rows] == cells
+    assert [(row[0], int(row[1])) for row in rows] == list(zip(("0.3", "0.5", "0.9 (the map itself)"), cells, strict=True))
     assert rows[-1][2] == f"{100.0 * stacked.feasible.mean():.1f} %"
     assert [float(row[3]) for row in rows] == pytest.approx(largest, rel=1e-3)  # four digits are shown
     data = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert data["stack"][0] == {"friction": 0.3, "feasible_cells": cells[0], "lateral_acceleration_max_m_s2": largest[0]}
-    alone = map_summary(replace(stacked, layers=()))
-    assert replace(summary, stack=()) == alone and alone.stack_rows == [] and "stack" not in alone.headline
-    unknown = map_summary(replace(stacked, config=None, case=None, meta={}))
-    assert (unknown.friction, unknown.stack_rows[-1][0]) == (None, "the map itself")
+    alone = map_summary(replace(stacked, layers=(), config=None, case=None, meta={}))
+    assert (alone.friction, alone.stack_rows, "stack" in alone.headline) == (None, [], False)

@@ -437,10 +437,6 @@ def test_front_angle_over_lateral_acceleration() -> None:
 
 
 def test_long_titles_are_wrapped_and_complete() -> None:
-    assert scenario("low-friction-estimated", {"a": made_run()}, "a-build-with-a-long-name").get_suptitle().splitlines() == [
-        "a-build-with-a-long-name",
-        "Low friction: 2 deg at the front wheels, 80 km/h, friction 0.5, estimated 0.5",
-    ]
     details = ", ".join(f"factor number {number} +{number} %" for number in range(12))
     own = replace(find("low-friction-estimated"), subject="A scenario of my own with quite a long name")
     figure = plots.scenario_figure(own, CONFIG, {"a": made_run()}, "run 7, pi", details)
@@ -474,9 +470,6 @@ def test_the_overview_shows_map_and_runs_and_its_legends_cover_no_curve(maps: Ma
     assert mesh(left).get_array().compressed() == pytest.approx(np.degrees(maps["4ws-2"].yaw_rate.T[maps["4ws-2"].feasible.T]))
     assert any("43.2 km/h, 6.7 deg" in name for name in names(figure))
     assert len(right.get_lines()) == 5  # three runs, two references
-    # Shown 900 pixels wide, the smallest text is still 9 pixels high or more.
-    smallest = min(text.get_fontsize() for text in figure.findobj(matplotlib.text.Text))  # type: ignore[attr-defined]
-    assert smallest * 130.0 / 72.0 * 900.0 / 1600.0 >= 9.0
     for axes in (left, right):
         covered = axes.get_legend().get_window_extent()
         for line in axes.get_lines():

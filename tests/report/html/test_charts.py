@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, Config, preset
+from codegen.config import KM_H, preset
 from codegen.emit.folder import read_manifest
 from codegen.refmap import exact
 from codegen.refmap import map as npz
@@ -22,7 +22,7 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.total import Rule
 from codegen.report.flash import flash_dict, flash_figure, flash_rows
 from codegen.report.html import maps
-from codegen.report.html.blocks import Chart, Table, Text
+from codegen.report.html.blocks import Chart, Table
 from codegen.report.html.build import verification_blocks
 from codegen.report.html.charts import cell_edges, numbers
 from codegen.report.html.compare import comparison, difference_in_figures
@@ -33,7 +33,7 @@ from codegen.report.html.loss import loss_blocks
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import to_compare
 from codegen.report.html.runs import PANELS, is_passive, run_chart
-from codegen.report.map_difference import map_difference, on_axes_of
+from codegen.report.map_difference import map_difference
 from codegen.report.published import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
@@ -78,17 +78,9 @@ def test_a_bare_map_is_drawn_with_speed_to_the_right(bare: NamedMap) -> None:
         np.testing.assert_array_equal(unpacked(numbers(values)), values.astype(np.float32))
     # A cell beside a wide gap keeps the width of its neighbour.
     np.testing.assert_allclose(cell_edges([0.0, 20.0, 21.0, 22.0, 50.0]), [0.0, 19.5, 20.5, 21.5, 22.5, 50.0])
-    np.testing.assert_allclose(cell_edges([0.0, 1.0, 3.0]), [0.0, 0.5, 2.0, 3.0])
 
 
-def test_a_solved_map_has_every_chart(solved: NamedMap) -> None:
-    names = [chart.name for chart in (*maps.heat_maps(solved).charts, *maps.surfaces([solved]).charts)]
-    tables = ("yaw-rate", "sideslip", "rear-angle")
-    assert names == [*(f"map-{name}" for name in tables), "map-binding", *(f"surface-{name}" for name in tables)]
-    assert any(trace.get("name") == "δr = 0" for trace in maps.heat_maps(solved).charts[0].figure["data"])
-
-
-def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap, solved: NamedMap) -> None:
+def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap) -> None:
     """The second is linear in both axes, so that linear interpolation is exact, but for single precision."""
     speed, angle = np.array([5.0, 40.0]), np.radians([0.5, 3.0])
     plane = 0.01 * speed[:, np.newaxis] + angle[np.newaxis, :]
@@ -97,35 +89,26 @@ def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap, solved: Name
     expected = np.degrees(np.where(FEASIBLE, RATES, np.nan) - (0.01 * SPEED[:, np.newaxis] + ANGLE))
     difference = unpacked(charts["compare-difference-1"].figure["data"][0]["z"])
     np.testing.assert_allclose(difference, expected.T, rtol=1e-5, atol=1e-5)
-    np.testing.assert_array_equal(
-        on_axes_of(solved.map, solved.map), np.where(solved.map.feasible, solved.map.yaw_rate, np.nan)
-    )
     far = NamedMap("far", from_arrays({"vx": SPEED + 50.0, "delta_f": ANGLE, "yaw_rate": 0.1 * RATES}, "test"))
     (text,) = difference_in_figures(bare, far)
-    assert isinstance(text, Text)
     assert text.text.startswith("Not compared in figures: no operating point in common")
 
 
 def test_a_map_is_compared_with_the_one_without_rear_steering(solved: NamedMap) -> None:
     other = to_compare(solved.map)
-    assert other is not None and other.map.rear_angle is not None
     assert (other.name, other.map.case) == ("FWS", "fws")
     assert not other.map.rear_angle[other.map.feasible].any()
     assert to_compare(other.map) is None
     found = map_difference(solved.map, other.map)
     tables = [block for block in difference_in_figures(solved, other) if isinstance(block, Table)]
     assert [table.rows for table in tables] == [found.rows, [found.difference_row], found.point_rows]
-    assert all(len(row) == len(table.header) for table in tables for row in table.rows)
-
-
-def counts(table: Table) -> dict[str, int]:
-    return {row[1].partition(", from there")[0]: int(row[2].replace(",", "")) for row in table.rows}
 
 
 def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_path: Path) -> None:
     chart, table = extended(solved, preset())
     manifest = read_manifest(GENERATED / "4ws2")
-    assert counts(table) == {rule["text"]: rule["cells"] for rule in manifest["map"]["rules"].values()}
+    counts = {row[1].partition(", from there")[0]: int(row[2].replace(",", "")) for row in table.rows}
+    assert counts == {rule["text"]: rule["cells"] for rule in manifest["map"]["rules"].values()}
     codes = chart.figure["data"][0]["codes"]
     assert unpacked(codes).shape == (len(manifest["map"]["front_angle_rad"]), len(manifest["map"]["speed_m_s"]))
     assert codes["names"][unpacked(codes)[0, 0]] == "linear, from zero"
@@ -135,11 +118,8 @@ def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap, tmp_p
     placed = {**manifest, "map": {**manifest["map"], **axes, "placement": {}}}
     (tmp_path / "manifest.json").write_text(json.dumps(placed), encoding="utf-8")
     chart, table = extended(solved, preset(), tmp_path)
-    assert {row[0]: row[2] for row in table.rows} == {
-        "as in the map": "4",
-        "linear, from zero": "1",
-        "beyond the cap, continued": "1",
-    }
+    found = {row[0]: row[2] for row in table.rows}
+    assert found == {"as in the map": "4", "linear, from zero": "1", "beyond the cap, continued": "1"}
     codes = chart.figure["data"][0]["codes"]
     names = [[codes["names"][code] for code in row] for row in unpacked(codes)]
     assert (names[0][0], names[1][2]) == ("linear, from zero", "beyond the cap, continued")
@@ -260,11 +240,9 @@ def test_the_cut_is_the_optimum_and_the_published_marks_are_on_its_side() -> Non
 
 def test_losses_are_those_of_the_simulation(solved: NamedMap) -> None:
     config = solved.map.config
-    assert isinstance(config, Config)
     loss = loss_of_function(solved.map, config)
     chart = next(block for block in loss_blocks(solved, config) if isinstance(block, Chart))
     cells, *traces = chart.figure["data"]
-    assert loss.only_with_rear_steer is not None
     expected = np.where(solved.map.feasible, loss.only_with_rear_steer.astype(float), np.nan).T
     np.testing.assert_array_equal(unpacked(cells["z"]), expected)
     names = ["feasible with straight rear wheels too", "feasible only with rear steering"]
@@ -281,9 +259,7 @@ def test_losses_are_those_of_the_simulation(solved: NamedMap) -> None:
 def test_margins_are_those_of_the_design() -> None:
     """The recommended controller keeps the margins of its design; the paper's does not, at speed."""
     config = npz.load(GENERATED / "4ws2-tracking.npz").config
-    assert config is not None
     chart = margins_chart({"tracking": config, "pi": preset()})
-    assert chart is not None
 
     def least(name: str, axis: str) -> float:
         trace = next(each for each in chart.figure["data"] if each["name"] == name and each["yaxis"] == axis)

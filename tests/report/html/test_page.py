@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -59,24 +58,21 @@ def test_the_record_of_the_verification_is_complete_current_or_named_as_neither(
     assert [row[3] for row in tables[0].rows] == ["passed"] * len(CHECKS)
     captions = [block.caption.partition(" (")[0] for block in tables[1:]]
     assert captions == ["Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
-    folder = tmp_path / "4ws2"
-    shutil.copytree(GENERATED / "4ws2", folder)
-
-    def first(blocks: Any) -> str:
-        block = next(iter(blocks))
-        assert isinstance(block, Text)
-        return block.text
-
+    folder = shutil.copytree(GENERATED / "4ws2", tmp_path / "4ws2")
     (folder / "ars.dbc").write_text("edited", encoding="utf-8")
-    assert first(build.manifest_blocks(folder)) == "Edited since it was made: ars.dbc."
+    assert next(iter(build.manifest_blocks(folder))).text == "Edited since it was made: ars.dbc."
     with (folder / "manifest.json").open("ab") as file:
         file.write(b"\n")
-    assert "of an older build" in first(build.verification_blocks(folder))
-    for content in ("{}", "junk"):
-        (folder / "verify.json").write_text(content, encoding="utf-8")
-        assert "verify.json beside this build is damaged" in first(build.verification_blocks(folder))
+    for content, words in (
+        (None, "of an older build"),
+        ("{}", "is damaged"),
+        ("junk", "verify.json beside this build is damaged"),
+    ):
+        if content is not None:
+            (folder / "verify.json").write_text(content, encoding="utf-8")
+        assert words in next(iter(build.verification_blocks(folder))).text
     (folder / "verify.json").unlink()
-    assert "Nothing is recorded" in first(build.verification_blocks(folder))
+    assert "Nothing is recorded" in next(iter(build.verification_blocks(folder))).text
 
 
 def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
@@ -95,8 +91,7 @@ def record() -> np.ndarray:
     return made
 
 
-Sent = tuple[int, float, bool]
-"""Identifier, time in s, and whether the frame was received."""
+Sent = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
 
 
 def log(path: Path, frames: list[Sent]) -> Path:
@@ -120,19 +115,17 @@ def test_a_run_is_read_from_every_format(tmp_path: Path, suffix: str) -> None:
     exported.save(record(), path)
     found = read_files([f"mine={path}"], CAN)
     np.testing.assert_array_equal(found.runs["mine"], record())
-    assert not found.logs
-    assert found.faults is None
+    assert not found.logs and found.faults is None
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".mf4"])
+@pytest.mark.parametrize("suffix", [".blf", ".mf4"])
 def test_a_log_gives_periods_and_answer_times(tmp_path: Path, suffix: str) -> None:
     (found,) = read_files([str(log(tmp_path / f"bus{suffix}", cycles((0.01, 0.012, 0.008))))], CAN).logs
     # A log has microseconds or better.
     for name in ("VehicleMotion", "VehicleConditions"):
         np.testing.assert_allclose(found.periods[name], [10.0, 12.0, 8.0], atol=2e-3)
     np.testing.assert_allclose(found.answers, [4.0] * 4, atol=2e-3)
-    assert found.cycle == 10.0
-    assert not found.is_simulated
+    assert (found.cycle, found.is_simulated) == (10.0, False)
 
 
 def test_echoes_late_answers_and_simulated_time(tmp_path: Path) -> None:
@@ -155,7 +148,6 @@ def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     path = tmp_path / "faults.json"
     path.write_text(json.dumps({"faults": [fault]}), encoding="utf-8")
     found = read_files([str(path)], CAN).faults
-    assert found is not None
     assert [entry["injected"] for entry in found] == ["a frame lost"]
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
@@ -179,10 +171,7 @@ def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
         ("header.csv", "a,b\n1,2\n", "not the header of a run"),
         ("short.csv", ",".join(RECORD_COLUMNS) + "\n", "fewer than two samples"),
         ("x.blf", "not a log", "no log of a CAN bus"),
-        ("x.parquet", "not parquet", "no run that can be read"),
         ("x.mf4", "not MF4", "no run that can be read"),
-        ("table.json", "{}", "not what `codegen faults --json` prints"),
-        ("list.json", "[]", "not what `codegen faults --json` prints"),
         ("entry.json", '{"faults": [{"injected": 1}]}', "not what `codegen faults --json` prints"),
         ("x.txt", "x", "nothing that a report is made of"),
     ):
