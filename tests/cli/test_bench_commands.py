@@ -106,8 +106,7 @@ def test_an_ecu_in_a_process_of_its_own(run: Run, short: Path, options: tuple[st
 
 
 def test_an_ecu_ends_with_the_process_that_started_it(run: Run) -> None:
-    """Process 1 is not the parent of this one."""
-    answer = run("ecu", "--build", BUILD, "--bus", "virtual:alone", "--parent", 1)
+    answer = run("ecu", "--build", BUILD, "--bus", "virtual:alone", "--parent", 1)  # which is not the parent of this one
     assert (answer.code, answer.out) == (0, "ready\n")
 
 

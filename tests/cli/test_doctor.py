@@ -35,8 +35,8 @@ def test_a_requirement_in_metadata(line: str, requirement: Requirement) -> None:
 
 def test_a_version_within_bounds() -> None:
     bounds = Requirement("x", ">=3.8,<4")
-    fits = {"3.7.9": False, "3.8": True, "3.8.0": True, "3.10.1": True, "3.9rc1": True, "4": False, "4.0": False}
-    assert {version: bounds.allows(version) for version in fits} == fits
+    assert [bounds.allows(version) for version in ("3.8", "3.8.0", "3.10.1", "3.9rc1")] == [True] * 4
+    assert [bounds.allows(version) for version in ("3.7.9", "4", "4.0")] == [False] * 3
     assert Requirement("x", ">=1.0,<2").allows("1") and Requirement("x", "").allows("0.1")
 
 

@@ -2,20 +2,15 @@
 
 import contextlib
 import os
-import selectors
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from tests.docs.blocks import ROOT
-
-TIMEOUT = 600.0
-"""s for one command: many times what the longest takes."""
 
 END = "\x1e"
 """Stands before the exit code behind the output of each command."""
@@ -62,32 +57,21 @@ class Shell:
         self._bash.stdin.close()
 
     def run(self, command: str) -> tuple[int, str]:
-        """Exit code and output, both streams in the order in which they came.
-
-        Raises:
-            AssertionError: the command does not end in time, or the shell ends.
-        """
+        """Exit code and output, both streams in the order in which they came."""
         assert self._bash.stdin is not None
         whole = subprocess.run(["bash", "-n", "-c", command], capture_output=True, text=True, check=False)
         assert whole.returncode == 0, f"not a whole command: {command}\n{whole.stderr}"
         self._bash.stdin.write(f"{{ {command}\n}} </dev/null 2>&1; printf '{END}%d{END}' $?\n".encode())
         self._bash.stdin.flush()
-        output = self._until_end(command)
-        text, code, _ = output.split(END)
+        assert self._bash.stdout is not None
+        output = b""
+        while output.count(END.encode()) < 2:
+            piece = os.read(self._bash.stdout.fileno(), 65536)
+            assert piece, f"{command}: the shell ended"
+            output += piece
+        text, code, _ = output.decode(errors="replace").split(END)
         return int(code), text
 
     def where(self) -> Path:
         """The folder in which the shell stands."""
         return Path(self.run("pwd")[1].strip())
-
-    def _until_end(self, command: str) -> str:
-        assert self._bash.stdout is not None
-        read, deadline = bytearray(), time.monotonic() + TIMEOUT
-        with selectors.DefaultSelector() as ready:
-            ready.register(self._bash.stdout, selectors.EVENT_READ)
-            while read.count(END.encode()) < 2:
-                assert ready.select(deadline - time.monotonic()), f"{command}: no end after {TIMEOUT:g} s"
-                piece = os.read(self._bash.stdout.fileno(), 65536)
-                assert piece, f"{command}: the shell ended"
-                read += piece
-        return read.decode(errors="replace")

@@ -203,15 +203,14 @@ def test_a_difference_shows_the_yaw_rate_gained_and_the_worse_axle(maps: Maps) -
 def test_the_phase_line_is_where_the_rear_angle_is_zero(maps: Maps) -> None:
     solved = maps["4ws-2"]
     figure = plots.map_figure(solved, "map")
-    rear_angle = RegularGridInterpolator((solved.speed, solved.front_angle), solved.rear_angle)
     speed, front_angle = panel(figure, "Rear angle").get_lines()[0].get_data()
-    assert len(speed) > 10
     # Rounding only: the line bends where it crosses cell edges, and along an edge zero is found by linear interpolation.
+    rear_angle = RegularGridInterpolator((solved.speed, solved.front_angle), solved.rear_angle)
     at_line = rear_angle(np.column_stack([np.divide(speed, 3.6), np.radians(front_angle)]))
-    assert np.nanmax(np.abs(at_line)) < 1e-9
+    assert len(speed) > 10 and np.nanmax(np.abs(at_line)) < 1e-9
     assert np.isfinite(at_line).mean() > 0.8  # beside infeasible cells the interpolator gives none
-    assert any("phase conversion" in name for name in names(figure))
-    assert not any("phase conversion" in name for name in names(plots.map_figure(maps["fws"], "map")))
+    for one, is_named in ((figure, True), (plots.map_figure(maps["fws"], "map"), False)):
+        assert any("phase conversion" in name for name in names(one)) == is_named
 
 
 def test_each_set_of_binding_constraints_has_the_colour_of_its_name(solved: ReferenceMap) -> None:
@@ -251,15 +250,12 @@ def test_a_map_with_fewer_tables_shows_those_it_has(solved: ReferenceMap) -> Non
 
 
 def test_three_maps_share_a_scale_in_each_column(maps: Maps) -> None:
-    figure = plots.three_maps_figure(maps)
-    panels = np.reshape(np.array(figure.axes[:9], dtype=object), (3, 3))
+    panels = np.reshape(np.array(plots.three_maps_figure(maps).axes[:9], dtype=object), (3, 3))
     for column, table in enumerate(("yaw_rate", "sideslip", "rear_angle")):
         largest = np.degrees(max(np.nanmax(np.abs(getattr(one, table))) for one in maps.values()))
-        assert [mesh(axes).norm.vmax for axes in panels[:, column]] == pytest.approx([largest] * 3)
         for axes, one in zip(panels[:, column], maps.values(), strict=True):
+            assert mesh(axes).norm.vmax == pytest.approx(largest)
             assert np.array_equal(mesh(axes).get_array().compressed(), np.degrees(getattr(one, table)).T[one.feasible.T])
-    assert [[bool(axes.get_lines()) for axes in row] for row in panels] == [[False] * 3, [True] * 3, [True] * 3]
-    assert {"FWS", "4WS-1", "4WS-2"} <= {text.get_text() for axes in panels.flat for text in axes.texts}
 
 
 def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
@@ -363,12 +359,10 @@ def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
         assert len(plots.run_figure({"C1": made_run(status=float(calm))}, "made").axes) == len(run_plots.SIGNALS)
 
 
-def test_a_varying_speed_is_shown_and_rounding_is_not() -> None:
+def test_a_varying_speed_is_shown() -> None:
     figure = plots.run_figure({"controlled": driven("speed-ramp")}, "made")
     (axes,) = [axes for axes in figure.axes if axes.get_ylabel().startswith("Speed")]
     assert max(line_of(axes, "controlled").get_ydata()) == pytest.approx(30.0)  # twice the enable speed, km/h
-    low, high = plots.run_figure({"a": made_run(sideslip_rad=1e-12)}, "x").axes[1].get_ylim()
-    assert high - low == pytest.approx(run_plots.LEAST_HEIGHT)
 
 
 def test_sine_with_dwell_marks_the_times_of_the_standard_and_the_spin() -> None:
