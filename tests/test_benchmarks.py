@@ -12,7 +12,6 @@ from benchmarks import results
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from benchmarks.cortex_m import STEP_MAX, step_row
 from benchmarks.tables import CountReport
-from benchmarks.timing import Comparison, Report, Times
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
 from codegen.verify.budgets.taken import LongestStep
@@ -47,20 +46,6 @@ def test_the_plant_written_by_hand_is_that_from_casadi() -> None:
         np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
         for state in PLANT_STATES:
             assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
-
-
-def test_comparisons_of_times() -> None:
-    peer, ours = Times("peer", (2.0, 4.0, 8.0)), Times("ours", (1.0, 1.0, 1.0))
-    assert Comparison("work", peer, ours).ratios == (2.0, 4.0, 8.0)
-    assert Comparison("work", peer, ours, required=4.0).met
-    assert not Comparison("work", ours, peer, required=1.0).met
-    other_answer = Comparison("work", peer, ours, required=4.0, same=False)
-    assert (other_answer.met, other_answer.cells[-1]) == (False, ">= 4: MISSED, NOT THE SAME ANSWER")
-    slow, quick = Times("slow", (0.002,)), Times("quick", (3e-6, 1e-6, 2e-6))
-    rows = (Comparison("a", slow, quick, 2.0, paired=False), Comparison("b", slow, slow, 2.0))
-    lines = str(Report("Title", rows)).splitlines()
-    assert lines[-3].endswith("slow 2 ms  quick 2 us (1–3)  1,000         >= 2: met")
-    assert lines[-2].endswith("slow 2 ms  slow 2 ms         1             >= 2: MISSED")
 
 
 def test_comparisons_of_instructions() -> None:

@@ -26,11 +26,6 @@ def test_help_lists_every_target_that_is_no_file() -> None:
     assert make() == make("help")
 
 
-def test_evidence_takes_a_part_and_its_quick_form() -> None:
-    (command,) = make("-n", "-o", ".venv/.ready", "evidence", "PART=mutation", "QUICK=1")
-    assert command.endswith("python -m tests.evidence mutation --quick")
-
-
 def preflight(folder: Path, programs: dict[str, str], *arguments: str, cc: str = "") -> subprocess.CompletedProcess[str]:
     """Run the script where only `programs` (name -> shell text) exist."""
     for name, text in programs.items():

@@ -117,12 +117,6 @@ def test_a_configuration(refused: Refused, files: None, command: str, change: tu
     assert "ars.toml" in line and words in line
 
 
-@pytest.mark.parametrize("name", ["a'b", "a\nb", "-a"])
-def test_name_of_a_map(refused: Refused, here: Path, name: str) -> None:
-    shutil.copy(MAP, f"./{name}.npz")
-    assert "rename the map" in refused("build", "--map", here / f"{name}.npz")
-
-
 def test_files_of_the_user_in_an_output_folder_stay(
     run: Run, refused: Refused, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import __version__
 from codegen import config as configuration
 from codegen.cli import cli
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS
 
-from .conftest import BUILD, MAIN, MAP, Run, edit, python
+from .conftest import BUILD, MAP, Run, edit, python
 
 
 def test_from_init_to_a_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,22 +99,12 @@ sys.exit(', '.join(sorted(heavy)) or None)
 """
 
 
-@pytest.mark.parametrize("words", ["--help", "solve --case ", "hil --bus s", "show g"])
+@pytest.mark.parametrize("words", ["--help", "--version", "solve --case ", "hil --bus s", "show g"])
 def test_help_and_completion_import_nothing_heavy(words: str) -> None:
     asked = {"_CODEGEN_COMPLETE": "bash_complete", "COMP_WORDS": f"codegen {words}", "COMP_CWORD": "3"}
     options, environment = ([words], {}) if words.startswith("-") else ([], asked)
     result = python(f"from codegen.cli import main\n{QUICK}", *options, **environment)
     assert result.returncode == 0, result.stderr
-
-
-def test_version() -> None:
-    result = python(MAIN, "--version", CC="no-such-compiler")
-    assert result.returncode == 0
-    lines = result.stdout.splitlines()
-    assert lines[0] == f"codegen, version {__version__}"
-    assert [line.split()[0] for line in lines[1:]] == ["Python", "casadi", "numpy", "cffi", "python-can", "C", "platform:"]
-    assert lines[3] == f"numpy {np.__version__}"
-    assert "no-such-compiler" in result.stdout
 
 
 def test_debug_shows_the_traceback_wherever_it_stands(run: Run, here: Path) -> None:

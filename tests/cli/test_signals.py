@@ -6,7 +6,6 @@ A signal is sent from inside, at a point of the program: no test waits for a tim
 import shutil
 import signal
 from pathlib import Path
-from unittest.mock import Mock
 
 import can
 import pytest
@@ -94,31 +93,6 @@ def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, befo
     assert [path.name for path in here.iterdir()] == ["out"]
 
 
-IN_IPOPT = """
-from codegen.refmap import ipopt
-real, count = ipopt._run, 0
-def run(*arguments, **options):
-    global count
-    count += 1
-    try:
-        if count == 5: os.kill(os.getpid(), signal.SIGINT)
-    except BaseException: pass  # what CasADi does with an exception that a signal raises inside its solver
-    assert count < 50, "the signal was lost"
-    return real(*arguments, **options)
-ipopt._run = run
-"""
-
-
-def test_ctrl_c_while_ipopt_solves(here: Path) -> None:
-    Path("ars.toml").write_text("[grid]\nspeed_points = 6\nfront_angle_points = 10\n")
-    before = everything_in(here)
-    solve = ("solve", "--config", "ars.toml", "--case", "4ws-2", "-o", "m.npz", "--method", "ipopt")
-    # The handlers of the command are those that must work inside of CasADi.
-    ended = python(MAIN.replace("main()", IN_IPOPT + "main()"), *solve, folder=here)
-    assert ended.returncode == 130, ended.stderr
-    assert everything_in(here) == before
-
-
 IN_CAMPAIGN = """
 from codegen.sweep import store
 real = store.save_part
@@ -204,9 +178,3 @@ def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path) -> None:
     assert ended.returncode == 1
     assert ended.stderr and "Traceback" not in ended.stderr and "Broken" not in ended.stderr
     assert python(f"{NO_READER}os.dup2(write, 2)\n{MAIN}", "show", "no", folder=tmp_path).returncode == 2
-
-
-def test_a_broken_pipe_of_something_else_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.refmap.map.load", Mock(side_effect=BrokenPipeError(32, "Broken pipe")))
-    answer = run("show", MAP)
-    assert (answer.code, answer.err[:7]) == (2, "error: ")

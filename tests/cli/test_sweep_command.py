@@ -1,15 +1,11 @@
 """`codegen sweep` as its user types it; the campaign itself is tested in tests/sweep."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 
-from codegen.cli.sweep_command import _figure
-from codegen.sweep import plan as planning
-from codegen.sweep.chunk import replay
-from tests.sweep.conftest import damage, write_spec
+from tests.sweep.conftest import write_spec
 
 from .conftest import Answer, Refused, Run, edit, everything_in
 
@@ -65,18 +61,6 @@ def test_an_edited_scenario_is_not_mixed_with_earlier_runs(run: Run, here: Path)
     assert Path("out/runs.parquet").read_bytes() == before
 
 
-def test_a_file_with_a_damaged_page(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(driven[0], out)
-    damage(out / "runs.parquet", 0)
-    answer = run("sweep", "--spec", spec, "-o", out)
-    assert answer.code == 2
-    # The first line is the progress.
-    assert answer.err.splitlines()[1:] == [
-        f"error: {out}/runs.parquet: it is damaged; remove it, and run the same command again"
-    ]
-
-
 def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tmp_path: Path) -> None:
     folder, _ = driven
     worst = json.loads((folder / "summary.json").read_text())["scenarios"]["step-steer"]["pi"]["worst"]["overshoot_percent"][0]
@@ -89,14 +73,6 @@ def test_a_worst_run_again(driven: tuple[Path, Answer], run: Run, spec: Path, tm
     assert type(data["run"]) is type(data["sample"]) is int and type(data["settled"]) is bool
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert record.read_text().startswith("time_s,")
-
-
-def test_the_picture_of_a_run_describes_its_car(spec: Path) -> None:
-    plan = planning.read(spec)
-    found = replay(plan, 1)
-    title = " ".join(_figure(plan, found, 1).get_suptitle().split())
-    assert f"mass {round(found.row['mass_percent'], 3):+.3g} %" in title
-    assert f"delay {found.row['delay_samples']:g} samples, yaw rate noise 0.1 deg/s" in title
 
 
 @pytest.mark.parametrize(

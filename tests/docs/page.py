@@ -11,8 +11,7 @@ from codegen.config import load, preset_text
 from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
 from tests.docs.shell import Shell
 
-NOT_RUN: Mapping[str, str] = {
-    # command on the page: reason
+NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'pip install "ars-codegen[verify]"': "needs a package index",
     'pip install "ars-codegen[crosscheck]"': "needs a package index, as above",
     "codegen sil --suite tracking --build generated/4ws2": "takes minutes; tests/cli has made results",
@@ -24,8 +23,7 @@ NOT_RUN: Mapping[str, str] = {
 }
 """Commands that are not run. One that no page has any more is an error."""
 
-INSTEAD: Mapping[str, tuple[str, str]] = {
-    # command: another one that is run in its place, and the reason
+INSTEAD: Mapping[str, tuple[str, str]] = {  # command: another one that is run in its place, and the reason
     "codegen explore --map 4ws2.npz": (
         "test -e ars.toml || codegen init .",
         "it serves until it is interrupted, and its button writes ars.toml",
@@ -33,13 +31,11 @@ INSTEAD: Mapping[str, tuple[str, str]] = {
     "make sil": ("codegen paper -o build", "the environment that make sets up is there already; this is what it then runs"),
 }
 
-EXAMPLES: Mapping[str, str] = {
-    # command: reason not to compare its output with the page
+EXAMPLES: Mapping[str, str] = {  # command: reason not to compare its output with the page
     "codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf": "in real time: its timing differs",
 }
 
-NOT_READ: Mapping[tuple[str, str], str] = {
-    # page and first line of a block without any use: reason
+NOT_READ: Mapping[tuple[str, str], str] = {  # page and first line of a block without any use: reason
     ("docs/taking-over.md", "list(APPEND ZEPHYR_EXTRA_MODULES ${CMAKE_CURRENT_SOURCE_DIR}/4ws2)"): "needs a Zephyr SDK",
 }
 

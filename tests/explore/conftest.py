@@ -4,6 +4,7 @@ import http.client
 import json
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,7 @@ KINDS = {"pi": "4ws2", "tracking": "4ws2-tracking"}
 
 def small(kind: str) -> Config:
     """Return the configuration of a committed map with a small grid."""
-    config = npz.load(GENERATED / f"{KINDS[kind]}.npz").config
-    assert config is not None
-    data = config.model_dump(mode="json")
+    data = npz.load(GENERATED / f"{KINDS[kind]}.npz").config.model_dump(mode="json")
     data["grid"] |= {"speed_points": 21, "front_angle_points": 25}
     return parse(data, "test")
 
@@ -68,19 +67,15 @@ class Client:
 
     def ask(self, method: str, path: str, body: bytes | None = None, **headers: str | None) -> Answer:
         """Send one request; a header of None is left out."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=60)
-        try:
+        length = {} if body is None else {"Content_Length": str(len(body))}
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=60)) as connection:
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
-            length = {} if body is None else {"Content-Length": str(len(body))}
-            given = {"Host": self.host, **length, **{name.replace("_", "-"): value for name, value in headers.items()}}
-            for name, value in given.items():
+            for name, value in ({"Host": self.host} | length | headers).items():
                 if value is not None:
-                    connection.putheader(name, value)
+                    connection.putheader(name.replace("_", "-"), value)
             connection.endheaders(body)
             answer = connection.getresponse()
             return Answer(answer.status, dict(answer.getheaders()), answer.read())
-        finally:
-            connection.close()
 
     def post(self, path: str, data: object, **headers: str | None) -> Answer:
         """Send JSON, or bytes as they are, with the headers of the page."""

@@ -12,10 +12,9 @@ from codegen.config import KM_H, preset
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.errors import BuildError, CodegenError
+from codegen.errors import CodegenError
 from codegen.explore.explorer import Explorer
 from codegen.explore.picture import binding_colours, figures
-from codegen.explore.recalibrated import _with_variables
 from codegen.refmap.map import Binding
 from codegen.refmap.solve import solve_case
 from codegen.report.html.maps import NamedMap, heat_maps
@@ -205,21 +204,6 @@ def test_settings_run_as_a_fresh_build_of_them_bit_for_bit(kind: str, request: p
         np.testing.assert_array_equal(explorer.run(calibration, inputs), expected)
 
 
-def test_every_setting_alone_changes_the_run(tracking: Explorer) -> None:
-    settings: list[dict[str, float]] = [{}, {"lambda": 100.0}, {"road.friction": 0.6}, {"proportional_percent": 200.0}]
-    settings += [{"limits.rear_angle_max_deg": 1.0}, {"limits.lateral_acceleration_max_g": 0.3}, {"integral_percent": 40.0}]
-    settings += [{"limits.slip_departure_percent": 3.0}, {"limits.sideslip_max_deg": 0.5}]
-    own = {"lead_s": 0.0, "yaw_increasing_max_deg": 0.05, "trim_max_percent": 0.0}
-    settings += [{f"controller.tracking.{key}": value} for key, value in own.items()]
-    inputs = [SCENARIOS[name].inputs(tracking.start) for name in ("step-steer", "low-friction")]
-    runs = {}
-    for moved in settings:
-        calibration = tracking.calibration(tracking.configured(moved))
-        run = b"".join(tracking.run(calibration, each).tobytes() for each in inputs)
-        assert run not in runs, (moved, runs.get(run))
-        runs[run] = moved
-
-
 def test_threads_do_not_share_settings(pi: Explorer) -> None:
     inputs = SCENARIOS["step-steer"].inputs(pi.start)
     calibrations = [pi.calibration(pi.configured(moved)) for moved in ({}, FRICTION)]
@@ -228,12 +212,3 @@ def test_threads_do_not_share_settings(pi: Explorer) -> None:
     with ThreadPoolExecutor(2) as pool:
         runs = list(pool.map(lambda k: pi.run(calibrations[k % 2], inputs), range(40)))
     assert all(np.array_equal(run, expected[k % 2]) for k, run in enumerate(runs))
-
-
-def test_a_missing_constant_is_an_error() -> None:
-    source = {"src/a.c": b"ARS_SECTION_CONST static const float limit = 1.0f;\nfloat f(void) { return limit; }\n"}
-    assert b"return explore.limit;" in _with_variables(source, ("limit",))["src/a.c"]
-    with pytest.raises(BuildError, match="other"):
-        _with_variables(source, ("limit", "other"))
-    with pytest.raises(BuildError, match="limit"):
-        _with_variables(source | {"src/b.c": source["src/a.c"]}, ("limit",))

@@ -45,17 +45,6 @@ def test_the_file_holds_exactly_the_settings(pi: Explorer, tracking: Explorer, t
     assert configuration.parse(tomllib.loads(whole(config)), "test") == config
 
 
-def test_a_matching_preset_brings_its_comments(tmp_path: Path) -> None:
-    start = configuration.preset()
-    config = start.model_copy(update={"limits": start.limits.model_copy(update={"rear_angle_max_deg": 2.5})})
-    target = Target(tmp_path / "ars.toml", preset_bases())
-    target.write(config, None)
-    before, after = configuration.preset_text().splitlines(), target.path.read_text(encoding="utf-8").splitlines()
-    (line,) = [line for line in before if line not in after]
-    assert line == "rear_angle_max_deg = 3.5      # in the map; the actuator's own limit stands in [rear_actuator]"
-    assert line.replace("3.5", "2.5") in after
-
-
 def test_an_existing_file_is_replaced_only_on_confirmation_and_keeps_its_comments(tracking: Explorer, tmp_path: Path) -> None:
     target = Target(tmp_path / "ars.toml")
     own = whole(tracking.start).replace("[limits]", "# Measured by Ann.\n[limits]")

@@ -169,21 +169,6 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
     assert peak[14] != " " and peak.count(" ") == 19
 
 
-@pytest.mark.parametrize(
-    ("size", "encoding"), [((80, 24), "utf-8"), ((200, 100), "ascii"), ((60, 17), "utf-8"), ((20, 10), "ascii")]
-)
-def test_the_view_fits_the_terminal(size: tuple[int, int], encoding: str) -> None:
-    width, height = size
-    console = console_of(width, height, encoding)
-    console.print(view_on(console, diagnostics=0xFFFF, yaw_rate=9.99).picture())  # characters outside the encoding would raise
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", printed(console)).splitlines()
-    assert {len(line) for line in lines} == {width}
-    assert len(lines) <= max(height - 1, 16)  # numbers alone take 15 rows
-    assert any("Yaw rate" in line for line in lines)
-    drawn = any(re.search("[\u2801-\u28ff]{3}|[*]{3}", line) for line in lines)
-    assert drawn == (height >= 20)
-
-
 @pytest.mark.parametrize("options", [{"force_terminal": False}, {"quiet": True}, {"_environ": {"TERM": "dumb"}}])
 def test_nothing_is_printed_without_a_terminal(options: dict[str, object]) -> None:
     console = console_of(**options)

@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 
 from codegen.report import suite_plots
 from codegen.report.suite_looks import COLOURS
-from hil_sim.suite.conditions import SLIPPERY
 from hil_sim.suite.tracking import Outside, SuiteResult
 from tests.report.figures import check_layout, names, overlapping
-from tests.report.made_suite import CELLS, RISE, SUBJECTS, made
+from tests.report.made_suite import CELLS, SUBJECTS, made
 
 FIGURES = ("overview", "steps", "cells", "conditions", "margins", "friction", "price")
 
@@ -84,24 +83,6 @@ def test_margins_show_the_requirements(figures: dict[str, Figure]) -> None:
     own, worst = lines_in(phase, COLOURS["tracking"])
     assert (list(own.get_ydata()), list(worst.get_ydata())) == ([80.0] * 3, [60.0, 46.0, 47.0])
     assert math.isnan(lines_in(sensitivity, COLOURS["pi"])[1].get_ydata()[-1])  # an unstable loop has none
-
-
-def test_slippery_roads_and_the_price(good: SuiteResult, figures: dict[str, Figure]) -> None:
-    spins, sideslip = figures["friction"].axes
-    heights = [bar.get_height() for bar in spins.patches]  # type: ignore[attr-defined]  # the roads of each subject
-    assert heights == [0.0] * 6 + [3.0] * 6 + [0.0] * 12 + [3.0] * 6
-    assert {text.get_text() for text in spins.texts} == {"0", "3"}
-    limits = [line.get_ydata()[0] for line in sideslip.get_lines()]
-    assert limits == [3.5, 3.5, 3.5, 5.5, 5.5]  # without an estimate there is no requirement on snow
-    assert len(sideslip.get_xticklabels()) == len(SLIPPERY)
-    rise, _, phase = figures["price"].axes
-    (line,) = lines_in(rise, COLOURS["tracking"])
-    assert line.get_ydata() == pytest.approx([RISE["tracking"]] * 6)
-    (line,) = lines_in(phase, COLOURS["pi"])
-    assert (list(line.get_xdata()), line.get_ydata()) == ([0.5, 1.0, 1.5], pytest.approx([-12.5, -25.0, -37.5]))
-    assert "120 km/h" in phase.get_ylabel()
-    slow = replace(good, sine=dict.fromkeys(SUBJECTS, ()))  # the grid ends below the speeds of the sines
-    assert len(suite_plots.price_figure(slow).axes) == 1
 
 
 def test_what_was_not_driven_is_not_drawn(good: SuiteResult) -> None:

@@ -26,7 +26,7 @@ from codegen.report.html.blocks import Chart, Table
 from codegen.report.html.build import verification_blocks
 from codegen.report.html.charts import cell_edges, numbers
 from codegen.report.html.compare import comparison, difference_in_figures
-from codegen.report.html.curves import front_angle_chart, tyre_charts
+from codegen.report.html.curves import front_angle_chart
 from codegen.report.html.ecu_table import extended
 from codegen.report.html.loop import margins_chart
 from codegen.report.html.loss import loss_blocks
@@ -200,23 +200,6 @@ def test_runs_differ_without_colour_and_the_passive_car_has_no_controller() -> N
     assert len({each["marker"]["symbol"] for each in chart.figure["data"] if "marker" in each}) == 3
     assert not any("passive car, " in each["name"] for each in chart.figure["data"])
     assert [is_passive(name) for name in ("passive", "Passive car", "passive_safe", "pi")] == [True, True, False, False]
-
-
-def test_tyres_show_their_own_force_and_range() -> None:
-    """The rear axle is stiffer, so that the axles differ."""
-    config = preset()
-    rear = config.tyre.rear.model_copy(update={"cornering_stiffness_n_per_rad": 150_000.0})
-    config = config.model_copy(update={"tyre": config.tyre.model_copy(update={"rear": rear})})
-    tyres = AxleTyres.from_config(config)
-    bounds = (tyres.front_slip_bound, tyres.rear_slip_bound)
-    assert bounds[0] != bounds[1]
-    for chart, tyre, bound in zip(tyre_charts(config).charts, (tyres.front, tyres.rear), bounds, strict=True):
-        (shade,) = chart.figure["layout"]["shapes"]
-        assert shade["x1"] == pytest.approx(math.degrees(bound))
-        static = next(each for each in chart.figure["data"] if each["name"] == "100 % load")
-        slip = np.radians(unpacked(static["x"]))
-        # Single precision of the slip.
-        np.testing.assert_allclose(unpacked(static["y"]), tyre.force(slip) / 1e3, rtol=1e-5, atol=1e-6)
 
 
 def test_the_cut_is_the_optimum_and_the_published_marks_are_on_its_side() -> None:
