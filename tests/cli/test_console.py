@@ -2,6 +2,7 @@
 
 import io
 import sys
+from typing import Any
 
 import pytest
 
@@ -30,13 +31,11 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         (io.StringIO, {}, False),
         (Terminal, {"NO_COLOR": "1"}, False),
         (Terminal, {"TERM": "dumb"}, False),
-        (io.StringIO, {"FORCE_COLOR": "1"}, True),
+        (io.StringIO, {"FORCE_COLOR": "1", "NO_COLOR": ""}, True),  # no-color.org: only if it is not empty
         (io.StringIO, {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
     ],
 )
-def test_use_of_colour(
-    monkeypatch: pytest.MonkeyPatch, stream: type[io.StringIO], environment: dict[str, str], expected: bool
-) -> None:
+def test_use_of_colour(monkeypatch: pytest.MonkeyPatch, stream: Any, environment: dict[str, str], expected: bool) -> None:
     for variable in environment.items():
         monkeypatch.setenv(*variable)
     assert console.has_colour(stream()) is expected

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -19,13 +20,8 @@ from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, with_tab
 from .conftest import BUILD, Run, everything_in
 
 PICTURES = {f"{name}.png" for name in ("overview", "steps", "cells", "conditions", "margins", "friction", "price")}
-SMALL_TUNING = {
-    "speed_km_h": [30.0, 60.0],
-    "actuator_lag_s": [0.05],
-    "mass_percent": [0.0],
-    "stiffness_percent": [0.0],
-    "relaxation_length_m": [0.0],
-}
+SMALL_TUNING = {"speed_km_h": [30.0, 60.0], "actuator_lag_s": [0.05], "mass_percent": [0.0]}
+SMALL_TUNING |= {"stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +35,8 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
 
     def give(result: SuiteResult, **more: Any) -> list[Candidate]:
         seen: list[Candidate] = []
-
-        def run_whole(tested: Candidate, count: Any, stage: Any) -> Whole:
-            assert callable(count)
-            assert callable(stage)
-            seen.append(tested)
-            return Whole(**{"result": result, "edited": (), "notes": (), **more})
-
-        monkeypatch.setattr(whole, "run_whole", run_whole)
+        found = Whole(**{"result": result, "edited": (), "notes": (), **more})
+        monkeypatch.setattr(whole, "run_whole", lambda tested, count, stage: (seen.append(tested), found)[1])
         return seen
 
     return give
@@ -86,11 +76,8 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
 
 
 def test_a_baseline_that_cannot_be_tuned_is_noted(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> Any:
-        raise ConfigError("no gains meet the demands", where="[tuning]")
-
-    monkeypatch.setattr(candidate, "tuned", refuse)
     Path("short.toml").write_text('name = "short"\nbase = "step-steer"\nduration_s = 11.0\n', encoding="utf-8")
+    monkeypatch.setattr(candidate, "tuned", Mock(side_effect=ConfigError("no gains meet the demands", where="[tuning]")))
     answer = run("sil", "--build", BUILD, "--baselines", "--scenario", "short.toml")
     assert answer.code == 0, answer
     assert "note: tracking is not shown beside: [tuning]: no gains meet the demands" in answer.err

@@ -1,9 +1,7 @@
 """The figures of the page, against the functions of the project and against a fresh build of the same settings."""
 
-import base64
 import json
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from codegen.config import KM_H, preset
 from codegen.design.margins import family_margins, nominal_margins
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
-from codegen.errors import CodegenError
 from codegen.explore.explorer import Explorer
 from codegen.explore.picture import binding_colours, figures
 from codegen.refmap.map import Binding
@@ -24,14 +21,9 @@ from codegen.report.summary import binding_text
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from hil_sim.scenarios import SCENARIOS
+from tests.report.figures import unpacked
 
 TIGHT = {"limits.sideslip_max_deg": 0.5, "limits.lateral_acceleration_max_g": 0.3}
-
-
-def unpacked(table: dict[str, Any]) -> np.ndarray:
-    kind = {"f4": "<f4", "u1": "u1"}[table["dtype"]]
-    shape = [int(part) for part in table["shape"].split(",")]
-    return np.frombuffer(base64.b64decode(table["bdata"]), dtype=kind).reshape(shape)
 
 
 def test_the_map_is_that_of_codegen_solve(pi: Explorer) -> None:
@@ -172,15 +164,6 @@ def test_the_margins_of_the_family_are_those_of_codegen_tune(tracking: Explorer)
     stale = iter((False, False, True))
     assert tracking.family({}, lambda: next(stale)) is None  # a newer request ends the work
     assert next(stale, None) is None
-
-
-def test_settings_without_a_feasible_point_are_rejected_and_leave_no_trace(pi: Explorer) -> None:
-    grid = pi.start.grid.model_copy(update={"front_angle_min_deg": 4.0, "speed_min_km_h": 60.0})
-    coarse = Explorer(pi.start.model_copy(update={"grid": grid}), pi.case, "coarse")
-    before = coarse.picture({})
-    with pytest.raises(CodegenError, match="no operating point of the grid is feasible"):
-        coarse.picture({"limits.lateral_acceleration_max_g": 0.05})
-    assert {**coarse.picture({}), "took_ms": None} == {**before, "took_ms": None}
 
 
 FRICTION = {"road.friction": 0.5, "limits.sideslip_max_deg": 1.5}

@@ -1,8 +1,10 @@
 """Checks that every figure shares, and access to what a figure draws."""
 
+import base64
 from itertools import combinations
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -59,3 +61,11 @@ def line_of(axes: Axes, label: str) -> Any:
     """Return the one line with a label."""
     (found,) = [line for line in axes.get_lines() if line.get_label() == label]
     return found
+
+
+def unpacked(packed: Any) -> np.ndarray:
+    """Return the array that Plotly would decode."""
+    if isinstance(packed, list):
+        return np.array(packed, dtype=float)
+    values = np.frombuffer(base64.b64decode(packed["bdata"]), dtype={"f4": "<f4", "u1": "u1"}[packed["dtype"]])
+    return values.reshape([int(size) for size in packed["shape"].split(",")]) if "shape" in packed else values

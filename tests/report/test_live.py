@@ -159,11 +159,9 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
     assert cells(Trace()) == [" " * 20, " " * 20, "┈" * 20, " " * 20, " " * 20]
     for value, row, mark in ((1.0, 0, upper), (99.0, 0, upper), (-1.0, 4, lower), (-99.0, 4, lower)):
         assert cells(trace_of(lambda time, value=value: value))[row] == mark * 20  # beyond the axis: at its edge
-    assert {*cells(trace_of(lambda time: 0.0))[2]} <= {chr(0x2812), chr(0x2824)}  # the two in the middle
     assert cells(trace_of(lambda time: 1.0), columns=300)[0].strip() == upper * 300  # bins wider than dots leave no holes
     assert cells(trace_of(lambda time: 1.0), dotted=True)[0] == chr(0x2801) * 20
     step = cells(trace_of(lambda time: -1.0 if time < 5.0 else 1.0))
-    assert all(any(0x2800 < ord(one) <= 0x28FF for one in row) for row in step)
     assert (step[4][:9], step[0][11:]) == (lower * 9, upper * 9)
     peak = cells(trace_of(lambda time: 1.0 if abs(time - 7.02) < 0.005 else 0.0))[0]
     assert peak[14] != " " and peak.count(" ") == 19

@@ -122,19 +122,12 @@ def test_maps_without_a_common_point_are_rejected(linear: ReferenceMap) -> None:
 
 def test_a_bare_map_leaves_unknown_figures_out(linear: ReferenceMap) -> None:
     one = bare(linear.speed, np.degrees(linear.front_angle), linear.yaw_rate)
-    data = json.loads(json.dumps(map_difference(one, linear).to_dict(), allow_nan=False))
+    found = map_difference(one, linear)
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     for key in ("tyre_model", "binding_cells", "front_slip", "rear_slip", "unreached_cells"):
-        assert data["first"][key] is None
-        assert data["second"][key] is not None
+        assert data["first"][key] is None and data["second"][key] is not None
     assert {point["first_rear_angle_deg"] for point in data["points"]} == {None}
-    small = bare([10.0, 20.0], [1.0, 2.0], [[0.1, 0.2], [0.2, 0.3]])
-    assert {row[0]: row[1:] for row in map_difference(small, small).rows} == {
-        "tyre of the optimisation": ("-", "-"),
-        "feasible cells": ("4 of 4", "4 of 4"),
-        "feasible in both": ("4", "4"),
-        "feasible in this map alone": ("0", "0"),
-        "lateral acceleration up to [m/s^2]": ("6", "6"),
-    }
+    assert found.rows[0] == ("tyre of the optimisation", "-", "linear")
 
 
 def test_the_same_car_is_recognised(linear: ReferenceMap, ours: ReferenceMap) -> None:

@@ -1,6 +1,5 @@
 """The charts of a report hold the numbers of maps, runs, tyres, losses and budgets."""
 
-import base64
 import json
 import math
 from pathlib import Path
@@ -37,19 +36,12 @@ from codegen.report.map_difference import map_difference
 from codegen.report.published import PAPER_TABLE
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
+from tests.report.figures import unpacked
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 SPEED, ANGLE = np.array([10.0, 20.0, 30.0]), np.radians([1.0, 2.0])
 RATES = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
 FEASIBLE = np.array([[True, True], [True, True], [True, False]])
-
-
-def unpacked(packed: Any) -> np.ndarray:
-    """Return the array that Plotly would decode."""
-    if isinstance(packed, list):
-        return np.array(packed, dtype=float)
-    values = np.frombuffer(base64.b64decode(packed["bdata"]), dtype={"f4": "<f4", "u1": "u1"}[packed["dtype"]])
-    return values.reshape([int(size) for size in packed["shape"].split(",")]) if "shape" in packed else values
 
 
 @pytest.fixture(scope="module")
@@ -187,10 +179,8 @@ def test_limits_are_those_of_the_configuration() -> None:
     slower = config.model_copy(update={"rear_actuator": config.rear_actuator.model_copy(update={"angle_max_deg": 2.0})})
     tyres = AxleTyres.from_config(config)
     shapes = run_chart({"mine": record(8.0)}, slower, "title").figure["layout"]["shapes"]
-    slips = {axis: math.degrees(bound) for axis, bound in (("y5", tyres.front_slip_bound), ("y6", tyres.rear_slip_bound))}
-    expected = {"y2": 3.0, "y3": 2.0, "y4": 0.8 * 9.81, **slips}
-    assert len(shapes) == len(expected)
-    assert {shape["yref"]: shape["y0"] for shape in shapes} == pytest.approx(expected)
+    slips = {"y5": math.degrees(tyres.front_slip_bound), "y6": math.degrees(tyres.rear_slip_bound)}
+    assert {shape["yref"]: shape["y0"] for shape in shapes} == pytest.approx({"y2": 3.0, "y3": 2.0, "y4": 0.8 * 9.81, **slips})
     # A limit far away would squeeze the curves.
     assert run_chart({"mine": record(0.001)}, preset(), "title").figure["layout"]["shapes"] == []
 

@@ -118,29 +118,25 @@ def test_a_run_is_read_from_every_format(tmp_path: Path, suffix: str) -> None:
     assert not found.logs and found.faults is None
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".mf4"])
-def test_a_log_gives_periods_and_answer_times(tmp_path: Path, suffix: str) -> None:
-    (found,) = read_files([str(log(tmp_path / f"bus{suffix}", cycles((0.01, 0.012, 0.008))))], CAN).logs
-    # A log has microseconds or better.
-    for name in ("VehicleMotion", "VehicleConditions"):
-        np.testing.assert_allclose(found.periods[name], [10.0, 12.0, 8.0], atol=2e-3)
-    np.testing.assert_allclose(found.answers, [4.0] * 4, atol=2e-3)
-    assert (found.cycle, found.is_simulated) == (10.0, False)
+def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
+    """A frame that its sender hears counts once, at its sending; an answer after the next sample belongs to that one.
 
-
-def test_echoes_late_answers_and_simulated_time(tmp_path: Path) -> None:
-    """A frame that its sender hears counts once, at its sending; an answer after the next sample belongs to that one."""
+    A log has microseconds or better. In lock-step a command has the time of its sample: the log contains no punctuality.
+    """
     late = enumerate((0.0, 0.002, 0.0))
     echo: list[Sent] = [each for k, late in late for each in ((0x101, 0.01 * k, False), (0x101, 0.01 * k + 1e-3 + late, True))]
     one: list[Sent] = [*((0x101, 0.01 * k, False) for k in range(3)), (0x201, 0.013, True)]
-    for name, frames, expected in (("echo", echo, []), ("one", one, [3.0])):
-        (found,) = read_files([str(log(tmp_path / f"{name}.blf", frames))], CAN).logs
-        np.testing.assert_allclose(found.periods["VehicleMotion"], [10.0, 10.0], atol=2e-3)
-        np.testing.assert_allclose(found.answers, expected, atol=2e-3)
-    # In lock-step a command has the time of its sample, and the log contains no punctuality.
-    (found,) = read_files([str(log(tmp_path / "bus.asc", cycles((0.01,) * 5, delay=0.0)))], CAN).logs
-    np.testing.assert_allclose(found.answers, [0.0] * 6, atol=1e-3)
-    assert found.is_simulated
+    for name, frames, periods, answers in (
+        ("bus.blf", cycles((0.01, 0.012, 0.008)), [10.0, 12.0, 8.0], [4.0] * 4),
+        ("bus.mf4", cycles((0.01, 0.012, 0.008)), [10.0, 12.0, 8.0], [4.0] * 4),
+        ("echo.blf", echo, [10.0, 10.0], []),
+        ("one.blf", one, [10.0, 10.0], [3.0]),
+        ("lock-step.asc", cycles((0.01,) * 5, delay=0.0), [10.0] * 5, [0.0] * 6),
+    ):
+        (found,) = read_files([str(log(tmp_path / name, frames))], CAN).logs
+        np.testing.assert_allclose(found.periods["VehicleMotion"], periods, atol=2e-3)
+        np.testing.assert_allclose(found.answers, answers, atol=2e-3)
+        assert (found.cycle, found.is_simulated) == (10.0, name == "lock-step.asc"), name
 
 
 def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
