@@ -18,11 +18,8 @@ LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
 LICENCES = (ROOT / "THIRD-PARTY-LICENSES.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 CHANGELOG = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-ROWS = {
-    name: (needed, licence)
-    for name, needed, licence in re.findall(r"^\| ([a-z0-9-]+) \| ([a-z, ]+) \| (.+) \|$", LICENCES, re.MULTILINE)
-    if name not in ("package", "files")
-}
+FOUND = re.findall(r"^\| ([a-z0-9-]+) \| ([a-z, ]+) \| (.+) \|$", LICENCES, re.MULTILINE)
+ROWS = {name: (needed, licence) for name, needed, licence in FOUND if name not in ("package", "files")}
 # Wording of the licence in packages that do not give it as an SPDX expression.
 IN_WORDS = {"BSD-2-Clause": r"2-Clause BSD|BSD License", "BSD-3-Clause": r"BSD License|BSD\b|Copyright.*SciPy"}
 IN_WORDS |= {"Apache-2.0": r"Apache Software License|Apache-2\.0", "PSF-2.0": r"Python Software Foundation License"}

@@ -19,6 +19,8 @@ from hil_sim.scenarios import SCENARIOS
 
 from .conftest import BUILD, MAIN, ROOT, TRACKING, Run, program
 
+HIL = ("hil", "--build", BUILD, "--bus", "virtual:hil", "--ecu", "cffi", "--lock-step", "--scenario", "short.toml")
+
 
 @pytest.fixture
 def short(here: Path) -> Path:
@@ -27,14 +29,8 @@ def short(here: Path) -> Path:
     return Path("short.toml")
 
 
-@pytest.fixture
-def hil(request: pytest.FixtureRequest) -> tuple[object, ...]:
-    bus = f"virtual:{request.node.name}"
-    return ("hil", "--build", BUILD, "--bus", bus, "--ecu", "cffi", "--lock-step", "--scenario", "short.toml")
-
-
-def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path, hil: tuple[object, ...]) -> None:
-    answer = run(*hil, "--plot", "run.png", "--csv", "run.csv", "--log", "run.blf")
+def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path) -> None:
+    answer = run(*HIL, "--plot", "run.png", "--csv", "run.csv", "--log", "run.blf")
     assert (answer.code, answer.err) == (0, ""), answer  # no view without a terminal
     figures = ("yaw rate, steady [deg/s]", "controlled", "passive", "bus: 1100 cycles, 11 s in", "commands: 1100, 0 gaps")
     assert [words for words in figures if words not in answer.out] == []
@@ -42,7 +38,7 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path, hil
     assert len(Path("run.csv").read_text(encoding="ascii").splitlines()) == 1101
     with can.LogReader("run.blf") as log:
         assert sum(1 for _ in log) == 3300
-    data = json.loads(run(*hil, "--log", "bus.mf4", "-o", "run.parquet", "--json").out)
+    data = json.loads(run(*HIL, "--log", "bus.mf4", "-o", "run.parquet", "--json").out)
     assert (data["clock"], data["files"]) == ("lock-step", {"log": ["bus.mf4"], "recording": ["run.parquet"]})
     assert data["bus_figures"]["commands"] == data["bus_figures"]["cycles"] == 1100
     assert data["bus_figures"]["times"] is None
@@ -110,7 +106,7 @@ def test_an_ecu_ends_with_the_process_that_started_it(run: Run) -> None:
     assert (answer.code, answer.out) == (0, "ready\n")
 
 
-def test_notes_of_a_run(run: Run, short: Path, hil: tuple[object, ...]) -> None:
+def test_notes_of_a_run(run: Run, short: Path) -> None:
     Path("brief.csv").write_text("time_s,speed_m_s,front_angle_rad\n0,10,0\n0.3,10,0\n", encoding="utf-8")
     answer = run("plant", "--bus", "virtual:nobody", "--scenario", "brief.csv")
     assert answer.code == 0, answer
@@ -119,7 +115,7 @@ def test_notes_of_a_run(run: Run, short: Path, hil: tuple[object, ...]) -> None:
     shutil.copytree(BUILD, "edited")
     with Path("edited/CMakeLists.txt").open("a", encoding="utf-8") as file:  # no C, so nothing is compiled again
         file.write("# by hand\n")
-    for command in (hil, ("sil", "--scenario", short)):
+    for command in (HIL, ("sil", "--scenario", short)):
         answer = run(*command, "--build", "edited")
         assert answer.code == 0
         assert "CMakeLists.txt was changed after the build" in answer.err

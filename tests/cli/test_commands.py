@@ -91,11 +91,10 @@ def test_help_of_each_command_shows_an_example(run: Run, command: str) -> None:
     assert f"Example:\n    codegen {command}" in answer.out
 
 
-QUICK = """
+HEAVY = "{'casadi', 'matplotlib', 'scipy', 'numpy', 'pydantic', 'jinja2', 'cffi', 'can', 'rich'}"
+QUICK = f"""
 try: main()
-except SystemExit: pass
-heavy = {'casadi', 'matplotlib', 'scipy', 'numpy', 'pydantic', 'jinja2', 'cffi', 'can', 'rich'} & set(sys.modules)
-sys.exit(', '.join(sorted(heavy)) or None)
+except SystemExit: sys.exit(', '.join({HEAVY} & set(sys.modules)) or None)
 """
 
 

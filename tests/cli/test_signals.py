@@ -93,28 +93,6 @@ def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, befo
     assert [path.name for path in here.iterdir()] == ["out"]
 
 
-IN_CAMPAIGN = """
-from codegen.sweep import store
-real = store.save_part
-saved = []
-def save_part(*arguments):
-    if len(saved) == 1:
-        os.kill(os.getpid(), signal.SIGINT)
-    real(*arguments)
-    saved.append(1)
-store.save_part = save_part
-"""
-
-
-def test_ctrl_c_of_a_campaign_reports_the_chunks_that_are_kept(here: Path) -> None:
-    controllers = f'[controllers]\npi = "{BUILD}"\npassive = ""\n'
-    Path("s.toml").write_text(f"samples = 600\nlead_s = 0.1\nlength_s = 2.0\n{controllers}")
-    ended = python(IN_CAMPAIGN + MAIN, "sweep", "--spec", "s.toml", "-o", "out", "--workers", 1, folder=here)
-    assert ended.returncode == 130, ended
-    assert ended.stderr.splitlines()[-1] == f"{QUIET.strip()}; 1 of 3 chunks is kept; the same command goes on"
-    assert len(list(Path("out/parts").iterdir())) == 1
-
-
 IN_CHECK = """
 import tempfile
 from codegen.verify import runner

@@ -12,8 +12,7 @@ from hypothesis.strategies import SearchStrategy
 
 MIB = 2**20
 MEMORY_MAX = 64 * MIB
-SECONDS_MAX = 60
-"""Processor time. A loader takes milliseconds, and one that runs for so long never ends."""
+SECONDS_MAX = 60  # of processor time; a loader takes milliseconds, and one that runs for so long never ends
 
 
 class Endless(BaseException):

@@ -6,6 +6,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -34,27 +35,18 @@ def history_of(cycles: int, **changes: Any) -> History:
     return history
 
 
-def row_of(history: History, label: str, look: Look = LOOK) -> Any:
-    return next(row for row in draw(history, look) if row.plain.strip().startswith(label))
+def row_of(history: History, label: str) -> Any:
+    return next(row for row in draw(history, LOOK) if row.plain.strip().startswith(label))
 
 
-def console_of(width: int = 80, height: int = 24, encoding: str = "utf-8", **options: Any) -> Console:
-    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+def console_of(**options: Any) -> Console:
     settings = {"force_terminal": True, "color_system": "truecolor", "legacy_windows": False, "_environ": {}}
-    return Console(file=stream, width=width, height=height, **(settings | options))
+    return Console(file=io.TextIOWrapper(io.BytesIO(), encoding="utf-8"), width=80, height=24, **(settings | options))
 
 
 def printed(console: Console) -> str:
     console.file.seek(0)
     return console.file.read()
-
-
-def view_on(console: Console, **changes: Any) -> LiveView:
-    """Return a view with 900 samples."""
-    view = LiveView("a scenario with a rather long name", "socketcan:vcan0", "native", "real time", console=console)
-    for cycle in range(900):
-        view._samples.append(replace(CALM, time=0.01 * cycle, status=cycle % 6, **changes))
-    return view
 
 
 def test_diagnostic_bits_are_those_of_the_generated_c() -> None:
@@ -194,28 +186,20 @@ def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt])
 def test_the_end_restores_the_interpreter_and_keeps_the_picture_of_a_failure(error: type[BaseException] | None) -> None:
     console, before = console_of(), sys.getswitchinterval()
-    view = LiveView("step", "virtual", "cffi", "lock-step", console=console)
-    view.__enter__()
-    assert sys.getswitchinterval() < 0.001
-    view.update(CALM)
-    view.__exit__(error, None, None)
+    with suppress(KeyboardInterrupt), LiveView("step", "virtual", "cffi", "lock-step", console=console) as view:
+        assert sys.getswitchinterval() < 0.001
+        view.update(CALM)
+        if error is not None:
+            raise error
     assert sys.getswitchinterval() == pytest.approx(before)
     ending = printed(console)[-60:]
-    assert ("\x1b[2K" in ending, "virtual" in ending) == ((True, False) if error is None else (False, True))
+    assert ("\x1b[2K" in ending, "virtual" in ending) == (error is None, error is not None)
 
 
 numbers = st.floats(-1e3, 1e3) | st.just(math.nan) | st.just(math.inf)
-samples = st.builds(
-    LiveSample,
-    time=st.floats(0.0, 200.0),
-    duration=st.just(60.0),
-    **dict.fromkeys(TRACES, numbers),
-    status=st.integers(0, 15),
-    diagnostics=st.integers(0, 0xFFFF),
-    cycle_time=st.floats(0.0, 10.0),
-    lost_frames=st.integers(0, 10**6),
-    late_cycles=st.integers(0, 10**6),
-)
+counts = {"status": st.integers(0, 15), "diagnostics": st.integers(0, 0xFFFF), "cycle_time": st.floats(0.0, 10.0)}
+counts |= {"duration": st.just(60.0), **dict.fromkeys(("lost_frames", "late_cycles"), st.integers(0, 10**6))}
+samples = st.builds(LiveSample, time=st.floats(0.0, 200.0), **dict.fromkeys(TRACES, numbers), **counts)
 
 
 @settings(max_examples=50)
