@@ -1,7 +1,4 @@
-"""README and guide without running them: each block has a use, each command parses, each link has a target.
-
-The blocks are run in tests/evidence/guide; see blocks.py for their rules.
-"""
+"""README and guide without running them, which tests/evidence/guide does: blocks, commands, links, and reference pages."""
 
 import re
 import shlex
@@ -90,3 +87,29 @@ def test_links_have_a_target(page: str) -> None:
         assert target.exists(), f"{page}: {name}"
         if anchor and target.suffix == ".md":
             assert anchor in anchors(target), f"{page}: {name}#{anchor}"
+
+
+@pytest.fixture(autouse=True)
+def extensions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs/_ext"))
+
+
+def test_every_key_of_ars_toml_has_its_meaning_and_no_other() -> None:
+    import config_tables
+
+    text = config_tables.markdown()
+    fields = [(name, key, field) for name, model in config_tables.sections() for key, field in model.model_fields.items()]
+    plain = {key for _, key, field in fields if config_tables._section_of(field.annotation) is None} - {"cases"}
+    assert plain <= set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
+    assert "| – | – |" not in text
+    paths = {f"{name}.{key}" if name else key for name, key, _ in fields}
+    used = paths | set(map(config_tables._shared, paths))
+    used |= {f"signal.{key}" for _, model in config_tables.inline_tables() for key in model.model_fields}
+    assert sorted(set(config_tables.MEANINGS) - used) == []
+    assert config_tables.comments()["vehicle.cg_height_m"] == "centre of gravity above the road"
+
+
+def test_the_interface_names_every_command() -> None:
+    text = (ROOT / "docs/interface.md").read_text(encoding="utf-8")
+    synopsis = text.split("```text", 1)[1].split("```", 1)[0]
+    assert set(re.findall(r"^codegen (\w+)", synopsis, re.MULTILINE)) == set(cli.commands)
