@@ -7,6 +7,7 @@ import socket
 import sys
 import tomllib
 from pathlib import Path
+from unittest.mock import Mock, call
 
 import pytest
 
@@ -94,15 +95,10 @@ def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None,
     assert lines[at + 2] == '-> pip install "ars-codegen[verify]"'
 
 
-def program(path: Path, script: str) -> Path:
-    """Write a shell script that can be executed."""
-    path.write_text(f"#!/bin/sh\n{script}\n")
-    path.chmod(0o755)
-    return path
-
-
 def test_other_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = program(tmp_path / "cmake", "exit 3")
+    broken = tmp_path / "cmake"
+    broken.write_text("#!/bin/sh\nexit 3\n")
+    broken.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     found = {each.name: (each.state, each.what, each.remedy, each.stops) for each in programs.programs()}
     assert found["qemu-system-arm"][::2] == (State.MISSING, "apt install qemu-system-arm")
@@ -136,10 +132,7 @@ MAKE = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip li
 def test_a_kernel_without_can(
     kernel: Path, monkeypatch: pytest.MonkeyPatch, number: int, modules: str, what: str, remedy: str
 ) -> None:
-    def failing(*_: object) -> socket.socket:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(buses.socket, "socket", failing)
+    monkeypatch.setattr(buses.socket, "socket", Mock(side_effect=OSError(number, os.strerror(number))))
     (kernel / buses.platform.release()).mkdir()
     (kernel / buses.platform.release() / "modules.dep").write_text(modules)
     found = buses.socketcan()
@@ -164,14 +157,7 @@ def test_a_kernel_with_can(
         (kernel / name / "type").write_text(f"{kind}\n")
     if flags is not None:
         (kernel / "vcan0/flags").write_text(f"{flags:#x}\n")
-    used: list[str] = []
-
-    def exchange(name: str) -> None:
-        used.append(name)
-        if is_lost:
-            raise TimeoutError
-
-    monkeypatch.setattr(buses, "exchange", exchange)
+    monkeypatch.setattr(buses, "exchange", exchange := Mock(side_effect=TimeoutError if is_lost else None))
     found = buses.socketcan(kernel)
     assert found.state is state and found.what.endswith(what)
-    assert used == (["vcan0"] if flags == 0xC1 else [])  # no frame goes out where a car could hear it
+    assert exchange.mock_calls == ([call("vcan0")] if flags == 0xC1 else [])  # no frame goes out where a car could hear it

@@ -5,14 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import urllib.request
-import webbrowser
 from pathlib import Path
-
-import pytest
-
-from codegen.cli.explore_command import _opened
 
 from .conftest import MAIN, MAP, ROOT, everything_in, program
 
@@ -50,17 +44,3 @@ def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(here: Path)
     assert f"url={address}" in data["text"]
     assert data["modes"] == ["0o600", "0o700"]
     assert not Path(data["path"]).exists()
-
-
-@pytest.mark.parametrize("fault", ["no browser", "no folder", "no screen"])
-def test_a_browser_that_cannot_be_opened_is_noted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fault: str
-) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(webbrowser, "open", lambda address: fault != "no browser")
-    for name, value in (("DISPLAY", ":0"), ("WAYLAND_DISPLAY", "")):
-        monkeypatch.setenv(name, "" if fault == "no screen" else value)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone" if fault == "no folder" else tmp_path))
-    with _opened("http://127.0.0.1:1/?key=secret"):
-        assert capsys.readouterr().err == "note: no browser was opened; open that address in one on this computer\n"
-    assert list(tmp_path.iterdir()) == []

@@ -5,6 +5,7 @@ A signal is sent from inside, at a point of the program: no test waits for a tim
 
 import shutil
 import signal
+import textwrap
 from pathlib import Path
 
 import can
@@ -73,14 +74,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 """
 
 
-@pytest.mark.parametrize(
-    ("before", "code"),
-    [
-        (WHILE_WRITING, -signal.SIGKILL),
-        (FULL_DISK, 2),
-    ],
-    ids=["SIGKILL", "full disk"],
-)
+@pytest.mark.parametrize(("before", "code"), [(WHILE_WRITING, -signal.SIGKILL), (FULL_DISK, 2)], ids=["SIGKILL", "full disk"])
 def test_a_build_that_is_cut_short_leaves_the_old_one(run: Run, here: Path, before: str, code: int) -> None:
     shutil.copytree(BUILD, "out")
     was = everything_in(here / "out")
@@ -108,9 +102,8 @@ runner.as_completed = waiting
 
 def test_ctrl_c_while_checks_run_in_processes_of_their_own(here: Path) -> None:
     # `spawn` starts the program again in each process, so it must be a file.
-    lines = f"import os, signal, sys\n{IN_CHECK}{MAIN}".splitlines()
     script = here / "program.py"
-    script.write_text("if __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in lines))
+    script.write_text("if __name__ == '__main__':\n" + textwrap.indent(f"import os, signal, sys\n{IN_CHECK}{MAIN}", "    "))
     shutil.copytree(BUILD, "build")
     Path("tmp").mkdir()
     before = everything_in(here / "build")

@@ -77,9 +77,7 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = {
 }
 """Programs that a page needs beside a C compiler."""
 
-PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)
-"""A line of progress without a terminal."""
-
+PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
 NAME_IN_C = re.compile(r"\b(?:ars|ARS)_\w+")
 
 

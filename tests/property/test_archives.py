@@ -23,8 +23,6 @@ from tests.property.guard import MEMORY_MAX, bounded, examples
 
 SPEED, FRONT_ANGLE = np.array([5.0, 10.0, 20.0]), np.array([0.01, 0.05])
 YAW_RATE = np.minimum(np.outer(SPEED / 3.14, FRONT_ANGLE), 5.0 / SPEED[:, np.newaxis])
-
-
 ARRAYS: dict[str, Any] = {
     "vx": SPEED,
     "delta_f": FRONT_ANGLE,

