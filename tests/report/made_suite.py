@@ -38,8 +38,7 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
 def spun(subject: str, cell: Cell, condition: str) -> CellResult:
     """The car spins after a second and a half."""
     names = ("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "yaw_rate_steady_deg_s")
-    nothing: dict[str, Any] = dict.fromkeys((*names, "share_of_reference"))
-    return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **nothing)
+    return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **dict.fromkeys((*names, "share_of_reference")))
 
 
 def table(subject: str, condition: str) -> tuple[CellResult, ...]:

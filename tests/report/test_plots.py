@@ -291,15 +291,14 @@ def test_an_abnormal_status_is_shown_when_it_lasted() -> None:
     strip = figure.axes[-1]
     assert strip.get_ylabel() == "Status"
     assert [label.get_text() for label in strip.get_yticklabels()] == ["C1"]  # a passive car has no controller
-    bars: list[Any] = list(strip.collections)
-    boxes = {tuple(bar.get_facecolor()[0]): bar.get_paths()[0].get_extents() for bar in bars}
+    boxes = {tuple(bar.get_facecolor()[0]): bar.get_paths()[0].get_extents() for bar in strip.collections}
     for status, span in {"LIMITED": (2.5, 3.0), "DEGRADED": (3.0, 4.0), "FAIL_SAFE": (4.0, 4.2)}.items():
         box = boxes[to_rgba(run_plots.STATUS_COLOURS[status])]
         assert (box.x0, box.x1) == pytest.approx(span), status
     assert {"limited", "degraded", "fail-safe"} <= set(names(figure))
     assert "standby" not in names(figure)  # it ends before the time shown
     (line,) = dashed(figure.axes[0])
-    time, hidden = np.asarray(line.get_xdata()), np.isnan(np.asarray(line.get_ydata(), dtype=float))
+    time, hidden = line.get_xdata(), np.isnan(line.get_ydata())
     assert np.array_equal(hidden, (time > 3.995) & (time < 4.195))  # no reference in fail-safe; there is one while degraded
     for calm in (Status.TRACKING, Status.LIMITED):
         assert len(plots.run_figure({"C1": made_run(status=float(calm))}, "made").axes) == len(run_plots.SIGNALS)
@@ -347,19 +346,16 @@ def test_gain_and_phase_over_frequency() -> None:
     assert np.asarray(drawn.get_ydata()) == pytest.approx(np.degrees(np.angle(response)), abs=0.3)
     assert "other: none" in names(figure)  # it spins
     fine = np.geomspace(0.2, 3.5, 5000)
-
-    def crossings(axes: Axes) -> list[float]:
-        return [float(np.asarray(line.get_xdata())[0]) for line in axes.get_lines() if line.get_marker() == "o"]
-
     falls = [np.abs(exact(lag, fine)) / np.abs(exact(lag, 0.2)) < 10.0 ** (-3.0 / 20.0) for lag in (0.15, 0.3)]
     lags = [np.angle(exact(lag, fine)) < -math.pi / 4.0 for lag in (0.15, 0.3)]
     for axes, beyond in ((gain, falls), (phase, lags)):
-        assert crossings(axes) == pytest.approx([fine[np.argmax(each)] for each in beyond], rel=0.005)
+        crossings = [line.get_xdata()[0] for line in axes.get_lines() if line.get_marker() == "o"]
+        assert crossings == pytest.approx([fine[np.argmax(each)] for each in beyond], rel=0.005)
 
 
 def test_front_angle_over_lateral_acceleration() -> None:
     top, sideslip, rear = scenario("ramp-steer", ramp_runs()).axes
-    lateral, angle = (np.asarray(values) for values in line_of(top, "controlled").get_data())
+    lateral, angle = line_of(top, "controlled").get_data()
     assert (lateral[-1], angle[-1]) == pytest.approx((6.0, np.degrees(0.04)))
     fitted = [line for line in top.get_lines() if line.get_marker() == "|"]
     slopes = [float(np.ptp(line.get_ydata()) / np.ptp(line.get_xdata())) for line in fitted]
