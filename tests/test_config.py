@@ -71,6 +71,7 @@ def test_preset_shows_every_key(name: Any) -> None:
 def test_units() -> None:
     config = parse({"limits": {"sideslip_max_deg": 2.0}, "steering": {"front_angle_stop_deg": 30.0}}, "car.toml")
     assert (config.limits.sideslip_max, config.steering.front_angle_stop) == (math.radians(2.0), math.radians(30.0))
+    assert config.vehicle.wheelbase == pytest.approx(3.14, rel=1e-15)  # m, of the paper's car
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1e9", "1e9", "true", '"1.0"', "[1.0]", "{}", "2020-01-01"])
