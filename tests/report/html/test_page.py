@@ -137,7 +137,7 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.periods["VehicleMotion"], periods, atol=2e-3)
         np.testing.assert_allclose(found.answers, answers, atol=2e-3)
         assert found.cycle == 10.0
-        assert not answers or found.is_simulated == (name == "lock-step.asc"), name
+        assert len(answers) < 4 or found.is_simulated == (name == "lock-step.asc"), name  # too few to tell
 
 
 def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
