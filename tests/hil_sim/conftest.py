@@ -1,7 +1,5 @@
 """The paper's build, on disk and compiled, and patience with a busy machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -13,13 +11,11 @@ from tests import builds, shared
 
 @pytest.fixture(scope="session")
 def build_folder() -> Path:
-    """The folder, as `codegen build` leaves it."""
     return shared.build_folder()
 
 
 @pytest.fixture(scope="session")
 def software() -> Software:
-    """That build, compiled."""
     return builds.paper().software
 
 
