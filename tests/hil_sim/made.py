@@ -1,7 +1,5 @@
 """Recordings made by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,3 +14,11 @@ def record(duration: float, **columns: Any) -> np.ndarray:
     for name, values in {"time_s": time, "speed_m_s": 20.0, **columns}.items():
         made[:, RECORD_COLUMNS.index(name)] = values(time) if callable(values) else values
     return made
+
+
+def spun(made: np.ndarray, since: float) -> np.ndarray:
+    """The recording of a car that spins from a time (s) on."""
+    spinning = made.copy()
+    for name in ("sideslip_rad", "slip_rear_rad"):
+        spinning[made[:, 0] >= since - 1e-9, RECORD_COLUMNS.index(name)] = 0.3
+    return spinning

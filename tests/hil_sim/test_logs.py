@@ -1,7 +1,5 @@
 """Logs of the bus, read back with python-can, cantools and asammdf."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os
@@ -69,21 +67,22 @@ def signal_frames() -> list[tuple[Frame, bool]]:
     return frames
 
 
-def write(path: Path, frames: list[tuple[Frame, bool]], **options: Any) -> Path:
-    with BusLog(path, **options) as log:
+def write(path: Path, frames: list[tuple[Frame, bool]], error: BaseException | None = None, **options: Any) -> Path:
+    """Log frames; the run then ends with an error, if there is one."""
+    with BusLog(path, **{"start": START, **options}) as log:
         for frame, received in frames:
             log.write(frame, received)
+        if error is not None:
+            raise error
     return path
 
 
 def read(path: Path) -> list[can.Message]:
     """Messages with times from the start of the run, as python-can has them."""
     reader: Any = can.LogReader(path)
-    offset = 0.0
+    offset = START if path.suffix in (".log", ".mf4") else 0.0
     if path.suffix == ".blf":
         reader.start_timestamp = 0.0  # else added to each time, and with it 0.2 us of rounding
-    elif path.suffix in (".log", ".mf4"):
-        offset = START
     messages = list(reader)
     for message in messages:
         message.timestamp -= offset
@@ -98,9 +97,8 @@ TIME_TOLERANCE = {".blf": 0.6e-9, ".asc": 1e-12, ".log": 0.3e-6, ".mf4": 0.3e-6}
 @formats
 def test_frames_come_back(tmp_path: Path, extension: str) -> None:
     frames = some_frames()
-    path = write(tmp_path / f"run.{extension}", frames, start=START)
+    path = write(tmp_path / f"run.{extension}", frames)
     messages = read(path)
-    assert len(messages) == len(frames)
     if extension == "mf4":  # three groups, merged by time: frames of the same time may change places
         messages.sort(key=lambda one: (round(one.timestamp, 6), one.is_error_frame, one.is_remote_frame))
         frames.sort(key=lambda one: (one[0].time, one[0].error, one[0].remote))
@@ -115,15 +113,22 @@ def test_frames_come_back(tmp_path: Path, extension: str) -> None:
         assert bytes(message.data) == (b"" if frame.remote else frame.data)
         # python-can counts the channels of Vector's formats from 0.
         assert message.channel == {".log": "vcan0", ".mf4": 1}.get(path.suffix, 0)
+    assert read(write(path, [])) == []
 
 
-def test_blf_has_the_times_of_start_and_end(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.blf", signal_frames(), start=START)
-    with can.BLFReader(path) as reader:
+def test_a_long_blf_has_every_frame_and_the_times_of_start_and_end(tmp_path: Path) -> None:
+    """BLF packs frames into containers; one that is cut between two must be whole in the end."""
+    frames = [(Frame(number % 0x800, number.to_bytes(8, "big"), number / 1000), True) for number in range(5000)]
+    messages = read(write(tmp_path / "run.blf", frames))
+    assert [int.from_bytes(one.data, "big") for one in messages] == list(range(5000))
+    # All of them are multiples of 1 ms, of which many are no float64: none may come out 1 ns early.
+    assert all(math.isclose(one.timestamp, number / 1000, rel_tol=0, abs_tol=0.1e-9) for number, one in enumerate(messages))
+    with can.BLFReader(tmp_path / "run.blf") as reader:
         assert reader.start_timestamp == START
-        assert reader.stop_timestamp == pytest.approx(START + 1.0105, abs=0.5e-3)  # SYSTEMTIME: whole milliseconds
+        assert reader.stop_timestamp == pytest.approx(START + 4.999, abs=0.5e-3)  # SYSTEMTIME: whole milliseconds
+        next(frames := iter(reader))
         # As any reader of BLF has it: start of measurement plus the frame's own; 0.24 us of a float64 of Unix time.
-        assert next(iter(reader)).timestamp == pytest.approx(START + 0.02, rel=0, abs=0.3e-6)
+        assert next(frames).timestamp == pytest.approx(START + 0.001, rel=0, abs=0.3e-6)
 
 
 @pytest.fixture
@@ -137,7 +142,7 @@ def auckland(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("auckland")
-def test_asc_has_the_time_of_the_start(tmp_path: Path) -> None:
+def test_lines_of_asc(tmp_path: Path) -> None:
     path = write(tmp_path / "run.asc", signal_frames(), start=START - 0.118, channel="my bus")  # .005: 5 ms are not .5 s
     lines = path.read_text().splitlines()
     assert lines[3].startswith("// CAN 1: my_bus")
@@ -154,7 +159,7 @@ def test_asc_has_the_time_of_the_start(tmp_path: Path) -> None:
         assert next(iter(reader)).timestamp == pytest.approx(START - 0.118 + 0.02, rel=0, abs=0.3e-6)
 
 
-def test_candump_lines(tmp_path: Path) -> None:
+def test_lines_of_candump(tmp_path: Path) -> None:
     expected = {
         "(1700000000.123000) can7 001# R": (Frame(0x1, b"", 0.0), True),
         "(1700000000.123001) can7 101#01AB T": (Frame(0x101, b"\x01\xab", 0.000001), False),
@@ -163,21 +168,17 @@ def test_candump_lines(tmp_path: Path) -> None:
         "(1700000002.123000) can7 20000004#0001000000000000 R": (Frame(0x4, b"\x00\x01", 2.0, error=True), True),
         "(1700000002.373000) can7 20000080#0000000000000000 R": (Frame(0, b"", 2.25, error=True), True),
     }
-    path = write(tmp_path / "run.log", list(expected.values()), start=START, channel="can7")
+    path = write(tmp_path / "run.log", list(expected.values()), channel="can7")
     assert path.read_text().splitlines() == list(expected)
     with path.open() as file:
         parsed = [frame for _, frame in Parser(file).iterlines() if frame is not None]
     assert [one.frame_id for one in parsed] == [0x1, 0x101, 0x7, 0x7]  # cantools leaves errors out
-
-
-@pytest.mark.parametrize(("channel", "shown"), [("0", "can0"), ("my bus\n1", "my_bus_1"), ("", "can")])
-def test_a_channel_is_one_word(tmp_path: Path, channel: str, shown: str) -> None:
-    path = write(tmp_path / "run.log", [(Frame(1, b"\x01"), True)], channel=channel)
-    assert [one.channel for one in can.LogReader(path)] == [shown]
+    for channel, shown in (("0", "can0"), ("my bus\n1", "my_bus_1"), ("", "can")):
+        assert [one.channel for one in can.LogReader(write(path, [(Frame(1, b"\x01"), True)], channel=channel))] == [shown]
 
 
 def test_mf4_gives_physical_signals_by_the_database_inside(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.mf4", signal_frames(), start=START, dbc=DBC.encode())
+    path = write(tmp_path / "run.mf4", signal_frames(), dbc=DBC.encode())
     with asammdf.MDF(path) as log:
         assert log.start_time == datetime.fromtimestamp(START, UTC)
         assert log.attachments[0].file_name == "ars.dbc"
@@ -204,68 +205,45 @@ def test_mf4_is_sorted(tmp_path: Path) -> None:
         assert frame.samples["CAN_DataFrame.ID"].tolist() == identifiers
 
 
-@formats
-def test_a_run_without_a_frame(tmp_path: Path, extension: str) -> None:
-    path = write(tmp_path / f"run.{extension}", [], start=START)
-    assert read(path) == []
-    if extension == "blf":
-        assert can.BLFReader(path).start_timestamp == START
-    elif extension == "mf4":
-        with asammdf.MDF(path) as log:
-            assert log.start_time == datetime.fromtimestamp(START, UTC)
-
-
 @pytest.mark.usefixtures("auckland")
 @formats
 def test_without_a_wall_clock_logs_repeat(tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = write(tmp_path / f"first.{extension}", some_frames(), dbc=DBC.encode()).read_bytes()
+    first = write(tmp_path / f"first.{extension}", some_frames(), start=None, dbc=DBC.encode()).read_bytes()
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 86_400.0)
     monkeypatch.setenv("TZ", "UTC+5")
     time.tzset()
-    assert write(tmp_path / f"second.{extension}", some_frames(), dbc=DBC.encode()).read_bytes() == first
+    assert write(tmp_path / f"second.{extension}", some_frames(), start=None, dbc=DBC.encode()).read_bytes() == first
 
 
 @pytest.mark.parametrize("extension", ["blf", "asc", "log"])
 def test_before_the_start_counts_as_the_start(tmp_path: Path, extension: str) -> None:
-    path = write(tmp_path / f"run.{extension}", [(Frame(1, b"", -0.25), True), (Frame(2, b"", 0.5), True)], start=START)
+    path = write(tmp_path / f"run.{extension}", [(Frame(1, b"", -0.25), True), (Frame(2, b"", 0.5), True)])
     assert [one.timestamp for one in read(path)] == pytest.approx([0.0, 0.5], rel=0, abs=TIME_TOLERANCE[".log"])
 
 
 @pytest.mark.parametrize(("extension", "interruption"), [("blf", KeyboardInterrupt), ("mf4", CodegenError)])
-def test_an_interrupted_run_leaves_its_log(tmp_path: Path, extension: str, interruption: type[BaseException]) -> None:
-    path = tmp_path / f"run.{extension}"
+def test_an_interrupted_run_leaves_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, extension: str, interruption: type[BaseException]
+) -> None:
+    """A further Ctrl-C waits for the file."""
+    path, synchronise = tmp_path / f"run.{extension}", os.fsync
     path.write_text("old content")
 
-    def run() -> None:
-        with BusLog(path, start=START) as log:
-            for frame, received in some_frames():
-                log.write(frame, received)
-            assert path.read_text() == "old content"
-            raise interruption("stop")
-
-    with pytest.raises(interruption):
-        run()
-    assert len(read(path)) == 400
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_second_interruption_waits_for_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    synchronise = os.fsync
-
     def interrupted(handle: int) -> None:
+        assert path.read_text() == "old content"
         signal.raise_signal(signal.SIGINT)
         synchronise(handle)
 
     monkeypatch.setattr(os, "fsync", interrupted)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
     try:
-        with pytest.raises(KeyboardInterrupt):
-            write(tmp_path / "run.blf", some_frames(), start=START)
+        with pytest.raises((interruption, KeyboardInterrupt)):
+            write(path, some_frames(), interruption("stop"))
     finally:
         signal.signal(signal.SIGINT, before)
-    assert len(read(tmp_path / "run.blf")) == 400
-    assert [one.name for one in tmp_path.iterdir()] == ["run.blf"]
+    assert len(read(path)) == 400
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.fixture
@@ -292,20 +270,12 @@ def no_space(*_: object) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def test_a_disk_that_is_full_at_the_very_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "fsync", no_space)
-    with pytest.raises(CodegenError, match="No space left"):
-        write(tmp_path / "run.blf", some_frames(3))
-    assert list(tmp_path.iterdir()) == []
+class FullFromTheStart:
+    """A format whose first write fails."""
 
+    def __init__(self, *_: object) -> None: ...
 
-class _Full:
-    """A format whose disk is full from the start."""
-
-    def __init__(self, path: Path, head: object) -> None: ...
-
-    def write(self, frame: Frame, received: bool) -> None:
-        no_space()
+    write = no_space
 
     def close(self) -> None: ...
 
@@ -316,7 +286,7 @@ class _Full:
     [(CodegenError("no answer"), "no answer"), (KeyboardInterrupt(), "No space left"), (None, "No space left")],
 )
 def test_a_log_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException | None, words: str) -> None:
-    monkeypatch.setattr("hil_sim.logs.FORMATS", {".blf": _Full})
+    monkeypatch.setattr("hil_sim.logs.FORMATS", {".blf": FullFromTheStart})
 
     def run() -> None:
         with BusLog(tmp_path / "run.blf") as log:
@@ -329,44 +299,33 @@ def test_a_log_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error
 
     with pytest.raises(CodegenError, match=words):
         run()
+    monkeypatch.undo()
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(CodegenError, match=words):  # at the very end
+        write(tmp_path / "run.blf", some_frames(3), error)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["run", "run.blf.gz", ".blf"])
-def test_another_extension_names_the_four(tmp_path: Path, name: str) -> None:
-    with pytest.raises(CodegenError, match=r"one of \.blf, \.asc, \.log, \.mf4"):
-        BusLog(tmp_path / name)
+def test_what_cannot_be_a_log_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("run", "run.blf.gz", ".blf"):
+        with pytest.raises(CodegenError, match=r"one of \.blf, \.asc, \.log, \.mf4"):
+            BusLog(tmp_path / name)
     assert BusLog(tmp_path / "RUN.LOG")  # capitals are the same extension
-
-
-def test_without_asammdf_an_mf4_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "folder.blf").mkdir()
+    for name in ("missing/run.blf", "folder.blf", "nul\0.blf"):
+        with pytest.raises(CodegenError, match="cannot be written"):
+            BusLog(tmp_path / name).__enter__()
+    assert [one.name for one in tmp_path.iterdir()] == ["folder.blf"]
     monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(CodegenError, match=r'pip install "ars-codegen\[tools\]"'):
         BusLog(tmp_path / "run.mf4")
 
 
-@pytest.mark.parametrize("place", ["missing/run.blf", "folder.blf", "nul\0.blf"])
-def test_a_place_that_takes_no_file_is_refused_before_the_run(tmp_path: Path, place: str) -> None:
-    (tmp_path / "folder.blf").mkdir()
-    with pytest.raises(CodegenError, match="cannot be written"):
-        BusLog(tmp_path / place).__enter__()
-    assert [one.name for one in tmp_path.iterdir()] == ["folder.blf"]
-
-
 def test_a_link_is_followed_and_the_file_is_as_public_as_any(tmp_path: Path) -> None:
     (tmp_path / "kept").mkdir()
     (tmp_path / "run.blf").symlink_to("kept/real.blf")
-    write(tmp_path / "run.blf", some_frames(3), start=START)
+    write(tmp_path / "run.blf", some_frames(3))
     assert (tmp_path / "run.blf").is_symlink()
     assert len(read(tmp_path / "kept/real.blf")) == 3
     (tmp_path / "any").touch()
     assert (tmp_path / "kept/real.blf").stat().st_mode == (tmp_path / "any").stat().st_mode
-
-
-def test_a_log_of_many_containers_has_every_frame(tmp_path: Path) -> None:
-    """BLF packs frames into containers; one that is cut between two must be whole in the end."""
-    frames = [(Frame(number % 0x800, number.to_bytes(8, "big"), number / 1000), True) for number in range(5000)]
-    messages = read(write(tmp_path / "run.blf", frames, start=START))
-    assert [int.from_bytes(one.data, "big") for one in messages] == list(range(5000))
-    # All of them are multiples of 1 ms, of which many are no float64: none may come out 1 ns early.
-    assert all(math.isclose(one.timestamp, number / 1000, rel_tol=0, abs_tol=0.1e-9) for number, one in enumerate(messages))

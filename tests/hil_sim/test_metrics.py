@@ -1,7 +1,5 @@
 """Figures of runs against recordings made by hand; recordings on disk."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -15,41 +13,52 @@ from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
-from hil_sim.metrics import Run, evaluate, frequency, others, ramp, sine_with_dwell, spin_time, step_metrics
+from hil_sim.metrics import Run, RunMetrics, evaluate, frequency, others, sine_with_dwell, spin_time, step_metrics
 from hil_sim.recording import load_csv, save_csv, to_csv
 from hil_sim.runs import run
 from hil_sim.scenarios import SCENARIOS, find
 from hil_sim.suite.plants import changed
 from tests import builds
-from tests.hil_sim.made import record
+from tests.hil_sim.made import record, spun
 
 CONFIG = builds.CONFIG
 RATIO = CONFIG.steering.ratio
 DEGREE = math.radians(1.0)
+LATERAL, END = 4.0, 1.0 + manoeuvres.DWELL_LENGTH
+signs = pytest.mark.parametrize("sign", [1.0, -1.0])
 
 
-def run_of(name: str, made: np.ndarray, config: Config = CONFIG, **changes: float) -> Run:
-    return Run(made, replace(find(name), **changes), config)
+def figures(name: str, made: np.ndarray, config: Config = CONFIG, **changes: object) -> RunMetrics:
+    return evaluate(replace(find(name), **changes), config, {"one": made}).runs["one"]
+
+
+def run_of(name: str, made: np.ndarray) -> Run:
+    return Run(made, find(name), CONFIG)
+
+
+def check(found: RunMetrics, rel: float = 1e-6, **expected: float | bool | None) -> None:
+    for key, value in expected.items():
+        assert found[key] == (value if value is None or isinstance(value, bool) else pytest.approx(value, rel=rel)), key
+
+
+# --- a spin --------------------------------------------------------------------------------------------------------
 
 
 def spinning(sign: float = 1.0, degrees: float = 12.0, rear: float = -8.0) -> np.ndarray:
     """Sideslip that rises evenly from 3 s on to `degrees` at 4 s, as does the slip of the rear axle."""
-    made = record(6.0, status=0.0, yaw_rate_rad_s=0.3, front_angle_rad=0.05)
-    for name, end in (("sideslip_rad", degrees), ("slip_rear_rad", rear)):
-        made[:, RECORD_COLUMNS.index(name)] = sign * np.interp(made[:, 0], [3.0, 4.0], [0.0, end * DEGREE])
-    return made
+    ramp = {"sideslip_rad": degrees, "slip_rear_rad": rear}
+    columns = {name: lambda t, end=end: sign * np.interp(t, [3.0, 4.0], [0.0, end * DEGREE]) for name, end in ramp.items()}
+    return record(6.0, status=0.0, yaw_rate_rad_s=0.3, front_angle_rad=0.05, **columns)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@signs
 def test_a_spin_has_its_time_and_no_number_after_it(sign: float) -> None:
-    made = spinning(sign)
+    found = evaluate(find("low-friction"), CONFIG, {"controlled": spinning(sign), "passive": record(6.0, status=2.0)})
+    spun_car, dry = (found.runs[name].to_dict() for name in ("controlled", "passive"))
     # 10 deg of 12 are passed 0.8333 s up the ramp; the first row beyond counts.
-    assert spin_time(made) == pytest.approx(3.84)
-    found = evaluate(find("low-friction"), CONFIG, {"controlled": made, "passive": record(6.0, status=2.0)})
-    spun, dry = (found.runs[name].to_dict() for name in ("controlled", "passive"))
-    assert spun.pop("spun_at_s") == pytest.approx(3.84)
+    assert spun_car.pop("spun_at_s") == pytest.approx(3.84)
     assert dry["spun_at_s"] is None
-    assert set(spun.values()) == {None}
+    assert set(spun_car.values()) == {None}
     assert found.rows[0] == ("spin", "", ("spun at t = 3.84 s", "no"))
     assert all(texts[0] == "spun" and texts[1] != "spun" for _, _, texts in found.rows[1:])
 
@@ -65,18 +74,16 @@ def test_a_spin_needs_ten_degrees_and_a_sliding_rear_axle() -> None:
 
 
 def test_figures_from_before_the_spin_stay() -> None:
-    made = dwell_record()
-    late = made[:, 0] > 4.5
-    for name in ("sideslip_rad", "slip_rear_rad"):
-        made[late, RECORD_COLUMNS.index(name)] = 0.3
-    found = evaluate(find("sine-with-dwell"), CONFIG, {"controlled": made}).runs["controlled"]
+    found = figures("sine-with-dwell", spun(dwell_record(), 4.51))
     assert found["lateral_displacement_m"] is not None
     assert found["yaw_rate_ratio_1_00_s_percent"] is not None
-    assert found["yaw_rate_ratio_1_75_s_percent"] is None
-    assert found["meets_fmvss_126"] is False
+    check(found, yaw_rate_ratio_1_75_s_percent=None, meets_fmvss_126=False)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+# --- a step --------------------------------------------------------------------------------------------------------
+
+
+@signs
 def test_step(sign: float) -> None:
     """The yaw rate rises from 2 s on within 0.5 s to 0.6 rad/s and falls to 0.5 until 3 s."""
     made = record(
@@ -88,34 +95,29 @@ def test_step(sign: float) -> None:
     )
     found = step_metrics(made, 2.0, RATIO)
     assert found.settled
-    assert found.yaw_rate_steady_deg_s == pytest.approx(sign * math.degrees(0.5))
-    assert found.yaw_rate_peak_deg_s == pytest.approx(sign * math.degrees(0.6))
-    assert found.yaw_rate_reference_deg_s == pytest.approx(sign * math.degrees(0.4))
-    assert found.overshoot_percent == pytest.approx(20.0)
-    assert found.peak_time_s == pytest.approx(0.5)
     # 90 % of 0.5 rad/s lies 0.375 s up the ramp, and 0.51 rad/s 0.45 s down the other one; the row at or after it counts.
-    assert (found.rise_time_s, found.settling_time_s) == (pytest.approx(0.38), pytest.approx(0.95))
-    assert found.yaw_rate_gain_per_s == pytest.approx(0.5 / (0.1 * RATIO))
-    assert found.sideslip_abs_max_deg == pytest.approx(math.degrees(0.03))
-    assert found.sideslip_steady_deg == pytest.approx(sign * math.degrees(0.01))
+    times = (found.peak_time_s, found.rise_time_s, found.settling_time_s)
+    assert times == pytest.approx((0.5, 0.38, 0.95))
+    assert (found.overshoot_percent, found.yaw_rate_gain_per_s) == pytest.approx((20.0, 0.5 / (0.1 * RATIO)))
+    rates = (found.yaw_rate_steady_deg_s, found.yaw_rate_peak_deg_s, found.yaw_rate_reference_deg_s)
+    assert rates == pytest.approx([sign * math.degrees(rate) for rate in (0.5, 0.6, 0.4)])
+    angles = (found.sideslip_abs_max_deg, found.sideslip_steady_deg)
+    assert angles == pytest.approx((math.degrees(0.03), sign * math.degrees(0.01)))
 
 
-def test_settling_is_to_the_last_time_outside() -> None:
-    """A late dip of 3 % counts, one of 1 % does not; and a car that never steers has settled at once."""
-
-    def dip(share: float) -> np.ndarray:
-        return record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, 0.5) * (1.0 - share * ((t > 3.995) & (t < 4.995))))
-
-    assert step_metrics(dip(0.03), 1.0).settling_time_s == pytest.approx(4.0)
-    assert step_metrics(dip(0.01), 1.0).settling_time_s == pytest.approx(0.2)
-    assert step_metrics(record(6.0), 1.0).settling_time_s == 0.0
-
-
-def test_a_run_that_swings_to_the_end_is_not_settled() -> None:
-    found = step_metrics(record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.0, 0.0, 0.5 + 0.01 * np.sin(12.0 * t))), 1.0)
-    assert not found.settled
-    assert found.settling_time_s is None
-    assert found.overshoot_percent == pytest.approx(2.0, abs=0.1)
+@pytest.mark.parametrize(
+    ("wave", "settling_time"),
+    [
+        (lambda t: 0.5 - 0.015 * ((t > 3.995) & (t < 4.995)), 4.0),  # a late dip of 3 % counts
+        (lambda t: 0.5 - 0.005 * ((t > 3.995) & (t < 4.995)), 0.2),  # one of 1 % does not
+        (lambda t: 0.0 * t, 0.0),  # a car that never steers has settled at once
+        (lambda t: 0.5 + 0.011 * np.sin(12.0 * t), None),  # it swings to the end
+    ],
+)
+def test_settling_is_to_the_last_time_outside(wave: object, settling_time: float | None) -> None:
+    found = step_metrics(record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, wave(t))), 1.0)
+    assert found.settling_time_s == (None if settling_time is None else pytest.approx(settling_time))
+    assert found.settled == (settling_time is not None)
 
 
 @pytest.mark.parametrize(("held", "controlled"), [(0, True), (40, True), (60, False)])
@@ -134,47 +136,38 @@ def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
         slip_front_rad=lambda t: np.where(t < 4.9, -2.0, -0.5) * tyres.front_slip_bound,
         slip_rear_rad=lambda t: np.where(t < 4.9, 0.5, 1.25) * tyres.rear_slip_bound,
     )
-    scenario = replace(find("step-steer"), steer_time=2.0)
-    found = evaluate(scenario, CONFIG, {"run": made}).runs["run"]
-    assert found["slip_front_steady_deg"] == pytest.approx(-0.5 * math.degrees(tyres.front_slip_bound))
-    assert found["slip_front_steady_of_bound_percent"] == pytest.approx(50.0)
-    assert found["slip_rear_steady_of_bound_percent"] == pytest.approx(125.0)
+    found = figures("step-steer", made, steer_time=2.0)
+    check(found, slip_front_steady_deg=-0.5 * math.degrees(tyres.front_slip_bound))
+    check(found, slip_front_steady_of_bound_percent=50.0, slip_rear_steady_of_bound_percent=125.0)
     # Tyres without a slip bound have it in degrees alone.
     soft = {"limits": {"slip_departure_percent": 50.0}, "tyre": {"rear": {"cornering_stiffness_n_per_rad": 5_000.0}}}
-    unbounded = evaluate(scenario, changed(CONFIG, soft), {"run": made}).runs["run"]
-    assert unbounded["slip_rear_steady_deg"] == found["slip_rear_steady_deg"]
-    assert unbounded["slip_rear_steady_of_bound_percent"] is None
+    unbounded = figures("step-steer", made, changed(CONFIG, soft), steer_time=2.0)
+    check(unbounded, slip_rear_steady_deg=found["slip_rear_steady_deg"], slip_rear_steady_of_bound_percent=None)
 
 
-GRADIENT = 0.002
-"""rad s^2/m of the car made by hand."""
+# --- ramp, sine with dwell, frequency response ---------------------------------------------------------------------
 
 
-def ramp_run(sign: float = 1.0, share: float = 1.0) -> Run:
-    """80 km/h; lateral acceleration 0.1 m/s^2 more each second, an understeering car that bends beyond 4 m/s^2."""
-    speed = 80.0 / 3.6
-
-    def lateral(time: np.ndarray) -> np.ndarray:
-        return share * 0.1 * np.clip(time - 2.0, 0.0, None)
-
-    def angle(time: np.ndarray) -> np.ndarray:
-        ay = lateral(time)
-        return sign * ((CONFIG.vehicle.wheelbase / speed**2 + GRADIENT) * ay + 0.01 * np.clip(ay - 4.0, 0.0, None) ** 2)
-
-    made = record(62.0, speed_m_s=speed, front_angle_rad=angle, lateral_acceleration_m_s2=lambda t: sign * lateral(t))
-    return run_of("ramp-steer", made)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@signs
 def test_ramp(sign: float) -> None:
-    rows = {metric.key: metric.value for metric in ramp.measure(ramp_run(sign))}
-    assert rows["understeer_gradient_deg_s2_m"] == pytest.approx(math.degrees(GRADIENT), rel=1e-9)
-    expected = (CONFIG.vehicle.wheelbase / (80.0 / 3.6) ** 2 + GRADIENT) * 0.3 * 9.80665 * RATIO
-    assert rows["steering_wheel_at_0_3_g_deg"] == pytest.approx(sign * math.degrees(expected), rel=1e-9)
-    assert ramp.understeer_gradient(ramp_run(sign, 0.2)) is None  # the ramp never reaches the range of the fit
+    """80 km/h; lateral acceleration 0.1 m/s^2 more each second, an understeering car that bends beyond 4 m/s^2."""
+    speed, gradient = 80.0 / 3.6, 0.002
 
+    def ramp(share: float) -> RunMetrics:
+        def lateral(time: np.ndarray) -> np.ndarray:
+            return share * 0.1 * np.clip(time - 2.0, 0.0, None)
 
-LATERAL = 4.0
+        def angle(time: np.ndarray) -> np.ndarray:
+            ay = lateral(time)
+            return sign * ((CONFIG.vehicle.wheelbase / speed**2 + gradient) * ay + 0.01 * np.clip(ay - 4.0, 0.0, None) ** 2)
+
+        columns = {"front_angle_rad": angle, "lateral_acceleration_m_s2": lambda t: sign * lateral(t)}
+        return figures("ramp-steer", record(62.0, speed_m_s=speed, **columns))
+
+    expected = (CONFIG.vehicle.wheelbase / speed**2 + gradient) * 0.3 * 9.80665 * RATIO
+    check(ramp(1.0), 1e-9, understeer_gradient_deg_s2_m=math.degrees(gradient))
+    check(ramp(1.0), 1e-9, steering_wheel_at_0_3_g_deg=sign * math.degrees(expected))
+    check(ramp(0.2), understeer_gradient_deg_s2_m=None)  # the ramp never reaches the range of the fit
 
 
 def dwell_record(sign: float = 1.0, ratios: tuple[float, float] = (30.0, -5.0), lateral: float = LATERAL) -> np.ndarray:
@@ -182,8 +175,7 @@ def dwell_record(sign: float = 1.0, ratios: tuple[float, float] = (30.0, -5.0), 
 
     `ratios` are the yaw rates 1.00 s and 1.75 s after the end of steering, in % of that peak.
     """
-    end = 1.0 + manoeuvres.DWELL_LENGTH
-    times = [1.0, 1.3, 2.2, end, end + 1.00, end + 1.75]
+    times = [1.0, 1.3, 2.2, END, END + 1.00, END + 1.75]
     rates = [0.0, 0.6, -0.5, -0.45, *(-0.5 * share / 100.0 for share in ratios)]
     return record(
         6.0,
@@ -193,7 +185,7 @@ def dwell_record(sign: float = 1.0, ratios: tuple[float, float] = (30.0, -5.0), 
     )
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@signs
 def test_sine_with_dwell(sign: float) -> None:
     times = sine_with_dwell.steering_times(run_of("sine-with-dwell", dwell_record(sign)))
     assert times is not None
@@ -201,13 +193,13 @@ def test_sine_with_dwell(sign: float) -> None:
     assert times.beginning == pytest.approx(1.0 + math.asin(5.0 / 80.0) / (2.0 * math.pi * 0.7), abs=1e-5)
     assert times.reversal == pytest.approx(1.0 + 0.5 / 0.7, abs=1e-4)
     # 0.1 deg of 80 at 352 deg/s are 0.3 ms before the end.
-    assert times.completion == pytest.approx(1.0 + manoeuvres.DWELL_LENGTH, abs=2e-3)
-    found = evaluate(find("sine-with-dwell"), CONFIG, {"one": dwell_record(sign)}).runs["one"]
+    assert times.completion == pytest.approx(END, abs=2e-3)
+    found = figures("sine-with-dwell", dwell_record(sign))
     # The completion lies within 2 ms, over which this yaw rate moves by 0.6 % of its peak; between rows it is straight.
     assert found["yaw_rate_ratio_1_00_s_percent"] == pytest.approx(30.0, abs=0.7)
     assert found["yaw_rate_ratio_1_75_s_percent"] == pytest.approx(-5.0, abs=0.7)
-    assert found["lateral_displacement_m"] == pytest.approx(0.5 * LATERAL * 1.07**2, rel=1e-9)
-    assert found["meets_fmvss_126"] is True
+    check(found, 1e-9, lateral_displacement_m=0.5 * LATERAL * 1.07**2, meets_fmvss_126=True)
+    check(figures("sine-with-dwell", record(6.0)), lateral_displacement_m=None, meets_fmvss_126=None)
 
 
 @pytest.mark.parametrize(
@@ -220,24 +212,17 @@ def test_sine_with_dwell(sign: float) -> None:
         ((34.0, 19.0), 3.1, 3600.0, 6.0, True),  # a heavy car must reach 1.52 m
         ((34.0, 19.0), 2.6, 3600.0, 6.0, False),  # 1.49 m
         # A run that ends between the two times passes nothing, and fails where it has failed.
-        ((34.0, 19.0), LATERAL, 2335.0, 1.0 + manoeuvres.DWELL_LENGTH + 1.5, None),
-        ((36.0, 19.0), LATERAL, 2335.0, 1.0 + manoeuvres.DWELL_LENGTH + 1.5, False),
+        ((34.0, 19.0), LATERAL, 2335.0, END + 1.5, None),
+        ((36.0, 19.0), LATERAL, 2335.0, END + 1.5, False),
     ],
 )
 def test_criteria_of_the_standard(
     ratios: tuple[float, float], lateral: float, mass: float, end: float, met: bool | None
 ) -> None:
     made = dwell_record(ratios=ratios, lateral=lateral)
-    config = changed(CONFIG, {"vehicle": {"mass_kg": mass}})
-    found = evaluate(find("sine-with-dwell"), config, {"one": made[made[:, 0] < end]}).runs["one"]
+    found = figures("sine-with-dwell", made[made[:, 0] < end], changed(CONFIG, {"vehicle": {"mass_kg": mass}}))
     assert found["meets_fmvss_126"] is met
     assert (found["yaw_rate_ratio_1_75_s_percent"] is None) == (end < 6.0)
-
-
-def test_a_run_without_that_steering_has_none_of_its_figures() -> None:
-    found = evaluate(find("sine-with-dwell"), CONFIG, {"straight": record(6.0)}).runs["straight"]
-    assert found["lateral_displacement_m"] is None
-    assert found["meets_fmvss_126"] is None
 
 
 def test_displacement_of_an_acceleration_that_rises_evenly() -> None:
@@ -266,15 +251,13 @@ def test_frequency_response_of_a_known_filter() -> None:
     values = gain * (1.0 - pole) / np.abs(1.0 - pole * np.exp(-2j * np.pi * fine * 0.01))
     bandwidth = fine[np.argmax(values < values[0] * 10.0 ** (-3.0 / 20.0))]
     assert found.where_gain_falls(frequency.BANDWIDTH_SHARE) == pytest.approx(bandwidth, rel=2e-3)
+    # A car that does not fall off has no bandwidth, and one that stands still no gain.
+    rigid = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=0.3 * wheel)
+    check(figures("sine-sweep", rigid), bandwidth_3_db_hz=None, yaw_rate_gain_per_s=0.3)
+    check(figures("sine-sweep", record(85.0)), yaw_rate_gain_per_s=None)
 
 
-def test_a_car_that_does_not_fall_off_has_no_bandwidth() -> None:
-    wheel = find("sine-sweep").inputs(CONFIG)[::10, 1]
-    made = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=0.3 * wheel)
-    found = evaluate(find("sine-sweep"), CONFIG, {"one": made, "still": record(85.0)})
-    assert found.runs["one"]["bandwidth_3_db_hz"] is None
-    assert found.runs["one"]["yaw_rate_gain_per_s"] == pytest.approx(0.3)
-    assert found.runs["still"]["yaw_rate_gain_per_s"] is None
+# --- the others ----------------------------------------------------------------------------------------------------
 
 
 def test_corner() -> None:
@@ -285,13 +268,10 @@ def test_corner() -> None:
         rear_angle_rad=lambda t: np.interp(t, [3.0, 3.5], [0.02, 0.01]),
         status=lambda t: np.where(t < 3.045, 0.0, np.where(t < 3.085, 3.0, np.where(t < 4.195, 4.0, 1.0))),
     )
-    scenario = replace(find("ecu-loss"), faults=(Fault("drop", 3.0, 1.0),))
-    found = evaluate(scenario, CONFIG, {"one": made}).runs["one"]
-    assert found["yaw_rate_deviation_deg_s"] == pytest.approx(math.degrees(0.05), rel=0.03)  # one row of 51 before is after
-    assert found["rear_angle_deviation_deg"] == pytest.approx(math.degrees(0.01), rel=1e-3)
-    assert found["rear_rate_abs_max_deg_s"] == pytest.approx(math.degrees(0.02), rel=1e-6)
-    assert found["not_controlled_s"] == pytest.approx(4.2 - 3.05)
-    assert found["recovery_s"] == pytest.approx(0.2)
+    found = figures("ecu-loss", made, faults=(Fault("drop", 3.0, 1.0),))
+    check(found, 0.03, yaw_rate_deviation_deg_s=math.degrees(0.05))  # one row of 51 before is after
+    check(found, 1e-3, rear_angle_deviation_deg=math.degrees(0.01))
+    check(found, rear_rate_abs_max_deg_s=math.degrees(0.02), not_controlled_s=4.2 - 3.05, recovery_s=0.2)
 
 
 def test_path_of_a_circle() -> None:
@@ -304,7 +284,7 @@ def test_path_of_a_circle() -> None:
 
 def test_control_begins_and_ends_at_the_thresholds(software: Software) -> None:
     scenario = find("speed-ramp")
-    found = evaluate(scenario, CONFIG, {"controlled": run(software, scenario)}).runs["controlled"]
+    found = figures("speed-ramp", run(software, scenario))
     # 24 km/h in 6 s: a row is 0.04 km/h.
     assert found["control_begins_km_h"] == pytest.approx(15.0, abs=0.05)
     assert found["control_ends_km_h"] == pytest.approx(12.0, abs=0.05)
@@ -319,10 +299,9 @@ def test_a_recording_shows_how_well_the_reference_is_followed() -> None:
         yaw_rate_reference_rad_s=lambda t: np.where(t < 5.0, 0.11, 5.0),
         status=lambda t: np.where(t < 2.5, 1.0, np.where(t < 5.0, 0.0, 4.0)),
     )
-    found = evaluate(replace(find("step-steer"), kind="recording"), CONFIG, {"one": made}).runs["one"]
-    assert found["yaw_rate_error_rms_deg_s"] == pytest.approx(math.degrees(0.01))  # nothing of the fail-safe
-    assert (found["controlled_percent"], found["limited_percent"]) == pytest.approx((50.0, 25.0))
-    assert found["speed_max_km_h"] == pytest.approx(72.0)
+    found = figures("step-steer", made, kind="recording")
+    check(found, yaw_rate_error_rms_deg_s=math.degrees(0.01))  # nothing of the fail-safe
+    check(found, controlled_percent=50.0, limited_percent=25.0, speed_max_km_h=72.0)
 
 
 def test_a_car_at_rest_has_figures_and_no_recording_has_none() -> None:
@@ -334,17 +313,12 @@ def test_a_car_at_rest_has_figures_and_no_recording_has_none() -> None:
 
 
 def test_csv_reads_back_to_the_same_bits(tmp_path: Path) -> None:
-    made = record(6.0, status=3.0, yaw_rate_rad_s=np.random.default_rng(1).normal(size=600))
-    save_csv(made, tmp_path / "run.csv")
-    np.testing.assert_array_equal(load_csv(tmp_path / "run.csv"), made)
+    made, path = record(6.0, status=3.0, yaw_rate_rad_s=np.random.default_rng(1).normal(size=600)), tmp_path / "run.csv"
+    save_csv(made, path)
+    np.testing.assert_array_equal(load_csv(path), made)
     assert to_csv(made).splitlines()[1].endswith(b",3")
-
-
-@pytest.mark.parametrize(
-    "text", ["", "a,b\n", ",".join(RECORD_COLUMNS) + "\n1,2\n", ",".join(RECORD_COLUMNS) + "\n" + 11 * "x," + "1\n"]
-)
-def test_csv_that_is_no_run(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "run.csv"
-    path.write_text(text)
-    with pytest.raises(CodegenError, match=r"run\.csv"):
-        load_csv(path)
+    header = ",".join(RECORD_COLUMNS)
+    for text in ("", "a,b\n", f"{header}\n1,2\n", f"{header}\n{11 * 'x,'}1\n"):
+        path.write_text(text)
+        with pytest.raises(CodegenError, match=r"run\.csv"):
+            load_csv(path)
