@@ -1,7 +1,5 @@
 """The native ECU without a bus: its C under strict warnings, its program in the cache, its errors."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -20,21 +18,23 @@ from hil_sim import native
 from hil_sim.ecu_process import EcuProcess
 from tests import builds
 
-WARNINGS = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wundef"
-MORE_WARNINGS = "-Wmissing-prototypes -Wcast-qual -Wformat=2 -Werror"
+WARNINGS = (
+    "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wundef "
+    "-Wmissing-prototypes -Wcast-qual -Wformat=2 -Werror -O2"
+)
 
 
-def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+def run(*command: str | Path) -> tuple[int, str, str]:
+    result = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    return result.returncode, result.stdout, result.stderr
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path) -> Path:
     """A build, and a cache of the test's own."""
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CC", raising=False)
-    write_folder(builds.paper().folder, tmp_path / "build")
-    return tmp_path / "build"
+    return Path(shutil.copytree(build_folder, tmp_path / "build"))
 
 
 def replace_once(file: Path, old: str, new: str) -> None:
@@ -50,132 +50,101 @@ def test_other_names_and_periods_compile_without_a_warning(tmp_path: Path) -> No
     options, inputs = BuildOptions("sample", "rws_2", "double"), BuildInputs("sample.npz", "0" * 64, "preset")
     write_folder(build(builds.paper_map(), config, options, inputs), tmp_path / "build")
     source = tmp_path / "build" / "linux" / "rws_2_ecu.c"
-    flags = [*WARNINGS.split(), *MORE_WARNINGS.split(), "-O2", "-I", tmp_path / "build" / "include"]
-    result = run(*compiler_command(), *flags, "-c", source, "-o", tmp_path / "ecu.o")
-    assert result.returncode == 0, result.stderr
+    include, target = tmp_path / "build" / "include", tmp_path / "ecu.o"
+    assert run(*compiler_command(), *WARNINGS.split(), "-I", include, "-c", source, "-o", target) == (0, "", "")
     text = source.read_text("ascii")
     assert "period = INT64_C(12500000);" in text
     assert "= rws_2_task_12500us(&self->task, frame.data);" in text
 
 
-class TestProgram:
-    @pytest.fixture(scope="module")
-    @classmethod
-    def program(cls, tmp_path_factory: pytest.TempPathFactory) -> Path:
-        return native.compile_ecu(_written(tmp_path_factory.mktemp("build")))
-
-    def test_help(self, program: Path) -> None:
-        result = run(program, "--help")
-        assert (result.returncode, result.stderr) == (0, "")
-        assert result.stdout.startswith("usage: ars_ecu [--lock-step] ")
-
-    @pytest.mark.parametrize(
-        ("words", "message"),
-        [
-            ([], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
-            (["v" * 16], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
-            (["\x1b[2Jvcan"], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
-            (["vcan0", "vcan1"], "usage: an unknown option, or more than one interface; see --help"),
-            (["--lockstep", "vcan0"], "usage: an unknown option, or more than one interface; see --help"),
-            (["vcan0", "--priority"], "--priority: needs a number in its range; see --help"),
-            (["--priority", "0", "vcan0"], "--priority: needs a number in its range; see --help"),
-            (["--priority", "100", "vcan0"], "--priority: needs a number in its range; see --help"),
-            (["--parent", "12x", "vcan0"], "--parent: needs a number in its range; see --help"),
-            (["--parent", "99999999999999999999", "vcan0"], "--parent: needs a number in its range; see --help"),
-        ],
-        ids=str,
-    )
-    def test_bad_usage(self, program: Path, words: list[str], message: str) -> None:
-        result = run(program, *words)
-        assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {message}\n")
-
-    def test_an_interface_that_is_missing(self, program: Path) -> None:
-        """The message depends on whether the kernel has SocketCAN."""
-        result = run(program, "nosuchcan0")
-        assert (result.returncode, result.stdout) == (2, "")
-        assert result.stderr.startswith("error: nosuchcan0: ") and result.stderr.count("\n") == 1
-        words = result.stderr.removeprefix("error: ").strip()
-        with pytest.raises(CodegenError) as caught, EcuProcess([program, "nosuchcan0"]):
-            pass
-        assert str(caught.value) == f"the ECU did not start: {words}"
-
-    def test_a_failed_self_test_comes_before_the_bus(self, folder: Path) -> None:
-        replace_once(folder / "src" / "ars_selftest.c", "== 0xCCu;", "== 0xCDu;")
-        result = run(*native.command(folder, "vcan0"))
-        assert (result.returncode, result.stdout) == (1, "")
-        assert result.stderr == "error: the self-test failed; build and compile again\n"
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
+        (["v" * 16], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
+        (["\x1b[2Jvcan"], "INTERFACE: needs 1 to 15 printable characters; give the name of a CAN interface, say vcan0"),
+        (["vcan0", "vcan1"], "usage: an unknown option, or more than one interface; see --help"),
+        (["--lockstep", "vcan0"], "usage: an unknown option, or more than one interface; see --help"),
+        (["vcan0", "--priority"], "--priority: needs a number in its range; see --help"),
+        (["--priority", "0", "vcan0"], "--priority: needs a number in its range; see --help"),
+        (["--priority", "100", "vcan0"], "--priority: needs a number in its range; see --help"),
+        (["--parent", "12x", "vcan0"], "--parent: needs a number in its range; see --help"),
+        (["--parent", "99999999999999999999", "vcan0"], "--parent: needs a number in its range; see --help"),
+    ],
+    ids=str,
+)
+def test_bad_usage(build_folder: Path, words: list[str], message: str) -> None:
+    assert run(native.compile_ecu(build_folder), *words) == (2, "", f"error: {message}\n")
 
 
-def _written(place: Path) -> Path:
-    write_folder(builds.paper().folder, place / "build")
-    return place / "build"
+def test_help_and_an_interface_that_is_missing(build_folder: Path) -> None:
+    program = native.compile_ecu(build_folder)
+    code, output, errors = run(program, "--help")
+    assert (code, output.partition(" [")[0], errors) == (0, "usage: ars_ecu", "")
+    code, output, errors = run(program, "nosuchcan0")  # the message depends on whether the kernel has SocketCAN
+    assert (code, output, errors.count("\n")) == (2, "", 1)
+    assert errors.startswith("error: nosuchcan0: ")
+    with pytest.raises(CodegenError) as caught, EcuProcess([program, "nosuchcan0"]):
+        pass
+    assert str(caught.value) == f"the ECU did not start: {errors.removeprefix('error: ').strip()}"
 
 
-class TestCache:
-    def test_it_is_compiled_once_and_not_into_the_build(
-        self, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        program = native.compile_ecu(folder)
-        assert os.access(program, os.X_OK)
-        written = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-        assert written == {*builds.paper().folder.files, "manifest.json"}
-        assert list((tmp_path / "cache").iterdir()) == [program]  # no scratch is left
-        whole = program.read_bytes()
-        program.write_bytes(whole[:1000])  # a damaged program is compiled again
-        assert native.compile_ecu(folder).read_bytes() == whole
-        monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("compiled again"))
-        assert native.compile_ecu(folder) == program
-        assert native.command(folder, "vcan3") == [str(program), "vcan3"]
-        options = native.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
-        assert options == [str(program), "--lock-step", "--xcp", "--parent", "12", "vcan3"]
+def test_a_failed_self_test_comes_before_the_bus(folder: Path) -> None:
+    replace_once(folder / "src" / "ars_selftest.c", "== 0xCCu;", "== 0xCDu;")
+    assert run(*native.command(folder, "vcan0")) == (1, "", "error: the self-test failed; build and compile again\n")
 
-    def test_its_name_depends_on_sources_and_compiler(
-        self, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(native, "_compile", lambda *given: given[-1])
-        first = native.compile_ecu(folder)
-        (folder / "src" / "mine.c").write_text("#error mine\n")  # the manifest does not name it
-        assert native.compile_ecu(folder) == first
-        assert native.compile_ecu(_written(tmp_path / "elsewhere")) == first
-        names = {first}
-        for path in ("linux/ars_ecu.c", "src/ars_task.c", "include/ars_can.h"):
-            with (folder / path).open("a") as file:
-                file.write("/* edited */\n")
-            names.add(native.compile_ecu(folder))
-        monkeypatch.setenv("CC", f"{shutil.which(compiler_command()[0])} -g")
+
+def test_it_is_compiled_once_and_depends_on_no_folder(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path
+) -> None:
+    program = native.compile_ecu(folder)
+    assert os.access(program, os.X_OK)
+    written = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert written == {*builds.paper().folder.files, "manifest.json"}
+    assert list((tmp_path / "cache").iterdir()) == [program]  # no scratch is left
+    whole = program.read_bytes()
+    program.write_bytes(whole[:1000])  # a damaged program is compiled again
+    assert native.compile_ecu(build_folder).read_bytes() == whole
+    monkeypatch.setattr(native, "_compile", lambda *_: pytest.fail("compiled again"))
+    assert native.compile_ecu(folder) == program
+    assert native.command(folder, "vcan3") == [str(program), "vcan3"]
+    options = native.command(folder, "vcan3", lock_step=True, parent=12, xcp=True)
+    assert options == [str(program), "--lock-step", "--xcp", "--parent", "12", "vcan3"]
+
+
+def test_its_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path) -> None:
+    monkeypatch.setattr(native, "_compile", lambda *given: given[-1])
+    first = native.compile_ecu(folder)
+    (folder / "src" / "mine.c").write_text("#error mine\n")  # the manifest does not name it
+    assert native.compile_ecu(folder) == native.compile_ecu(build_folder) == first
+    names = {first}
+    for path in ("linux/ars_ecu.c", "src/ars_task.c", "include/ars_can.h"):
+        with (folder / path).open("a") as file:
+            file.write("/* edited */\n")
         names.add(native.compile_ecu(folder))
-        assert len(names) == 5
+    monkeypatch.setenv("CC", f"{shutil.which(compiler_command()[0])} -g")
+    names.add(native.compile_ecu(folder))
+    assert len(names) == 5
 
 
-def without_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "src" / "ars_can.c").unlink()
-
-
-def without_program(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_program(folder: Path, _: pytest.MonkeyPatch) -> None:
     replace_once(folder / "manifest.json", '"linux/ars_ecu.c"', '"linux/other.c"')
     (folder / "linux" / "ars_ecu.c").rename(folder / "linux" / "other.c")
 
 
-def with_an_error(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def with_an_error(folder: Path, _: pytest.MonkeyPatch) -> None:
     replace_once(folder / "linux" / "ars_ecu.c", "static ecu_t ecu;", "static ecu_t ecu")
-
-
-def on_another_system(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "darwin")
-
-
-def without_a_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", "/nowhere")
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (without_file, r"src/ars_can\.c: cannot be read .*build again"),
+        (lambda folder, _: (folder / "src/ars_can.c").unlink(), r"src/ars_can\.c: cannot be read .*build again"),
+        (lambda folder, _: (folder / "manifest.json").unlink(), r"there is no manifest\.json"),
         (without_program, r"the build has no linux/ars_ecu\.c; build again"),
         (with_an_error, r"^linux/ars_ecu\.c:\d+: the C does not compile: expected"),
-        (on_another_system, "the native ECU needs Linux; take --ecu cffi"),
-        (without_a_compiler, "no C compiler was found"),
+        (lambda _, patch: patch.setattr(sys, "platform", "darwin"), "the native ECU needs Linux; take --ecu cffi"),
+        (lambda _, patch: patch.setenv("PATH", "/nowhere"), "no C compiler was found"),
     ],
 )
 def test_a_build_that_is_not_compiled(
@@ -184,11 +153,6 @@ def test_a_build_that_is_not_compiled(
     change(folder, monkeypatch)
     with pytest.raises(BuildError, match=words):
         native.compile_ecu(folder)
-
-
-def test_a_folder_that_is_no_build(tmp_path: Path) -> None:
-    with pytest.raises(BuildError, match=r"there is no manifest\.json"):
-        native.compile_ecu(tmp_path)
 
 
 def test_counters_are_read() -> None:
