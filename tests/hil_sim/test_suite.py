@@ -1,9 +1,7 @@
-"""The test set: its cells and plants against the physics, its figures against runs made by hand, and drives with the PI.
+"""The test set: its cells and plants against the physics, its figures, and drives with the PI.
 
 The whole set, driven, is in `tests/evidence/drives/test_suite_drives.py`.
 """
-
-from __future__ import annotations
 
 import json
 import math
@@ -23,6 +21,7 @@ from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import second_plant
+from hil_sim.metrics import column
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import conditions as known
 from hil_sim.suite import plants, subjects, tracking
@@ -37,7 +36,7 @@ from hil_sim.suite.summary import summarise
 from hil_sim.suite.third_party import third_party_cells
 from hil_sim.suite.tracking import Outside, SuiteResult, run_suite
 from tests import builds
-from tests.hil_sim.made import record
+from tests.hil_sim.made import record, spun
 
 CONFIG = builds.CONFIG
 CASE = CONFIG.case("4ws-2")
@@ -53,12 +52,7 @@ def pi() -> Subject:
     return Subject("pi", CONFIG, around(builds.paper_map(), CONFIG))
 
 
-@pytest.fixture(scope="module")
-def passive(pi: Subject) -> Subject:
-    return passive_of(pi)
-
-
-def test_cells_are_six_speeds_by_four_amplitudes() -> None:
+def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
     problem, found = SteadyTurnProblem.from_config(CONFIG, CASE), cells(CONFIG, CASE)
     assert [(cell.speed_km_h, cell.share) for cell in found] == [(speed, share) for speed in SPEEDS_KM_H for share in SHARES]
     largest = [cell for cell in found if cell.share == 1.0]
@@ -70,9 +64,6 @@ def test_cells_are_six_speeds_by_four_amplitudes() -> None:
         assert solution.feasible[0].tolist() == [True, False]
     assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-
-
-def test_cells_end_with_the_grid() -> None:
     slow = plants.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
     assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
     slower = plants.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
@@ -87,20 +78,6 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert after == pytest.approx([80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0])  # 3 deg at the wheels: 40 at the hands
     assert before[1] == 0.0
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
-
-
-def slopes(config: Config) -> list[float]:
-    tyres = AxleTyres.from_config(config)
-    return [tyres.front.cornering_stiffness, tyres.rear.cornering_stiffness]
-
-
-def peaks(config: Config, share: float = 1.0) -> list[float]:
-    """Peak force at a share of the static load of the nominal car, N."""
-    original, tyres = AxleTyres.from_config(CONFIG), AxleTyres.from_config(config)
-    return [
-        tyre.peak(share * nominal.static_load, 0.9)
-        for tyre, nominal in ((tyres.front, original.front), (tyres.rear, original.rear))
-    ]
 
 
 @pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
@@ -126,10 +103,14 @@ def peaks(config: Config, share: float = 1.0) -> list[float]:
 def test_a_plant_differs_in_what_is_varied(
     base: Config, change: plants.Change, front: float, rear: float, peak: float, loaded: float, tables: set[str]
 ) -> None:
-    car = change(base)
-    assert slopes(car) == pytest.approx([front * slopes(base)[0], rear * slopes(base)[1]], rel=1e-12)
-    assert peaks(car) == pytest.approx([peak * value for value in peaks(base)], rel=1e-12)
-    assert peaks(car, 1.5) == pytest.approx([loaded * value for value in peaks(base, 1.5)], rel=1e-12)
+    """Cornering stiffness, and peak force at once and 1.5 times the static load of the nominal car."""
+    car, nominal = change(base), AxleTyres.from_config(CONFIG)
+    for axle, slope in (("front", front), ("rear", rear)):
+        load = getattr(nominal, axle).static_load
+        ours, theirs = (getattr(AxleTyres.from_config(config), axle) for config in (car, base))
+        assert ours.cornering_stiffness == pytest.approx(slope * theirs.cornering_stiffness, rel=1e-12)
+        assert ours.peak(load, 0.9) == pytest.approx(peak * theirs.peak(load, 0.9), rel=1e-12)
+        assert ours.peak(1.5 * load, 0.9) == pytest.approx(loaded * theirs.peak(1.5 * load, 0.9), rel=1e-12)
     before, after = base.model_dump(), car.model_dump()
     assert {name for name in before if before[name] != after[name]} == tables
     if "vehicle" in tables:
@@ -145,8 +126,7 @@ def test_a_plant_that_no_car_can_have_is_refused() -> None:
 
 
 def test_conditions_have_names_of_their_own_and_roads_below_the_maps() -> None:
-    names = [condition.name for condition in CONDITIONS]
-    assert len(set(names)) == len(names)
+    assert len({condition.name for condition in CONDITIONS}) == len(CONDITIONS)
     assert conditions(CONFIG) == CONDITIONS
     wet = plants.changed(CONFIG, {"road": {"friction": 0.5}})
     assert {condition.friction for condition in conditions(wet)} == {None, 0.4}
@@ -165,11 +145,10 @@ def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
 
 def test_figures_of_a_run_made_by_hand() -> None:
     found = judge(ramp_with_peak(-1.0), Cell(42.5, 5.0), "x", -0.4)
-    assert found.settled
-    assert not found.spun
     # See the step response of test_metrics.
     times = (found.overshoot_percent, found.rise_time_s, found.settling_time_s)
     assert times == pytest.approx((20.0, 0.38, 0.95))
+    assert found.settled and not found.spun
     assert found.sideslip_max_deg == pytest.approx(math.degrees(0.03))
     assert found.yaw_rate_steady_deg_s == pytest.approx(-math.degrees(0.5))
     assert found.share_of_reference == pytest.approx(1.25)
@@ -177,37 +156,21 @@ def test_figures_of_a_run_made_by_hand() -> None:
     creeping = record(DURATION, yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
     overshoot = judge(creeping, Cell(42.5, 5.0), "x").overshoot_percent
     assert overshoot == pytest.approx(0.0, abs=1e-6) and overshoot >= 0.0
-
-
-def test_a_spin_has_its_time_and_nothing_else() -> None:
-    made = ramp_with_peak()
-    late = made[:, 0] >= 5.0 - 1e-9
-    for name in ("sideslip_rad", "slip_rear_rad"):
-        made[late, RECORD_COLUMNS.index(name)] = 0.3
-    found = judge(made, Cell(42.5, 5.0), "x", 0.4)
-    assert found.spun_at_s == pytest.approx(4.0)
-    assert found.spun
-    figures = {
-        name: value for name, value in found.to_dict().items() if name not in ("cell", "condition", "spun_at_s", "settled")
-    }
-    assert set(figures.values()) == {None}
+    found = judge(spun(ramp_with_peak(), 5.0), Cell(42.5, 5.0), "x", 0.4)
+    assert found.spun and found.spun_at_s == pytest.approx(4.0)
+    figures = found.to_dict()
+    assert {figures[name] for name in set(figures) - {"cell", "condition", "spun_at_s", "settled"}} == {None}
 
 
 def result(share: float, **figures: Any) -> CellResult:
-    values = {
-        "spun_at_s": None,
-        "settled": True,
-        "overshoot_percent": 1.0,
-        "rise_time_s": 0.3,
-        "settling_time_s": 0.5,
-        "sideslip_max_deg": 1.0,
-        "yaw_rate_steady_deg_s": 20.0,
-        "share_of_reference": 1.0,
-    }
-    return CellResult(cell=Cell(60.0, 10.0 * share, share), condition="nominal", **{**values, **figures})
+    times = {"rise_time_s": 0.3, "settling_time_s": 0.5, "spun_at_s": None, "settled": True}
+    others = {"overshoot_percent": 1.0, "sideslip_max_deg": 1.0, "yaw_rate_steady_deg_s": 20.0, "share_of_reference": 1.0}
+    return CellResult(cell=Cell(60.0, 10.0 * share, share), condition="nominal", **{**times, **others, **figures})
 
 
-SPUN = dict.fromkeys(("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "share_of_reference"))
+FIGURES = ("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "share_of_reference")
+SPIN = result(1.0, spun_at_s=2.0, settled=False, **dict.fromkeys(FIGURES))
+SWINGING = result(1.0, settled=False, settling_time_s=None)
 
 
 def test_summary_names_the_worst_cell_of_each_figure() -> None:
@@ -215,7 +178,7 @@ def test_summary_names_the_worst_cell_of_each_figure() -> None:
         result(0.25, overshoot_percent=3.0),
         result(0.5, rise_time_s=0.7, share_of_reference=0.9),
         result(0.75, settled=False, settling_time_s=None, sideslip_max_deg=4.0),
-        result(1.0, spun_at_s=2.0, settled=False, **SPUN),
+        SPIN,
     ]
     found = summarise("pi", "nominal", rows)
     assert (found.cells, len(found.spins), len(found.unsettled)) == (4, 1, 1)
@@ -231,17 +194,15 @@ def test_summary_names_the_worst_cell_of_each_figure() -> None:
 
 
 def test_rise_times_leave_spins_out() -> None:
-    spin = result(0.75, spun_at_s=1.0, settled=False, **SPUN)
-    (row,) = rise_times("x", [result(0.5), result(0.75, rise_time_s=0.5), spin])
+    (row,) = rise_times("x", [result(0.5), result(0.75, rise_time_s=0.5), SPIN])
     assert (row.mean_s, row.largest_s) == (pytest.approx(0.4), 0.5)
-    assert rise_times("x", [spin])[0].mean_s is None
+    assert rise_times("x", [SPIN])[0].mean_s is None
     # They are compared where both cars stay on the road.
-    (slower,) = compare_rise(
-        [result(0.5, rise_time_s=0.4), spin, result(1.0)], [result(0.5), result(0.75, rise_time_s=9.0), spin]
-    )
+    ours, theirs = [result(0.5, rise_time_s=0.4), SPIN, result(1.0)], [result(0.5), result(0.75, rise_time_s=9.0), SPIN]
+    (slower,) = compare_rise(ours, theirs)
     assert (slower.speed_km_h, slower.cells, slower.mean_s, slower.other_mean_s) == (60.0, 1, 0.4, 0.3)
     assert slower.difference_s == pytest.approx(0.1)
-    assert compare_rise([spin], [result(0.75)]) == ()
+    assert compare_rise([SPIN], [result(0.75)]) == ()
 
 
 def good() -> Measured:
@@ -276,8 +237,6 @@ def test_a_good_controller_passes_every_row() -> None:
     assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
 
 
-SPIN = result(1.0, spun_at_s=2.0, settled=False, **SPUN)
-SWINGING = result(1.0, settled=False, settling_time_s=None)
 NOMINAL_CELLS, SLIPPERY_CELLS = "all cells, as configured", "friction 0.4, no estimate"
 
 
@@ -333,10 +292,7 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     assert lost.sensitivity is None
     assert lost.speed_of("sensitivity") == 120.0
     assert {row.note for row in requirements(replace(good(), margins=lost)) if row.passed is False} == {"an unstable loop"}
-
-
-def test_infinite_margins_are_no_numbers_in_json() -> None:
-    """JSON has no infinity. A PI without integral part may never cross unit gain."""
+    # JSON has no infinity. A PI without integral part may never cross unit gain.
     loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
     row = next(row for row in requirements(replace(good(), margins=loop)) if row.figure == "phase margin")
     assert (row.measured, row.passed) == (math.inf, True)
@@ -344,36 +300,26 @@ def test_infinite_margins_are_no_numbers_in_json() -> None:
     assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
 
 
-def test_the_controller_is_that_of_the_original_car(pi: Subject) -> None:
-    """Only the plant changes: the C beside it is the same in every library, and so is its map."""
+def test_a_subject_keeps_its_controller_on_every_plant(pi: Subject, build_folder: Any) -> None:
+    """The C is the same in every library, and whether it is rendered in memory or read from a folder."""
     nominal, slow = software_of(pi, NOMINAL), software_of(pi, LAGS[2])
-    assert slow.config.rear_actuator.lag_s > nominal.config.rear_actuator.lag_s
-    same = [software.parameters() for software in (nominal, slow)]
-    assert same[0].rear_angle_error_max == same[1].rear_angle_error_max
-    assert nominal.map_yaw_rate(20.0, 0.05) == slow.map_yaw_rate(20.0, 0.05)
     assert software_of(pi, NOMINAL) is nominal
-
-
-def test_a_build_folder_is_a_subject_too(pi: Subject, build_folder: Any) -> None:
-    """The same bits, whether rendered in memory or read from what `codegen build` left."""
+    assert slow.config.rear_actuator.lag_s > nominal.config.rear_actuator.lag_s
+    assert len({software.parameters().rear_angle_error_max for software in (nominal, slow)}) == 1
+    assert nominal.map_yaw_rate(20.0, 0.05) == slow.map_yaw_rate(20.0, 0.05)
     loaded = Subject("folder", CONFIG, around_folder(build_folder))
-    cell = c1(CONFIG)
-    assert np.array_equal(drive(loaded, NOMINAL, cell), drive(pi, NOMINAL, cell))
+    assert np.array_equal(drive(loaded, NOMINAL, c1(CONFIG)), drive(pi, NOMINAL, c1(CONFIG)))
 
 
-def test_parameters_reach_the_controller(pi: Subject) -> None:
+def test_parameters_and_one_sample_of_delay_reach_the_controller(pi: Subject) -> None:
     gentle = replace(pi, name="gentle", parameters={"integral_gain": 0.3})
     overshoots = [run_cell(subject, NOMINAL, c1(CONFIG)).overshoot_percent for subject in (pi, gentle)]
     assert overshoots[1] < 0.5 * overshoots[0]
     with pytest.raises(ValueError, match="no parameter 'gain'"):
         run_cell(replace(pi, parameters={"gain": 1.0}), NOMINAL, c1(CONFIG))
-
-
-def test_runs_have_one_sample_of_delay(pi: Subject) -> None:
-    """The first command that is not zero moves the rear axle one period later than without delay."""
-    cell = c1(CONFIG)
-    late, prompt = drive(pi, NOMINAL, cell), drive(pi, NOMINAL, cell, delay_samples=0)
-    moved = [int(np.flatnonzero(made[:, RECORD_COLUMNS.index("rear_angle_rad")])[0]) for made in (late, prompt)]
+    # The first command that is not zero moves the rear axle one period later than without delay.
+    late, prompt = drive(pi, NOMINAL, c1(CONFIG)), drive(pi, NOMINAL, c1(CONFIG), delay_samples=0)
+    moved = [int(np.flatnonzero(column(made, "rear_angle_rad"))[0]) for made in (late, prompt)]
     assert moved[0] == moved[1] + 1
 
 
@@ -383,12 +329,12 @@ def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
     for name in ("nominal", "friction-40", "friction-40-exact"):
         condition = next(each for each in CONDITIONS if each.name == name)
         references[name] = map_yaw_rate(pi, condition, cell)
-        made = drive(pi, condition, cell)[:, RECORD_COLUMNS.index("yaw_rate_reference_rad_s")]
+        made = column(drive(pi, condition, cell), "yaw_rate_reference_rad_s")
         assert made[-1] == pytest.approx(references[name], rel=1e-5)  # single precision
     assert references["friction-40"] == references["nominal"]
     assert references["friction-40-exact"] < 0.6 * references["nominal"]
     passive_runs = [drive(passive_of(pi), each, cell) for each in CONDITIONS if each.name in ("nominal", "friction-40")]
-    largest = [float(np.abs(made[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")]).max()) for made in passive_runs]
+    largest = [float(np.abs(column(made, "lateral_acceleration_m_s2")).max()) for made in passive_runs]
     assert largest[1] < 0.4 * 9.81 < largest[0]
 
 
@@ -422,15 +368,9 @@ def test_the_papers_pi(suite: SuiteResult) -> None:
     times = [row.mean_s for row in suite.rise_times["pi"]]
     assert times == sorted(times, reverse=True)
     assert not suite.passed
-    failed = {row.subject_matter for row in suite.requirements if row.passed is False}
-    assert {
-        "C1, actuator lag 50 ms",
-        "all cells, as configured",
-        "margins over the family",
-        "friction 0.6, no estimate",
-    } <= failed
-    unmeasured = {row.subject_matter for row in suite.requirements if row.passed is None}
-    assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= unmeasured
+    found = {passed: {row.subject_matter for row in suite.requirements if row.passed is passed} for passed in (False, None)}
+    assert {"C1, actuator lag 50 ms", "all cells, as configured", "margins over the family"} <= found[False]
+    assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= found[None]
 
 
 def test_recordings_for_pictures_are_those_that_were_judged(suite: SuiteResult) -> None:
@@ -439,7 +379,7 @@ def test_recordings_for_pictures_are_those_that_were_judged(suite: SuiteResult) 
     assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 120.0]
     assert shown[0].cell == c1(CONFIG)
     assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
-    assert not shown[0].records["passive"][:, RECORD_COLUMNS.index("rear_angle_rad")].any()
+    assert not column(shown[0].records["passive"], "rear_angle_rad").any()
     for each in shown[1:]:
         place = suite.cells.index(each.cell)
         for name in ("pi", "passive"):
@@ -456,7 +396,7 @@ def test_figures_from_elsewhere_may_come_later(suite: SuiteResult) -> None:
     assert later.to_dict()["instructions"] == 1501
 
 
-def test_suite_as_json(suite: SuiteResult) -> None:
+def test_suite_as_json_and_names_of_its_subjects(suite: SuiteResult, pi: Subject) -> None:
     data = json.loads(json.dumps(suite.to_dict(), allow_nan=False))
     assert data["tested"] == "pi"
     assert data["subjects"] == ["pi", "passive"]
@@ -464,9 +404,6 @@ def test_suite_as_json(suite: SuiteResult) -> None:
     assert data["requirements"][0]["asked"] == "at most 2 %"
     assert [(row["condition"], row["subject"]) for row in data["summaries"][:2]] == [("nominal", "pi"), ("nominal", "passive")]
     assert "243 linear single-track cars at 8 speeds from 15 to 120 km/h" in data["design_set"]
-
-
-def test_subjects_need_different_names(pi: Subject) -> None:
     with pytest.raises(ValueError, match="two subjects have one name: pi, pi"):
         run_suite(pi, [replace(pi)], CASE, chosen=[])
 
@@ -485,33 +422,31 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
 
 
-def linear_yaw_response(config: Config, speed: float, frequency: float) -> complex:
-    """Yaw rate over steering wheel angle of the linear passive car, over its steady value; the steering's lag included."""
-    a, b = (np.array(matrix) for matrix in single_track(config, "linear").jacobian([0, 0], [speed, 0, 0, 0.9]))
-    s = 2j * math.pi * frequency
-    lag = 1.0 / (1.0 + s * config.steering.lag_s)
-    return complex(np.linalg.solve(s * np.eye(2) - a, b[:, 1])[1] / np.linalg.solve(-a, b[:, 1])[1] * lag)
+def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:
+    passive, largest, speed = passive_of(pi), cells(CONFIG, CASE)[19], 100.0 * KM_H
+    a, b = (np.array(matrix) for matrix in single_track(CONFIG, "linear").jacobian([0, 0], [speed, 0, 0, 0.9]))
 
+    def response(frequency: float) -> complex:
+        """Yaw rate over front angle of the linear passive car, over its steady value."""
+        dynamic = np.linalg.solve(2j * math.pi * frequency * np.eye(2) - a, b[:, 1])
+        return complex(dynamic[1] / np.linalg.solve(-a, b[:, 1])[1])
 
-def test_sine_of_the_passive_car_is_that_of_linear_theory(passive: Subject) -> None:
-    largest = cells(CONFIG, CASE)[19]
+    def lag(frequency: float) -> complex:
+        return 1.0 + 2j * math.pi * frequency * CONFIG.steering.lag_s
+
+    lowest = abs(response(0.2) / lag(0.2))
     rows = sine_tracking(passive, [largest, Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)])
     assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(100.0, f) for f in (0.5, 1.0, 1.5)]
     # The passive car turns more than the map at 100 km/h by the ratio of their steady gains.
     small = Cell(100.0, 0.1 * largest.front_angle_deg)
-    steady = abs(linear_yaw_response(CONFIG, 100.0 * KM_H, 0.2))
-    gain = float(SingleTrack.from_config(CONFIG).yaw_gain(100.0 * KM_H))
+    gain = float(SingleTrack.from_config(CONFIG).yaw_gain(speed))
     of_map = map_yaw_rate(passive, NOMINAL, small) / math.radians(small.front_angle_deg)
-    assert rows[0].gain_of_map == pytest.approx(rows[0].gain_of_steady * steady * gain / of_map, rel=1e-2)
+    assert rows[0].gain_of_map == pytest.approx(rows[0].gain_of_steady * lowest * gain / of_map, rel=1e-2)
     for row in rows:
-        speed = row.speed_km_h * KM_H
-        theory = linear_yaw_response(CONFIG, speed, row.frequency_hz)
-        lowest = abs(linear_yaw_response(CONFIG, speed, 0.2))
         # The front angle of the recording is behind the steering's lag already. Tyres at a tenth of the largest angle bend a
         # little (measured: up to 0.07 % and 0.5 deg).
-        lag = 1.0 + 2j * math.pi * row.frequency_hz * CONFIG.steering.lag_s
-        assert row.gain_of_steady == pytest.approx(abs(theory * lag) / lowest, rel=1e-3)
-        assert row.phase_deg == pytest.approx(math.degrees(np.angle(theory * lag)), abs=0.6)
+        assert row.gain_of_steady == pytest.approx(abs(response(row.frequency_hz)) / lowest, rel=1e-3)
+        assert row.phase_deg == pytest.approx(math.degrees(np.angle(response(row.frequency_hz))), abs=0.6)
 
 
 @pytest.mark.parametrize("controlled", [True, False])
@@ -539,11 +474,8 @@ def test_third_partys_cells_are_judged_by_the_same_figures(
 def test_baselines_are_three_controllers_on_one_map() -> None:
     own = plants.changed(CONFIG, {"controller": {"rear_rate_max_deg_s": 25.0, "proportional_gain_s": 0.5}})
     found = subjects.baselines(builds.paper_map(), own)
-    assert (
-        [each.config.controller.kind for each in found]
-        == [each.name for each in found]
-        == ["pi", "feedforward", "proportional"]
-    )
+    names = ["pi", "feedforward", "proportional"]
+    assert [(each.name, each.config.controller.kind) for each in found] == [(name, name) for name in names]
     # The paper's has its own gains and no rate limit, whatever the configuration has; the others are as configured.
     assert (found[0].config.controller, found[0].config.limiter) == (CONFIG.controller, CONFIG.limiter)
     assert found[1].config.controller.rear_rate_max_deg_s == 25.0
