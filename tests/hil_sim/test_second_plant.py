@@ -3,8 +3,6 @@
 Longer drives on it, against linear theory and in closed loop, are in `tests/evidence/drives/test_second_plant.py`.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import math
@@ -15,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.refmap.map import ReferenceMap
@@ -27,13 +24,13 @@ from hil_sim.metrics import column, spin_time
 from hil_sim.second_plant import MultiBodyPlant, car_of, cells, package, published, run
 from hil_sim.second_plant.plant import LeftModelError
 from hil_sim.second_plant.rear_steer import ROLL, RearSteeredCar
-
-STATES = 29
+from hil_sim.suite.plants import changed
+from tests import builds
 
 
 @functools.cache
 def config() -> Config:
-    return car_of(published(), configuration.preset())
+    return car_of(published(), builds.CONFIG)
 
 
 @functools.cache
@@ -41,34 +38,31 @@ def reference_map() -> ReferenceMap:
     return solve_case(config(), "4ws-2")
 
 
+@pytest.fixture
+def car() -> RearSteeredCar:
+    return RearSteeredCar(published())
+
+
 def turning_state(car: RearSteeredCar, seed: int) -> list[float]:
     """A car in a turn, every state of it disturbed."""
     rng = np.random.default_rng(seed)
     state = np.array(car.straight_ahead(float(rng.uniform(8.0, 35.0))))
-    state += rng.uniform(-1.0, 1.0, STATES) * 0.01
+    state += rng.uniform(-1.0, 1.0, len(state)) * 0.01
     state[2], state[5], state[10] = rng.uniform(-0.1, 0.1), rng.uniform(-0.4, 0.4), rng.uniform(-0.5, 0.5)
     state[23:27] *= rng.uniform(0.98, 1.02, 4)
     return [float(value) for value in state]
 
 
-def test_without_rear_angle_the_hook_changes_no_bit() -> None:
-    original = package.module("vehicle_dynamics_mb").vehicle_dynamics_mb
-    parameters = published()
-    car = RearSteeredCar(parameters)
-    for seed in range(10):
-        state = turning_state(car, seed)
-        assert car.derivative(state, 0.1, -0.5) == original(list(state), [0.1, -0.5], parameters)
-
-
-def test_the_hook_changes_nothing_outside_itself() -> None:
+def test_the_hook_changes_no_bit_without_rear_angle_and_nothing_outside_itself(car: RearSteeredCar) -> None:
     module, tyres = package.module("vehicle_dynamics_mb"), package.module("utils.tire_model")
     before, functions = dict(vars(module)), dict(vars(tyres))
-    car, other = RearSteeredCar(published()), RearSteeredCar(published())
-    state = turning_state(car, 1)
-    kept, straight = list(state), other.derivative(state, 0.0, 0.0)
-    assert car.derivative(state, 0.0, 0.0, rear_angle=0.05) != straight
-    assert other.derivative(state, 0.0, 0.0) == straight
-    assert state == kept
+    for seed in range(10):
+        state = turning_state(car, seed)
+        kept, straight = list(state), module.vehicle_dynamics_mb(list(state), [0.1, -0.5], published())
+        assert car.derivative(state, 0.1, -0.5) == straight
+        assert car.derivative(state, 0.1, -0.5, rear_angle=0.05) != straight
+        assert car.derivative(state, 0.1, -0.5) == straight
+        assert state == kept
     assert vars(module) == before
     assert vars(tyres) == functions
 
@@ -88,12 +82,9 @@ def test_rear_wheels_steer_as_the_front_wheels_of_the_model_do(seed: int) -> Non
     rng = np.random.default_rng(seed)
     angle, yaw_rate, side = rng.uniform(-0.1, 0.1), rng.uniform(-0.3, 0.3), rng.uniform(-0.5, 0.5)
     spin = rng.uniform(0.97, 1.03, 4) * 20.0 / parameters.R_w
-    straight = car.straight_ahead(20.0)
-    steered_front, steered_rear = list(straight), list(straight)
-    steered_front[2], steered_front[5], steered_front[10] = angle, yaw_rate, side
-    steered_rear[5], steered_rear[10] = -yaw_rate, side
-    steered_front[23:27] = spin
-    steered_rear[23:27] = spin[[3, 2, 1, 0]]
+    steered_front, steered_rear = car.straight_ahead(20.0), car.straight_ahead(20.0)
+    steered_front[2], steered_front[5], steered_front[10], steered_front[23:27] = angle, yaw_rate, side, spin
+    steered_rear[5], steered_rear[10], steered_rear[23:27] = -yaw_rate, side, spin[[3, 2, 1, 0]]
     front_rates = car.derivative(steered_front, 0.0, 0.0)
     rear_rates = car.derivative(steered_rear, 0.0, 0.0, rear_angle=angle)
     exact = {"rel": 1e-9, "abs": 1e-9}  # rounding only: the sums are taken in another order
@@ -105,32 +96,25 @@ def test_rear_wheels_steer_as_the_front_wheels_of_the_model_do(seed: int) -> Non
     assert front_rates[23:27] == pytest.approx([rear_rates[place] for place in (26, 25, 24, 23)], **exact)
 
 
-def test_friction_scales_the_force() -> None:
+def test_friction_scales_the_force_and_a_yaw_moment_turns_to_the_left(car: RearSteeredCar) -> None:
     # One wheel turned in a car that rolls straight ahead: no load has moved yet.
-    car = RearSteeredCar(published())
     state = car.straight_ahead(20.0)
     dry, wet = (car.derivative(state, 0.0, 0.0, 0.05, friction)[20] for friction in (1.0, 0.5))
     assert wet == pytest.approx(0.5 * dry, rel=1e-12)
+    left, none = (car.derivative(state, 0.0, 0.0, 0.0, 1.0, moment)[5] for moment in (500.0, 0.0))
+    assert left - none == pytest.approx(500.0 / published().I_z, rel=1e-9)  # axes of the package: z down
     # The plant relates the road to the friction of the tyre data.
     plant, nominal = MultiBodyPlant(config(), 20.0), published().tire.p_dy1
     plant.advance([PlantInput(20.0, math.radians(30.0), 0.0, nominal)] * 100)
     dry, wet = (plant.sample(PlantInput(20.0, 0.0, 0.0, friction)).lateral_acceleration for friction in (nominal, 0.4))
     assert dry > 1.0
     assert wet == pytest.approx(0.4 / nominal * dry, rel=1e-9)
-
-
-def test_a_yaw_moment_turns_the_car_to_the_left() -> None:
-    car = RearSteeredCar(published())
-    state = car.straight_ahead(20.0)
-    left, none = (car.derivative(state, 0.0, 0.0, 0.0, 1.0, moment)[5] for moment in (500.0, 0.0))
-    assert left - none == pytest.approx(500.0 / published().I_z, rel=1e-9)  # axes of the package: z down
     plant = MultiBodyPlant(config(), 20.0)
     plant.advance([PlantInput(20.0, 0.0, 0.0, config().road.friction, 2000.0)] * 50)
     assert plant.sample(PlantInput(20.0, 0.0, 0.0, config().road.friction)).yaw_rate > 0.01
 
 
-def test_a_wheel_that_the_model_holds_stays_held() -> None:
-    car = RearSteeredCar(published())
+def test_a_wheel_that_the_model_holds_stays_held(car: RearSteeredCar) -> None:
     state = turning_state(car, 0)
     state[25] = -1.0
     assert car.derivative(state, 0.0, 0.0, rear_angle=0.05)[25] == 0.0
@@ -152,9 +136,8 @@ def test_actuators_are_those_of_our_own_plant() -> None:
 @pytest.mark.parametrize("number", package.PUBLISHED)
 def test_the_configuration_of_each_published_car_has_its_tyres_and_mass(number: int) -> None:
     parameters = published(number)
-    car = car_of(parameters, configuration.preset())
-    tyres = AxleTyres.from_config(car)
-    tyre, weight = parameters.tire, parameters.m * 9.81
+    car = car_of(parameters, builds.CONFIG)
+    tyres, tyre, weight = AxleTyres.from_config(car), parameters.tire, parameters.m * 9.81
     # Both wheels of both axles carry the car, and this tyre's stiffness is its load times -p_ky1.
     total = 2.0 * (tyres.front.cornering_stiffness + tyres.rear.cornering_stiffness)
     assert total == pytest.approx(-tyre.p_ky1 * weight, rel=1e-5)  # m is rounded, and the slope taken over 0.01 deg
@@ -165,29 +148,26 @@ def test_the_configuration_of_each_published_car_has_its_tyres_and_mass(number: 
     np.testing.assert_allclose(tyres.front.force(slip), theirs, rtol=0.03)
     assert 0.5 < car.vehicle.front_roll_share < 0.8
     others = {"vehicle", "tyre", "road"}
-    assert car.model_dump(exclude=others) == configuration.preset().model_dump(exclude=others)
+    assert car.model_dump(exclude=others) == builds.CONFIG.model_dump(exclude=others)
 
 
 def test_nine_cells_at_shares_of_the_feasible_front_angle() -> None:
-    nine = cells(reference_map())
-    assert [(cell.speed_km_h, cell.share) for cell in nine] == [(v, s) for v in (40.0, 70.0, 100.0) for s in (0.3, 0.6, 0.9)]
-    speed, angle = reference_map().speed, reference_map().front_angle
-    for cell in nine:
-        feasible = reference_map().feasible[int(np.argmin(np.abs(speed - cell.speed_km_h * KM_H)))]
-        assert cell.front_angle == pytest.approx(cell.share * angle[feasible].max(), rel=1e-9)
-    data = config().model_dump(mode="json")
-    data["grid"] = {"speed_max_km_h": 90.0, "speed_points": 5, "front_angle_points": 5}
+    found = reference_map()
+    assert [(cell.speed_km_h, cell.share) for cell in cells(found)] == [(v, s) for v in (40, 70, 100) for s in (0.3, 0.6, 0.9)]
+    for cell in cells(found):
+        feasible = found.feasible[int(np.argmin(np.abs(found.speed - cell.speed_km_h * KM_H)))]
+        assert cell.front_angle == pytest.approx(cell.share * found.front_angle[feasible].max(), rel=1e-9)
+    slow = changed(config(), {"grid": {"speed_max_km_h": 90.0, "speed_points": 5, "front_angle_points": 5}})
     with pytest.raises(CodegenError, match="no speed of 100 km/h"):
-        cells(solve_case(configuration.parse(data, "slow"), "4ws-2"))
+        cells(solve_case(slow, "4ws-2"))
 
 
 def test_the_command_acts_after_the_delay(software: Software) -> None:
-    scenario = replace(cells(reference_map())[1].scenario, duration=0.65)
-    moved = []
+    scenario, moved = replace(cells(reference_map())[1].scenario, duration=0.65), []
     for delay in (0, 3):
         record = run(software, config(), scenario, delay_samples=delay)
-        first = int(np.flatnonzero(column(record, "rear_angle_command_rad"))[0])
-        moved.append(int(np.flatnonzero(column(record, "rear_angle_rad"))[0]) - first)
+        first, acts = (int(np.flatnonzero(column(record, f"rear_angle_{name}"))[0]) for name in ("command_rad", "rad"))
+        moved.append(acts - first)
     # A command of the sample at t acts from t, and is seen at the next sample.
     assert moved == [1, 4]
 
@@ -216,31 +196,23 @@ def test_a_run_that_leaves_the_model_ends_as_a_spin(monkeypatch: pytest.MonkeyPa
         plant.sample(PlantInput(28.0, 0.0, 0.0, 1.0))
 
 
-def test_a_car_that_is_unknown_or_stands_is_refused() -> None:
+def test_what_cannot_be_driven_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    parameters, base = published(), config()
     with pytest.raises(CodegenError, match=r"no multi-body car 4; known: 1 \(Ford Escort\), 2 \(BMW 320i\)"):
         published(4)
     with pytest.raises(CodegenError, match="cannot start at 0 m/s; begin above 1 m/s"):
-        MultiBodyPlant(config(), 0.0)
+        MultiBodyPlant(base, 0.0)
 
-
-def test_without_the_package_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    parameters, base = published(), config()
-    for name in [name for name in sys.modules if name.split(".")[0] == "vehiclemodels"]:
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setitem(sys.modules, "vehiclemodels", None)
-    for use in (published, lambda: car_of(parameters), lambda: MultiBodyPlant(base, 20.0, parameters)):
-        with pytest.raises(CodegenError, match=r'pip install "ars-codegen\[crosscheck\]"') as caught:
-            use()
-        assert "\n" not in str(caught.value)
-
-
-def test_a_model_that_calls_its_tyres_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def two_wheels(state: list[float], _: object, car: Any) -> list[float]:
         for _ in range(2):
-            tireModel.formula_longitudinal(0.0, 0.0, 3000.0, car.tire)  # type: ignore[name-defined]  # noqa: F821
+            tireModel.formula_longitudinal(0.0, 0.0, 3000.0, car.tire)  # noqa: F821
         return list(state)
 
-    parameters = copy.deepcopy(published())
     monkeypatch.setattr(package.module("vehicle_dynamics_mb"), "vehicle_dynamics_mb", two_wheels)
     with pytest.raises(CodegenError, match="this release is not known"):
-        RearSteeredCar(parameters)
+        RearSteeredCar(copy.deepcopy(parameters))
+    for name in ["vehiclemodels", *(name for name in sys.modules if name.startswith("vehiclemodels."))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    for use in (published, lambda: car_of(parameters), lambda: MultiBodyPlant(base, 20.0, parameters)):
+        with pytest.raises(CodegenError, match=r'pip install "ars-codegen\[crosscheck\]"$'):
+            use()

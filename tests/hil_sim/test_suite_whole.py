@@ -3,13 +3,12 @@
 The whole suite, driven, is in `tests/evidence/drives/test_suite_drives.py`.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from hil_sim.suite.whole import run_whole
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
+MESSAGES = ("vehicle_motion", "vehicle_conditions", "rear_steer_command")
 SMALL = changed(PAPER, {"grid": {"speed_points": 5, "front_angle_points": 5}})
 
 
@@ -72,8 +72,9 @@ def test_each_candidate_has_its_baselines() -> None:
 
 
 def test_baselines_keep_the_users_sampling_time() -> None:
-    messages = {name: {"cycle_time_ms": 5.0} for name in ("vehicle_motion", "vehicle_conditions", "rear_steer_command")}
-    quick = changed(BEST, {"controller": {"sampling_time_s": 0.005}, "can": messages})
+    quick = changed(
+        BEST, {"controller": {"sampling_time_s": 0.005}, "can": {name: {"cycle_time_ms": 5.0} for name in MESSAGES}}
+    )
     for config in (*baseline_configs(quick).values(), recommended_config(quick)):
         assert config.controller.sampling_time_s == 0.005
         assert configuration.parse(config.model_dump(), "test") == config  # and are consistent as a whole
@@ -102,17 +103,14 @@ def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypa
     assert [each.name for each in line_up.baselines] == ["pi", "feedforward", "proportional"]
 
 
-def test_a_stack_stays_a_stack(tmp_path: Path) -> None:
+def test_a_stack_stays_a_stack_and_a_build_that_cannot_be_solved_again_is_refused(tmp_path: Path) -> None:
     found = of_folder(written(tmp_path, solve_stack(SMALL, "4ws-2", (0.5, 0.9)), SMALL))
     assert found.frictions == (0.5, 0.9)
     assert [layer.friction for layer in found.reference_map().layers] == [0.5]
-
-
-def test_a_build_that_cannot_be_solved_again_is_refused(tmp_path: Path) -> None:
     solved = builds.paper_map()
     bare = ReferenceMap(solved.speed, solved.front_angle, np.where(solved.feasible, solved.yaw_rate, np.nan), solved.feasible)
     with pytest.raises(BuildError, match="cannot be solved again"):
-        of_folder(written(tmp_path, bare, PAPER))
+        of_folder(written(tmp_path / "bare", bare, PAPER))
     for text in ('{"generator": "codegen", "files": {}}', '{"generator": "codegen", "files": {}, "inputs": 1}'):
         (tmp_path / "manifest.json").write_text(text, encoding="ascii")
         with pytest.raises(BuildError, match="build it again"):
@@ -164,17 +162,14 @@ def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Ki
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
 
 
-class AtOnce:
+class AtOnce(nullcontext):
     """Stands in for Background: calls in this process, at `get`."""
 
-    def __enter__(self) -> AtOnce:
+    def __enter__(self) -> "AtOnce":
         return self
 
-    def __exit__(self, *given: object) -> None:
-        pass
-
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        return type("Answer", (), {"get": lambda self: function(*arguments)})()
+        return SimpleNamespace(get=lambda: function(*arguments))
 
 
 @pytest.mark.parametrize("installed", [True, False])
