@@ -4,8 +4,6 @@ There is no crash and no write outside the calibration, and the controller alway
 after each packet.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The committed build, compiled once for this folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -31,13 +31,16 @@ static ars_xcp_setup_t setup;
 static ars_xcp_packet_t *answer;
 static ars_xcp_packet_t *packets;
 
-/* The pages of memory around the section, the page that nobody may write, and the measurements: what they must be. */
-static uint8_t *around;
-static uint8_t *around_before;
-static size_t around_size;
-static uint8_t *reference_before;
-static uint8_t *measurements;
-static uint8_t *measurements_before;
+/* Memory with a copy of what it must hold. */
+typedef struct {
+    uint8_t *now;
+    uint8_t *before;
+    size_t size;
+} kept_t;
+
+static kept_t around; /* the pages of memory around the section */
+static kept_t reference;
+static kept_t measurements;
 
 static bool is_valid(void)
 {
@@ -56,25 +59,25 @@ static uint8_t *block(size_t size)
 }
 
 /* Byte by byte: the pages around the section hold what the sanitizer lets nobody touch by its own functions. */
-static uint8_t *copy_of(const uint8_t *from, size_t size)
+static kept_t keep(uint8_t *now, size_t size)
 {
-    uint8_t *const result = block(size);
+    const kept_t result = { now, block(size), size };
     size_t k;
 
     for (k = 0u; k < size; k++) {
-        result[k] = from[k];
+        result.before[k] = now[k];
     }
     return result;
 }
 
-static bool is_same(const uint8_t *one, const uint8_t *other, size_t size)
+static bool is_same(const uint8_t *now, const kept_t *kept, size_t from, size_t to)
 {
     size_t k;
 
-    for (k = 0u; (k < size) && (one[k] == other[k]); k++) {
+    for (k = from; (k < to) && (now[k] == kept->before[k]); k++) {
         /* on */
     }
-    return k == size;
+    return k >= to;
 }
 
 static void set_up(void)
@@ -84,34 +87,31 @@ static void set_up(void)
     const uintptr_t before = (uintptr_t)__start_ars_calibration % page;
     size_t k;
 
-    around = __start_ars_calibration - before;
-    around_size = (size_t)(((before + size + page - 1u) / page) * page);
-    if (mprotect(around, around_size, PROT_READ | PROT_WRITE) != 0) {
+    around.now = __start_ars_calibration - before;
+    around.size = (size_t)(((before + size + page - 1u) / page) * page);
+    if (mprotect(around.now, around.size, PROT_READ | PROT_WRITE) != 0) {
         exit(3);
     }
-    around_before = copy_of(around, around_size);
-    measurements = block(sizeof(ars_task_t));
+    around = keep(around.now, around.size);
+    measurements.now = block(sizeof(ars_task_t));
     for (k = 0u; k < sizeof(ars_task_t); k++) {
-        measurements[k] = (uint8_t)((7u * k) + 3u);
+        measurements.now[k] = (uint8_t)((7u * k) + 3u);
     }
-    measurements_before = copy_of(measurements, sizeof(ars_task_t));
+    measurements = keep(measurements.now, sizeof(ars_task_t));
     setup.calibration = __start_ars_calibration;
     setup.working = block(size);
     setup.reference = block(size);
-    setup.measurements = measurements;
+    setup.measurements = measurements.now;
     setup.calibration_address = CALIBRATION_ADDRESS;
     setup.calibration_size = (uint32_t)size;
     setup.measurements_address = MEASUREMENTS_ADDRESS;
     setup.measurements_size = (uint32_t)sizeof(ars_task_t);
     setup.is_valid = is_valid;
-    slave = malloc(sizeof *slave);
-    answer = malloc(sizeof *answer);
-    packets = malloc((size_t)ARS_XCP_ODT_MAX * sizeof *packets);
-    if ((slave == NULL) || (answer == NULL) || (packets == NULL)) {
-        exit(3);
-    }
+    slave = (ars_xcp_t *)block(sizeof *slave);
+    answer = (ars_xcp_packet_t *)block(sizeof *answer);
+    packets = (ars_xcp_packet_t *)block((size_t)ARS_XCP_ODT_MAX * sizeof *packets);
     ars_xcp_init(slave, &setup);
-    reference_before = copy_of(setup.reference, size);
+    reference = keep(setup.reference, size);
 }
 
 /* 1: the section's neighbours were written; 2: the reference page was; 4: the measurements were; 8: the controller would run with
@@ -119,17 +119,15 @@ static void set_up(void)
 static unsigned int broken(void)
 {
     const size_t size = setup.calibration_size;
-    const size_t before = (size_t)(__start_ars_calibration - around);
-    const size_t behind = before + size;
+    const size_t before = (size_t)(__start_ars_calibration - around.now);
     unsigned int result = 0u;
 
-    result |= is_same(around, around_before, before) ? 0u : 1u;
-    result |= is_same(&around[behind], &around_before[behind], around_size - behind) ? 0u : 1u;
-    result |= is_same(setup.reference, reference_before, size) ? 0u : 2u;
-    result |= is_same(measurements, measurements_before, sizeof(ars_task_t)) ? 0u : 4u;
+    result |= is_same(around.now, &around, 0u, before) && is_same(around.now, &around, before + size, around.size) ? 0u : 1u;
+    result |= is_same(setup.reference, &reference, 0u, size) ? 0u : 2u;
+    result |= is_same(measurements.now, &measurements, 0u, measurements.size) ? 0u : 4u;
     result |= is_valid() ? 0u : 8u;
     if (slave->ecu_page == (uint8_t)ARS_XCP_PAGE_REFERENCE) {
-        result |= is_same(setup.calibration, reference_before, size) ? 0u : 16u;
+        result |= is_same(setup.calibration, &reference, 0u, size) ? 0u : 16u;
     }
     return result;
 }
@@ -160,8 +158,8 @@ static void on_event(void)
     uint8_t count;
     uint8_t k;
 
-    measurements[0]++;
-    measurements_before[0]++;
+    measurements.now[0]++;
+    measurements.before[0]++;
     count = ars_xcp_event(slave, packets);
     (void)putchar(count);
     for (k = 0u; k < count; k++) {

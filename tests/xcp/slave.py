@@ -1,7 +1,6 @@
 """The XCP slave alone, sanitized, as a process: packets in, answers out, and its invariants checked after each packet."""
 
-from __future__ import annotations
-
+import contextlib
 import shutil
 import struct
 import subprocess
@@ -106,18 +105,12 @@ class Slave:
     def __init__(self, program: Path) -> None:
         # No pipe: the sanitizer reports undefined behaviour, and the program goes on.
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed by __exit__
-        self._process = subprocess.Popen(
-            [*launcher(), str(program)],
-            env=environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-        )
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self._errors}
+        self._process = subprocess.Popen([*launcher(), str(program)], env=environment(), **pipes)
         # A slave with a planted fault may loop for ever: it is killed, which is reported as any other end.
         self._watch = threading.Timer(PATIENCE, self._process.kill)
         self._watch.daemon = True
         self._watch.start()
-        assert self._process.stdout is not None
         line = self._process.stdout.readline().decode("ascii")
         self.places = {name: int(number) for name, _, number in (word.partition("=") for word in line.split())}
 
@@ -160,12 +153,9 @@ class Slave:
         return self.answer("DOWNLOAD", len(data), data)
 
     def _request(self, record: bytes, size: int) -> bytes:
-        assert self._process.stdin is not None
-        try:
+        with contextlib.suppress(BrokenPipeError):  # then nothing comes to read
             self._process.stdin.write(record)
             self._process.stdin.flush()
-        except BrokenPipeError:
-            self._fail()
         return self._read(size)
 
     def _packet(self) -> bytes:
@@ -178,15 +168,11 @@ class Slave:
         assert not broken, "; ".join(text for bit, text in enumerate(BROKEN) if broken >> bit & 1)
 
     def _read(self, size: int) -> bytes:
-        assert self._process.stdout is not None
         data = self._process.stdout.read(size)
         if len(data) < size:
-            self._fail()
+            self._process.wait()
+            raise AssertionError(f"the slave ended: {self._error_output()}")
         return data
-
-    def _fail(self) -> None:
-        self._process.wait()
-        raise AssertionError(f"the slave ended: {self._error_output()}")
 
     def _error_output(self) -> str:
         self._errors.seek(0)

@@ -1,11 +1,8 @@
 """XCP around the native ECU, without a bus: its option, its identifiers and its addresses."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -29,7 +26,7 @@ from tests.xcp.slave import BUILD
         ({"xcp_receive_id": 0x800}, "xcp_receive_id"),
     ],
 )
-def test_identifiers_that_clash_are_refused(can: dict[str, Any], message: str) -> None:
+def test_identifiers_that_clash_are_refused(can: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         parse({"can": can}, "car.toml")
 
@@ -49,16 +46,10 @@ def test_identifiers_and_the_period_in_the_program(period: float, ticks: int, mo
     assert (view.receive_id, view.transmit_id) == ("0x07A", "0x07B")
 
 
-def test_addresses_fit_and_the_program_does_not_depend_on_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = native.compile_ecu(BUILD)
-    assert native.command(BUILD, "vcan3", lock_step=True, xcp=True) == [str(program), "--lock-step", "--xcp", "vcan3"]
-    for name in ("ars_parameters_default.proportional_gain", "ecu.task.controller.integral"):
-        place = Elf.read(program).place(name)
-        assert place is not None
-        assert 0 < place.address < 2**32
-    shutil.copytree(BUILD, tmp_path / "other")
-    monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
-    assert native.compile_ecu(tmp_path / "other").read_bytes() == program.read_bytes()
+@pytest.mark.parametrize("name", ["ars_parameters_default.proportional_gain", "ecu.task.controller.integral"])
+def test_addresses_fit(name: str) -> None:
+    place = Elf.read(native.compile_ecu(BUILD)).place(name)
+    assert place is not None and 0 < place.address < 2**32
 
 
 @pytest.mark.parametrize(
@@ -70,7 +61,7 @@ def test_addresses_fit_and_the_program_does_not_depend_on_the_folder(tmp_path: P
     ids=["no section", "PIE"],
 )
 def test_a_program_that_cannot_be_calibrated_is_refused(tmp_path: Path, flags: tuple[str, ...], message: str) -> None:
-    sources = [*sorted(BUILD.glob("src/*.c")), *sorted(BUILD.glob("linux/*.c"))]
+    sources = [*BUILD.glob("src/*.c"), *BUILD.glob("linux/*.c")]
     command = [*compiler_command(), "-std=c99", "-O0", *flags, "-Iinclude", *sources, "-o", tmp_path / "ecu", "-lm"]
     subprocess.run(command, cwd=BUILD, check=True)
     result = subprocess.run([tmp_path / "ecu", "--xcp", "vcan0"], capture_output=True, text=True, check=False)
@@ -78,8 +69,7 @@ def test_a_program_that_cannot_be_calibrated_is_refused(tmp_path: Path, flags: t
 
 
 def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
-    folder = tmp_path / "build"
-    shutil.copytree(BUILD, folder)
+    folder = Path(shutil.copytree(BUILD, tmp_path / "build"))
     manifest = folder / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"linux/ars_xcp.c"', '"linux/other.c"'))
     (folder / "linux" / "ars_xcp.c").rename(folder / "linux" / "other.c")

@@ -3,8 +3,6 @@
 The long run, with faults that it finds, is tests/evidence/drives/test_xcp_random.py.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
