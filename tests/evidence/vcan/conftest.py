@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 
 from codegen.sil.cache import cache_folder
+from codegen.sil.software import Software, load
 from tests.evidence.vcan.interfaces import INTERFACE, is_up, set_interface
 from tests.evidence.vcan.vcan_run import UNAVAILABLE
 
 HERE = Path(__file__).resolve().parent
+FOLDER = HERE.parents[2] / "generated/4ws2"
 STATE = "VCAN_TESTS"
 """Environment variable: `done` when the marked tests have run, `unavailable` when this machine has no way to run them."""
 
@@ -26,6 +28,12 @@ def vcan() -> Iterator[str]:
     yield INTERFACE
     if not is_up(INTERFACE):
         set_interface(INTERFACE, up=True)
+
+
+@pytest.fixture(scope="session")
+def software() -> Software:
+    """The committed build, compiled."""
+    return load(FOLDER)
 
 
 def is_under_vcan_run() -> bool:
@@ -56,13 +64,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if bool(item.get_closest_marker("vcan")) != inside]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]
-    elif state == "unavailable":
-        _skip(items, "SocketCAN is not available: vcan_run reports the reason above")
     else:
-        _skip(items, "run pytest tests/evidence/vcan alone")
-
-
-def _skip(items: list[pytest.Item], reason: str) -> None:
-    for item in items:
-        if item.get_closest_marker("vcan"):
-            item.add_marker(pytest.mark.skip(reason=reason))
+        reason = "run pytest tests/evidence/vcan alone"
+        if state == "unavailable":
+            reason = "SocketCAN is not available: vcan_run reports the reason above"
+        for item in items:
+            if item.get_closest_marker("vcan"):
+                item.add_marker(pytest.mark.skip(reason=reason))

@@ -1,7 +1,5 @@
 """The native ECU on SocketCAN: the answers of the generated task, in lock-step and in real time, and recovery from failures."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import signal
@@ -12,24 +10,24 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from codegen.sil.software import Status, load
+from codegen.sil.software import Software, Status
 from hil_sim import native
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.e2e import next_counter, protect
 from hil_sim.ecu_process import EcuProcess
 from hil_sim.frames import Frame
 from tests import builds
+from tests.evidence.vcan.conftest import FOLDER
 from tests.evidence.vcan.interfaces import add_vcan, set_interface
 
 pytestmark = pytest.mark.vcan
 
-FOLDER = Path(__file__).resolve().parents[3] / "generated/4ws2"
 CONFIG = builds.CONFIG
 MOTION, CONDITIONS, COMMAND = (
     message.id for message in (CONFIG.can.vehicle_motion, CONFIG.can.vehicle_conditions, CONFIG.can.rear_steer_command)
@@ -65,7 +63,7 @@ class Wire:
             return None
         return Frame(identifier, data[:length])
 
-    def __enter__(self) -> Wire:
+    def __enter__(self) -> "Wire":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -76,26 +74,20 @@ class Wire:
 class Car:
     """Frames of a car in a steady turn. The counters continue from set to set."""
 
-    counters: list[int] = field(default_factory=lambda: [0, 0])
+    counter: int = 0
 
     def frames(
-        self,
-        motion: VehicleMotion = STEADY_TURN,
-        conditions: VehicleConditions = STRAIGHT_REAR,
+        self, motion: VehicleMotion = STEADY_TURN, conditions: VehicleConditions = STRAIGHT_REAR
     ) -> list[tuple[int, bytes]]:
-        codec, result = Codec(CONFIG.can), []
+        codec, counter = Codec(CONFIG.can), self.counter
+        self.counter = next_counter(counter)
         codes = ((MOTION, codec.encode(motion)), (CONDITIONS, codec.encode(conditions)))
-        for index, (identifier, data) in enumerate(codes):
-            result.append((identifier, protect(identifier, self.counters[index], data)))
-            self.counters[index] = next_counter(self.counters[index])
-        return result
+        return [(identifier, protect(identifier, counter, data)) for identifier, data in codes]
 
     def command(self, frame: Frame | None) -> RearSteerCommand:
         """Decode an answer."""
         assert frame is not None, "no answer"
-        decoded = Codec(CONFIG.can).decode(frame.id, frame.data)
-        assert isinstance(decoded, RearSteerCommand)
-        return decoded
+        return Codec(CONFIG.can).decode(frame.id, frame.data)
 
     def takes_control(self, wire: Wire) -> bool:
         """Send a set for each command, until a command is that of an active controller."""
@@ -127,7 +119,6 @@ def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture(params=[True, False], ids=["lock-step", "real-time"])
 def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[subprocess.Popen[str]]:
     with started(native.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         yield process
 
@@ -136,9 +127,6 @@ def end(ecu: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> 
     """End an ECU by a signal, and return its line of counters or its error."""
     ecu.send_signal(number)
     return ecu.communicate(timeout=PATIENCE)[1]
-
-
-# --- lock-step -----------------------------------------------------------------------------------------------------
 
 
 def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
@@ -172,9 +160,9 @@ def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
     return frames
 
 
-def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wire) -> None:
+def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wire, software: Software) -> None:
     rng, car, sets, seen = np.random.default_rng(1), Car(), 500, 0
-    task = load(FOLDER).task()
+    task = software.task()
     with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid())) as ecu:
         for number in range(sets):
             for identifier, data in random_set(rng, car):
@@ -191,9 +179,6 @@ def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wi
     assert (counts["late_samples"], counts["early_samples"]) == (task.counters()["late_cycles"], 0)
     assert counts["lost_samples"] == task.counters()["lost_samples"] > 0  # the flipped bits
     assert seen & WRONG_LENGTH
-
-
-# --- real time -----------------------------------------------------------------------------------------------------
 
 
 def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None:
@@ -317,9 +302,6 @@ def test_a_pause_is_counted_not_made_up_for_and_its_frames_are_discarded(wire: W
     assert counts["cycles"] <= elapsed / PERIOD - 18
 
 
-# --- the bus fails -------------------------------------------------------------------------------------------------
-
-
 def wait_for_runs(ecu: int, count: int) -> None:
     """Wait until a process has slept `count` times more: an ECU sleeps after each run and each look for the bus."""
 
@@ -385,9 +367,6 @@ def test_an_interface_that_is_down_is_waited_for_and_no_set_after_it_is_missed(v
                 assert car.command(wire.receive()).status in GOOD
 
 
-# --- start and end -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_its_counters(running: subprocess.Popen[str], number: signal.Signals) -> None:
     names = "cycles late late_samples early_samples lost_samples discarded sent send_errors lateness_mean_us lateness_max_us"
@@ -399,7 +378,6 @@ def test_it_ends_with_its_parent(vcan: str) -> None:
     """A shell that is killed cannot end its children: they must notice it themselves."""
     script = f"{shlex.join(native.command(FOLDER, vcan, lock_step=True))} --parent $$ & wait"
     with started(["sh", "-c", script]) as shell:
-        assert shell.stdout is not None
         assert shell.stdout.readline() == "ready\n"
         shell.kill()
         _, errors = shell.communicate(timeout=PATIENCE)  # until the last process that holds the pipes has ended
@@ -423,7 +401,6 @@ def test_an_interface_that_cannot_be_used_is_named(interface: str, message: str)
 
 def test_priority_is_taken_or_refused(vcan: str) -> None:
     with started([*native.command(FOLDER, vcan, lock_step=True, parent=os.getpid()), "--priority", "7"]) as ecu:
-        assert ecu.stdout is not None
         if ecu.stdout.readline() == "ready\n":
             assert os.sched_getscheduler(ecu.pid) == os.SCHED_FIFO
             assert os.sched_getparam(ecu.pid).sched_priority == 7

@@ -1,7 +1,5 @@
 """XCP on SocketCAN: pyxcp is the master of the native ECU in the loop. The reference is the same task in this process."""
 
-from __future__ import annotations
-
 import logging
 import math
 import os
@@ -24,22 +22,23 @@ from pyxcp.master import Master
 from pyxcp.types import XcpTimeoutError
 
 from codegen.export.a2l.elf import Elf, Place
-from codegen.sil.software import RECORD_COLUMNS, Software, Status, load
+from codegen.sil.software import Software, Status
 from hil_sim import manoeuvres, native
 from hil_sim.bench import Cycle
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.codec import Codec, RearSteerCommand
 from hil_sim.ecu_process import EcuProcess
 from hil_sim.frames import Frame
+from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
 from hil_sim.runs import run_through_can
 from hil_sim.scenarios import find
 from hil_sim.session import Setup, run_plant
 from tests import builds
+from tests.evidence.vcan.conftest import FOLDER
 
 pytestmark = pytest.mark.vcan
 
-FOLDER = Path(__file__).resolve().parents[3] / "generated/4ws2"
 CAN = builds.CONFIG.can
 PATIENCE = 10.0
 """s: far longer than anything here takes; only a failure waits so long."""
@@ -58,25 +57,13 @@ KEPT: list[Any] = []
 """Objects that pyxcp's listening thread may still call from C++ after a session: they live as long as this process."""
 
 
-@pytest.fixture(scope="module")
-def software() -> Software:
-    return load(FOLDER)
-
-
 Program = Callable[[str], Place]
 
 
 @pytest.fixture(scope="module")
 def program() -> Program:
     """Return the place of an object of the native ECU by its name."""
-    elf = Elf.read(native.compile_ecu(FOLDER))
-
-    def place(name: str) -> Place:
-        found = elf.place(name)
-        assert found is not None
-        return found
-
-    return place
+    return Elf.read(native.compile_ecu(FOLDER)).place
 
 
 @pytest.fixture
@@ -123,12 +110,8 @@ class Rows(DaqOnlinePolicy):  # type: ignore[misc]
 
 def application(interface: str) -> PyXCP:
     """pyxcp's settings, without a file."""
-    settings = {
-        "interface": "socketcan",
-        "channel": interface,
-        "can_id_master": CAN.xcp_receive_id,
-        "can_id_slave": CAN.xcp_transmit_id,
-    }
+    settings = {"interface": "socketcan", "channel": interface}
+    settings |= {"can_id_master": CAN.xcp_receive_id, "can_id_slave": CAN.xcp_transmit_id}
     made = create_application_from_config({"Transport": {"CAN": settings}}, log_level=logging.WARNING)
     made.transport.layer = "CAN"
     made.general.disable_error_handling = True  # no retries: an error is the slave's answer
@@ -153,14 +136,18 @@ def settings(vcan: str) -> Iterator[None]:
     reset_application()
 
 
-def read(master: Master, program: Program, name: str) -> bytes:
-    place = program(name)
+def read(master: Master, place: Place) -> bytes:
     return bytes(master.shortUpload(place.size, place.address))
 
 
-def write(master: Master, address: int, data: bytes) -> None:
-    master.setMta(address)
-    master.download(data)
+def access(ecu: EcuProcess, address: int) -> str:
+    """Return the access rights of a process to its memory at an address: proc(5), maps."""
+    for line in Path(f"/proc/{ecu._process.pid}/maps").read_text().splitlines():
+        span, rights = line.split()[:2]
+        low, high = (int(end, 16) for end in span.split("-"))
+        if low <= address < high:
+            return rights
+    raise AssertionError("no memory there")
 
 
 def number(value: float) -> bytes:
@@ -218,7 +205,7 @@ def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software:
         frames = drive(vcan, software, rows.wait_for)
         rows.wait_for(len(frames))
         rows.stop()
-        uploaded = read(master, program, MEASURED["yaw_rate_reference"][0])
+        uploaded = read(master, program(MEASURED["yaw_rate_reference"][0]))
     expected, states = simulate(software)
     assert max(state["yaw_rate_reference"] for state in states) > 0.1
     assert frames == expected
@@ -237,10 +224,11 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
 
         def change(cycle: int) -> None:
             if cycle == CHANGED_AT:
-                write(master, program(GAIN).address, number(STRONGER))
+                master.setMta(program(GAIN).address)
+                master.download(number(STRONGER))
 
         changed = drive(vcan, software, change)
-        assert read(master, program, GAIN) == number(STRONGER)
+        assert read(master, program(GAIN)) == number(STRONGER)
     unchanged, _ = simulate(software)
     assert changed[:CHANGED_AT] == unchanged[:CHANGED_AT]
     assert changed[CHANGED_AT] != unchanged[CHANGED_AT]
@@ -286,7 +274,7 @@ def test_measurements_in_real_time(vcan: str, software: Software, program: Progr
     for row, k in zip(rows.rows, samples, strict=True):
         check_command(Frame(seen[k - 1].arbitration_id, bytes(seen[k - 1].data)), row)
     answered = np.isfinite(result.response) & (result.diagnostics == 0)
-    in_control = result.record[:, RECORD_COLUMNS.index("status")] <= Status.LIMITED  # before the car came, it was fail-safe
+    in_control = column(result.record, "status") <= Status.LIMITED  # before the car came, it was fail-safe
     first = int(np.argmax(answered & in_control))
     late = np.flatnonzero(~answered[first:])
     end = first + int(late[0]) if late.size else len(answered)
@@ -304,16 +292,5 @@ def test_without_the_option_there_is_no_slave_and_the_memory_is_read_only(vcan: 
         else:
             with pytest.raises(XcpTimeoutError):
                 master.connect()
-        assert _access(ecu, program(GAIN).address) == ("rw-p" if xcp else "r--p")
+        assert access(ecu, program(GAIN).address) == ("rw-p" if xcp else "r--p")
         assert ecu.alive
-
-
-def _access(ecu: EcuProcess, address: int) -> str:
-    """Return the access rights of a process to its memory at an address: proc(5), maps."""
-    assert ecu._process is not None
-    for line in Path(f"/proc/{ecu._process.pid}/maps").read_text().splitlines():
-        span, access = line.split()[:2]
-        low, high = (int(end, 16) for end in span.split("-"))
-        if low <= address < high:
-            return access
-    raise AssertionError("no memory there")
