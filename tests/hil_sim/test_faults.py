@@ -14,7 +14,7 @@ from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from hil_sim import fault_catalogue
 from hil_sim.bench import BenchResult
-from hil_sim.e2e import E2eStatus, Receiver, protect
+from hil_sim.e2e import protect
 from hil_sim.fault_catalogue import FaultCase, catalogue, judge, run_all, scenario
 from hil_sim.faults import FRAME_BITS_MAX, Fault, FaultKind, Injector
 from hil_sim.frames import Frame
@@ -44,13 +44,10 @@ def frames(cycle: int) -> list[Frame]:
     return [Frame(message.id, protect(message.e2e_data_id, cycle % 15, data)) for message in (MOTION, CONDITIONS)]
 
 
-def sent(faulty: Injector, cycles: int = 12) -> list[list[Frame]]:
-    return [faulty.outgoing(cycle, frames(cycle)) for cycle in range(cycles)]
-
-
 def numbers(faulty: Injector, message: int = MOTION.id) -> list[list[int]]:
     """Cycle numbers of the frames of one message, by the cycle in which they were sent."""
-    return [[frame.data[7] for frame in cycle if frame.id == message] for cycle in sent(faulty, 8)]
+    sent = [faulty.outgoing(cycle, frames(cycle)) for cycle in range(8)]
+    return [[frame.data[7] for frame in group if frame.id == message] for group in sent]
 
 
 LOST = [[0], [1], [], [], [], [5], [6], [7]]
@@ -91,21 +88,6 @@ def test_only_the_named_message_is_affected() -> None:
     assert injector(fault("drop", message=COMMAND.name)).outgoing(2, frames(2)) == frames(2)
 
 
-def test_corrupt_flips_one_bit_of_each() -> None:
-    for cycle, group in enumerate(sent(injector(fault("corrupt")))):
-        for frame, right in zip(group, frames(cycle), strict=True):
-            flipped = int.from_bytes(frame.data) ^ int.from_bytes(right.data)
-            assert flipped.bit_count() == (1 if cycle in (2, 3, 4) else 0)
-
-
-def test_a_frozen_counter_is_that_of_the_frame_before_under_a_right_crc() -> None:
-    receiver = Receiver(CAN.e2e)
-    groups = sent(injector(fault("freeze-counter"), fault("freeze-counter", 15)), 20)
-    checks = [receiver.check(MOTION.e2e_data_id, group[0].data) for group in groups]
-    assert checks[:6] == [E2eStatus.INITIAL, E2eStatus.OK, *[E2eStatus.REPEATED] * 3, E2eStatus.OK_SOME_LOST]
-    assert [group[0].data[1] & 0xF for group in groups[15:18]] == [14] * 3  # across the wrap
-
-
 def test_values() -> None:
     stuck = injector(fault("stuck-value", message=MOTION.name, signal="yaw_rate"))
     seen = [stuck.signals(cycle, MOTION.name, {**VALUES, "yaw_rate": 0.1 * cycle})["yaw_rate"] for cycle in range(7)]
@@ -121,7 +103,7 @@ def test_values() -> None:
 
 
 def test_foreign_traffic_fills_the_bus_and_no_more() -> None:
-    group = sent(injector(fault("foreign-traffic")))[2]
+    group = injector(fault("foreign-traffic")).outgoing(2, frames(2))
     own = {MOTION.id, CONDITIONS.id, COMMAND.id}
     assert [frame for frame in group if frame.id in own and not frame.extended] == frames(2)
     room = PERIOD * CAN.bitrate_kbit_s * 1e3 / FRAME_BITS_MAX
@@ -136,10 +118,8 @@ def test_foreign_traffic_fills_the_bus_and_no_more() -> None:
     ("kind", "more", "words"),
     [
         ("drop", {"message": "VehicleMoton"}, "did you mean 'VehicleMotion'"),
-        ("stuck-value", {"message": "VehicleMotion", "signal": "yawrate"}, "did you mean 'yaw_rate'"),
         ("stuck-value", {"message": "VehicleConditions", "signal": "speed"}, "names the signal 'speed'"),
         ("bus-down", {"message": "VehicleMotion"}, "takes no message"),
-        ("drop", {"message": "VehicleMotion", "signal": "speed"}, "takes no signal"),
         ("not-a-number", {"message": "RearSteerCommand", "signal": "rear_angle"}, "is the controller's"),
         ("delay", {}, "delay of 0 cycles"),
     ],
@@ -162,22 +142,6 @@ def test_every_kind_is_covered_and_messages_are_those_of_the_configuration() -> 
     config = Config(can=CAN.model_copy(update={"vehicle_motion": motion}))
     named = {fault.message for case in catalogue(config.can, PERIOD) for fault in case.faults}
     assert "Drive" in named and "VehicleMotion" not in named
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_many_faults_at_once(software: Software, seed: int) -> None:
-    """Random faults on top of each other: the rear angle stays within bounds and rate, and control comes back."""
-    draw = np.random.default_rng(seed)
-    kinds = [kind for kind in typing.get_args(FaultKind) if kind != "foreign-traffic"]
-    faults = []
-    for _ in range(8):
-        start, length, cycles = draw.uniform(0.3, 1.5), draw.uniform(0.01, 0.4), draw.integers(1, 8)
-        faults.append(Fault(draw.choice(kinds), float(start), float(length), cycles=int(cycles)))
-    result = run_through_can(software, replace(scenario(CASES["drop-1"]), faults=tuple(faults)), seed=seed)
-    rear, actuator = column(result.record, "rear_angle_rad"), software.config.rear_actuator
-    assert np.abs(rear).max() <= actuator.angle_max + COMMAND.rear_angle.factor
-    assert np.abs(np.diff(rear)).max() <= math.radians(actuator.rate_max_deg_s) * PERIOD * (1 + 1e-9)
-    assert column(result.record, "status")[-1] <= Status.LIMITED
 
 
 @pytest.fixture(scope="module")

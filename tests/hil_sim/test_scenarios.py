@@ -15,7 +15,7 @@ from codegen.vehicle.single_track import SingleTrack
 from hil_sim import manoeuvres
 from hil_sim.metrics import evaluate
 from hil_sim.runs import run
-from hil_sim.scenarios import DEFAULT, SCENARIOS, find, listing
+from hil_sim.scenarios import SCENARIOS, find
 from hil_sim.suite.plants import changed
 from tests import builds
 
@@ -47,15 +47,6 @@ def test_each_scenario_drives_and_has_its_figures(name: str, software: Software)
     assert set(figures["controlled"]) == set(figures["passive"])
     assert len(found.rows) >= 7
     assert figures["passive"]["rear_angle_max_deg"] in (0.0, None)
-
-
-def test_list_names_all_with_their_sources() -> None:
-    rows = listing()
-    assert [row.name for row in rows] == list(SCENARIOS)
-    assert rows[0].name == DEFAULT
-    assert all(row.what and row.source and row.duration_s > 0.0 for row in rows)
-    assert find("low-friction").title == "Low friction: 2 deg at the front wheels, 80 km/h, friction 0.5"
-    assert next(row.faults for row in rows if row.name == "ecu-loss") == ("ecu-restart at 9 s for 1 s",)
 
 
 def test_step_steer_is_the_papers() -> None:

@@ -16,7 +16,6 @@ from codegen.config import KM_H, Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap import exact
 from codegen.refmap.problem import SteadyTurnProblem
-from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
@@ -26,7 +25,7 @@ from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import conditions as known
 from hil_sim.suite import plants, tracking
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
-from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL, conditions
+from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
@@ -120,15 +119,6 @@ def test_a_plant_differs_in_what_is_varied(
     assert lag_and_way == (0.1 if "rear_actuator" in tables else 0.05, 0.6 if "plant" in tables else 0.0)
     with pytest.raises(ConfigError, match=r"varied plant.*mass_kg"):  # no car can have that
         plants.mass(-95.0)(base)
-
-
-def test_conditions_have_names_of_their_own_and_roads_below_the_maps() -> None:
-    assert len({condition.name for condition in CONDITIONS}) == len(CONDITIONS)
-    assert conditions(CONFIG) == CONDITIONS
-    wet = plants.changed(CONFIG, {"road": {"friction": 0.5}})
-    assert {condition.friction for condition in conditions(wet)} == {None, 0.4}
-    estimates = {(condition.friction, condition.estimate) for condition in CONDITIONS if condition.friction is not None}
-    assert estimates == {(0.6, None), (0.6, 0.6), (0.6, 0.8), (0.4, None), (0.4, 0.4), (0.4, 0.6)}
 
 
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
@@ -370,19 +360,6 @@ def test_the_papers_pi(suite: SuiteResult) -> None:
     found = {passed: {row.subject_matter for row in suite.requirements if row.passed is passed} for passed in (False, None)}
     assert {"C1, actuator lag 50 ms", "all cells, as configured", "margins over the family"} <= found[False]
     assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= found[None]
-
-
-def test_recordings_for_pictures_are_those_that_were_judged(suite: SuiteResult) -> None:
-    """The paper's step first, then cells of high speed; each with the map's yaw rate."""
-    shown = suite.shown
-    assert [each.cell.speed_km_h for each in shown] == [42.5, 60.0, 120.0]
-    assert shown[0].cell == c1(CONFIG)
-    assert shown[0].records["pi"].shape == (round(DURATION / 0.01), len(RECORD_COLUMNS))
-    assert not column(shown[0].records["passive"], "rear_angle_rad").any()
-    for each in shown[1:]:
-        place = suite.cells.index(each.cell)
-        for name in ("pi", "passive"):
-            assert judge(each.records[name], each.cell, "nominal", each.map_yaw_rate) == suite.results[name]["nominal"][place]
 
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
