@@ -15,7 +15,7 @@ SIOCSIFFLAGS = 0x8914
 IFF_UP = 0x1
 IFF_MULTICAST = 0x1000
 NLM_F_REQUEST, NLM_F_ACK, NLM_F_EXCL, NLM_F_CREATE = 0x1, 0x4, 0x200, 0x400
-RTM_NEWLINK, IFLA_IFNAME, IFLA_LINKINFO, IFLA_INFO_KIND = 16, 3, 18, 1
+RTM_NEWLINK, RTM_DELLINK, IFLA_IFNAME, IFLA_LINKINFO, IFLA_INFO_KIND = 16, 17, 3, 18, 1
 RTM_NEWROUTE, RTA_DST, RTA_OIF, RT_TABLE_MAIN, RTPROT_BOOT, RT_SCOPE_LINK, RTN_UNICAST = 24, 1, 4, 254, 3, 253, 1
 
 _IFREQ = struct.Struct("=16sH22x")
@@ -53,12 +53,17 @@ def add_vcan(name: str) -> None:
     _netlink(RTM_NEWLINK, _LINK.pack(socket.AF_UNSPEC, 0, 0, IFF_UP, IFF_UP) + link)
 
 
+def remove(name: str) -> None:
+    """Remove an interface, as `ip link delete` does."""
+    link = _LINK.pack(socket.AF_UNSPEC, 0, socket.if_nametoindex(name), 0, 0)
+    _netlink(RTM_DELLINK, link, NLM_F_REQUEST | NLM_F_ACK)
+
+
 def set_loopback_up() -> None:
     """Set `lo` up, with a route for multicast: where it is the only network, `udp_multicast` works on it."""
     _ioctl(SIOCSIFFLAGS, "lo", _flags("lo") | IFF_UP | IFF_MULTICAST)
-    to = _attribute(RTA_DST, socket.inet_aton("224.0.0.0")) + _attribute(
-        RTA_OIF, struct.pack("=I", socket.if_nametoindex("lo"))
-    )
+    to = _attribute(RTA_DST, socket.inet_aton("224.0.0.0"))
+    to += _attribute(RTA_OIF, struct.pack("=I", socket.if_nametoindex("lo")))
     route = _ROUTE.pack(socket.AF_INET, 4, 0, 0, RT_TABLE_MAIN, RTPROT_BOOT, RT_SCOPE_LINK, RTN_UNICAST, 0)
     _netlink(RTM_NEWROUTE, route + to)
 
@@ -78,9 +83,8 @@ def _attribute(kind: int, value: bytes) -> bytes:
     return struct.pack("=HH", 4 + len(value), kind) + value + padding
 
 
-def _netlink(kind: int, body: bytes) -> None:
-    """Ask for something new, wait for the answer."""
-    flags = NLM_F_REQUEST | NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL
+def _netlink(kind: int, body: bytes, flags: int = NLM_F_REQUEST | NLM_F_ACK | NLM_F_CREATE | NLM_F_EXCL) -> None:
+    """Ask for something, by default new; wait for the answer."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
         kernel.send(_NETLINK_HEADER.pack(_NETLINK_HEADER.size + len(body), kind, flags, 1, 0) + body)
         (error,) = struct.unpack_from("=i", kernel.recv(4096), _NETLINK_HEADER.size)

@@ -24,7 +24,7 @@ from hil_sim.ecu_process import EcuProcess
 from hil_sim.frames import Frame
 from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
-from tests.evidence.vcan.interfaces import add_vcan, set_interface
+from tests.evidence.vcan.interfaces import add_vcan, remove, set_interface
 
 pytestmark = pytest.mark.vcan
 
@@ -117,10 +117,11 @@ def started(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture(params=[True, False], ids=["lock-step", "real-time"])
-def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[subprocess.Popen[str]]:
+def running(request: pytest.FixtureRequest, vcan: str) -> Iterator[tuple[subprocess.Popen[str], bool]]:
+    """An ECU, and whether it is in lock-step."""
     with started(native.command(FOLDER, vcan, lock_step=request.param, parent=os.getpid())) as process:
         assert process.stdout.readline() == "ready\n"
-        yield process
+        yield process, request.param
 
 
 def end(ecu: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
@@ -145,9 +146,8 @@ def foreign_frames(rng: np.random.Generator) -> list[tuple[int, bytes]]:
 
 def random_set(rng: np.random.Generator, car: Car) -> list[tuple[int, bytes]]:
     """Both frames, some with a missing signal or a flipped bit, some after conditions that open no set or a wrong length."""
-    motion = VehicleMotion(rng.uniform(-2.0, 40.0), rng.uniform(-0.3, 0.3), rng.uniform(-0.8, 0.8))
-    if rng.random() < 0.05:
-        motion = VehicleMotion(motion.speed, motion.front_angle, float("nan"))
+    yaw_rate = rng.uniform(-0.8, 0.8) if rng.random() < 0.95 else float("nan")
+    motion = VehicleMotion(rng.uniform(-2.0, 40.0), rng.uniform(-0.3, 0.3), yaw_rate)
     conditions = VehicleConditions(rng.uniform(-0.05, 0.05), float(rng.choice([0.3, 0.9, np.nan])), bool(rng.random() < 0.1))
     frames = car.frames(motion, conditions)
     if rng.random() < 0.05:
@@ -263,24 +263,6 @@ def stopped(ecu: subprocess.Popen[str], wire: Wire, silence: float) -> Iterator[
     ecu.send_signal(signal.SIGCONT)
 
 
-@pytest.mark.long
-def test_frames_that_came_before_a_late_run_are_in_its_answer(wire: Wire, vcan: str) -> None:
-    """Bus and timer wake the ECU at once. If the timer came first, the first answer would not use the frames.
-
-    On a busy machine the pause may be too long for frames to be used: one of ten must be short enough.
-    """
-    for _ in range(10):
-        car = Car()
-        with started(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
-            assert car.command(wire.receive()).diagnostics & TASK_EARLY
-            with stopped(ecu, wire, 1.5 * PERIOD):
-                wire.send(*car.frames())
-            answer = car.command(wire.receive())
-        if not np.isnan(answer.rear_angle) and answer.diagnostics == 0:
-            return
-    pytest.fail("no first answer used the frames")
-
-
 def test_a_pause_is_counted_not_made_up_for_and_its_frames_are_discarded(wire: Wire, vcan: str) -> None:
     """Thirty samples in sequence come while the ECU has no processor. They are old when it wakes."""
     car, begun = Car(), time.monotonic()
@@ -315,40 +297,30 @@ def wait_for_runs(ecu: int, count: int) -> None:
         time.sleep(PERIOD / 2.0)
 
 
-def remove_interface(name: str) -> None:
-    """Remove an interface, as `ip link delete` does: linux/rtnetlink.h, RTM_DELLINK."""
-    request = struct.pack("=IHHII BxHiII", 32, 17, 0x1 | 0x4, 1, 0, socket.AF_UNSPEC, 0, socket.if_nametoindex(name), 0, 0)
-    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
-        kernel.send(request)
-        (error,) = struct.unpack_from("=i", kernel.recv(4096), 16)
-    assert error == 0, os.strerror(-error)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("fail", "repair"),
-    [(lambda name: set_interface(name, up=False), lambda name: set_interface(name, up=True)), (remove_interface, add_vcan)],
+    [(lambda name: set_interface(name, up=False), lambda name: set_interface(name, up=True)), (remove, add_vcan)],
     ids=["down", "removed"],
 )
 def test_it_recovers_when_the_interface_is_back(
     vcan: str,
-    running: subprocess.Popen[str],
-    request: pytest.FixtureRequest,
+    running: tuple[subprocess.Popen[str], bool],
     fail: Callable[[str], None],
     repair: Callable[[str], None],
 ) -> None:
-    car, in_real_time = Car(), "real-time" in request.node.name
+    car, (ecu, lock_step) = Car(), running
     with Wire(vcan) as wire:
         assert car.takes_control(wire)
     fail(vcan)
     try:
-        wait_for_runs(running.pid, 10)
+        wait_for_runs(ecu.pid, 10)
     finally:
         repair(vcan)
     with Wire(vcan) as wire:
         assert car.takes_control(wire)
-    counts = native.counters(end(running))
-    assert (counts["send_errors"] > 0) == in_real_time  # in lock-step there was nothing to answer
+    counts = native.counters(end(ecu))
+    assert (counts["send_errors"] == 0) == lock_step  # there was nothing to answer
     assert counts["cycles"] == counts["sent"] + counts["send_errors"]
 
 
@@ -368,10 +340,10 @@ def test_an_interface_that_is_down_is_waited_for_and_no_set_after_it_is_missed(v
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_with_its_counters(running: subprocess.Popen[str], number: signal.Signals) -> None:
+def test_a_signal_ends_it_with_its_counters(running: tuple[subprocess.Popen[str], bool], number: signal.Signals) -> None:
     names = "cycles late late_samples early_samples lost_samples discarded sent send_errors lateness_mean_us lateness_max_us"
-    assert list(native.counters(end(running, number))) == names.split()
-    assert running.returncode == 0
+    assert list(native.counters(end(running[0], number))) == names.split()
+    assert running[0].returncode == 0
 
 
 def test_it_ends_with_its_parent(vcan: str) -> None:
@@ -387,16 +359,13 @@ def test_it_ends_with_its_parent(vcan: str) -> None:
 @pytest.mark.parametrize(
     ("interface", "message"),
     [
-        (
-            "vcan77",
-            "vcan77: no such CAN interface; make one: sudo ip link add dev vcan77 type vcan && sudo ip link set up vcan77",
-        ),
-        ("lo", "lo: not a CAN interface"),
+        ("vcan77", "no such CAN interface; make one: sudo ip link add dev vcan77 type vcan && sudo ip link set up vcan77"),
+        ("lo", "not a CAN interface"),
     ],
 )
 def test_an_interface_that_cannot_be_used_is_named(interface: str, message: str) -> None:
     result = subprocess.run(native.command(FOLDER, interface), capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {message}\n")
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", f"error: {interface}: {message}\n")
 
 
 def test_priority_is_taken_or_refused(vcan: str) -> None:
@@ -407,7 +376,4 @@ def test_priority_is_taken_or_refused(vcan: str) -> None:
             assert "VmLck:\t       0 kB" not in Path(f"/proc/{ecu.pid}/status").read_text()
             assert native.counters(end(ecu))["cycles"] == 0
         else:
-            assert end(ecu) == (
-                "error: --priority: Operation not permitted; "
-                "run it as root, or with the capabilities cap_sys_nice and cap_ipc_lock\n"
-            )
+            assert end(ecu).startswith("error: --priority: Operation not permitted; run it as root, or with")

@@ -235,14 +235,6 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
     assert changed == simulate(software, gain=STRONGER)[0]
 
 
-def test_a_slave_without_a_session_changes_no_frame(vcan: str, software: Software) -> None:
-    with EcuProcess(native.command(FOLDER, vcan, lock_step=True, parent=os.getpid(), xcp=True)) as ecu:
-        frames = drive(vcan, software)
-        counts = native.counters(ecu.stop())
-    assert frames == simulate(software)[0]
-    assert counts["lost_packets"] == 0
-
-
 def test_measurements_in_real_time(vcan: str, software: Software, program: Program) -> None:
     """The list's sample of the same run follows each command. While commands are in time, the run is that of lock-step."""
     seen: list[can.Message] = []

@@ -85,23 +85,9 @@ def write_job(folder: Path, command: Sequence[str], writable: Sequence[Path]) ->
 
 def kernel_command(folder: Path) -> list[str]:
     """The command line: terminal 0 is standard output, terminal 1, also the kernel's console, standard error."""
-    return [
-        str(KERNEL),
-        f"mem={MEMORY_MB}M",
-        f"uml_dir={folder}/",
-        "root=/dev/root",
-        "rootfstype=hostfs",
-        "rootflags=/",
-        "ro",
-        "quiet",
-        "loglevel=0",
-        "con=null",
-        "con0=null,fd:1",
-        "con1=null,fd:2",
-        "console=tty1",
-        "ssl=null",
-        f"init={folder}/init",
-    ]
+    root = "root=/dev/root rootfstype=hostfs rootflags=/ ro quiet loglevel=0"
+    terminals = "con=null con0=null,fd:1 con1=null,fd:2 console=tty1 ssl=null"
+    return [str(KERNEL), f"mem={MEMORY_MB}M", f"uml_dir={folder}/", *root.split(), *terminals.split(), f"init={folder}/init"]
 
 
 def kernel_environment(*, steady: bool) -> dict[str, str]:
