@@ -117,18 +117,6 @@ def test_a_stack_stays_a_stack_and_a_build_that_cannot_be_solved_again_is_refuse
             of_folder(tmp_path)
 
 
-def test_a_baseline_that_cannot_be_tuned_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*given: Any) -> Config:
-        raise ConfigError("no gains meet the demands", where="[tuning]", remedy="ask for less")
-
-    monkeypatch.setattr(candidate, "tuned", refuse)
-    line_up = Candidate("x", SMALL, "4ws-2", (0.9,)).line_up()
-    assert [each.name for each in line_up.baselines] == ["feedforward", "proportional"]
-    assert line_up.notes == ("tracking is not shown beside: [tuning]: no gains meet the demands; ask for less",)
-    with pytest.raises(ConfigError, match="no gains"):
-        Candidate("x", of_kind(SMALL, "tracking"), "4ws-2", (0.9,)).line_up()
-
-
 def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_path: Path) -> None:
     with Background() as background:
         root, refused = background.call(math.sqrt, 9.0), background.call(configuration.load, tmp_path / "ars.toml")
@@ -195,16 +183,14 @@ def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed
     count = refuse if installed else (lambda files, manifest: len(files))
     found = run_whole(Candidate("x", PAPER, "4ws-2", (0.9,)), count, stage)
     assert found.edited == ()
+    assert stages["driving"] == [(1, 1)]
+    last = stages["third party's plant and instructions"]
     if installed:
-        assert found.notes == (
-            "a note",
-            "pi was not driven on the third party's plant: ziglang: not installed; install it",
-            "the instructions of a step were not counted: ziglang: not installed; install it",
-        )
-        assert (found.result.third_party, found.result.instructions) == ({}, None)
+        missing = "ziglang: not installed; install it"
+        driven = f"pi was not driven on the third party's plant: {missing}"
+        assert found.notes == ("a note", driven, f"the instructions of a step were not counted: {missing}")
+        assert (found.result.third_party, found.result.instructions, last) == ({}, None, [(1, 2), (2, 2)])
     else:
         assert found.notes == ("a note", whole.THIRD_PARTY_MISSING)
         assert found.result.requirements[-1].measured == found.result.instructions > 10
-    last = "third party's plant and instructions"
-    assert stages == {"driving": [(1, 1)], last: [(1, 2), (2, 2)] if installed else [(1, 1)]}
-    assert run_whole(Candidate("x", PAPER, "4ws-2", (0.9,))).result.instructions is None
+        assert last == [(1, 1)]

@@ -1,4 +1,7 @@
-"""XCP around the native ECU, without a bus: its option, its identifiers and its addresses."""
+"""XCP around the native ECU, without a bus: its option, its identifiers and its addresses; random packets to the slave.
+
+The long run of those, with faults that it finds, is tests/evidence/drives/test_xcp_random.py.
+"""
 
 import shutil
 import subprocess
@@ -13,7 +16,8 @@ from codegen.export.a2l.elf import Elf
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
 from hil_sim.session import check_xcp
-from tests.xcp.slave import BUILD
+from tests.xcp.checks import run_random_packets
+from tests.xcp.slave import BUILD, COMMANDS, ERRORS, Objects
 
 
 @pytest.mark.parametrize(
@@ -80,3 +84,17 @@ def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
     for kind in ("cffi", "external"):
         with pytest.raises(CodegenError, match=f"^--xcp: only the native ECU has XCP, not {kind}; take --ecu native$"):
             check_xcp(kind, xcp=True)
+
+
+def test_no_crash_no_write_outside_and_nothing_invalid(program: Path) -> None:
+    """Every error occurs, every command but three rare ones succeeds, and lists of measurements run."""
+    seen, measured = run_random_packets(program, 2_000)
+    assert {*COMMANDS, *ERRORS.values()} - set(seen) <= {"SYNCH", "GET_CAL_PAGE", "SHORT_UPLOAD"}
+    assert measured > 100
+
+
+def test_a_fault_is_found(objects: Objects) -> None:
+    """The slave no longer checks that the calibration is valid after a download."""
+    faulty = objects.program("faulty", (" && !self->setup.is_valid()) {", " && false) {"))
+    with pytest.raises(AssertionError, match="the controller would run with what is not valid"):
+        run_random_packets(faulty, 2_000)

@@ -1,10 +1,7 @@
 """Pages in the headless Chromium of the system, driven by Playwright. Needs the package chromium."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
@@ -43,20 +40,16 @@ HINTS = ("GPU stall", "Canvas2D: Multiple readback operations")
 """Messages of the browser on the speed of drawing in software."""
 
 
-@dataclass
 class Watch:
-    """Errors and warnings of a page, and the addresses that it requests."""
+    """Errors and warnings of a page, and the addresses that it requests. Begins before the page is opened."""
 
-    errors: list[str] = field(default_factory=list)
-    requests: list[str] = field(default_factory=list)
-
-    def follow(self, page: Any) -> Any:
-        """Begin before the page is opened. Returns the page, with a timeout for a busy machine."""
+    def __init__(self, page: Any) -> None:
+        self.errors: list[str] = []
+        self.requests: list[str] = []
         page.set_default_timeout(TIMEOUT_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", self._record)
         page.on("request", lambda request: self.requests.append(request.url))
-        return page
 
     def _record(self, message: Any) -> None:
         if message.type in ("error", "warning") and not any(hint in message.text for hint in HINTS):

@@ -1,7 +1,5 @@
 """The report in headless Chromium, opened from disk."""
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path
@@ -52,8 +50,7 @@ def opened(page: Any, path: Path) -> Any:
 def page(chromium: Any, report: tuple[Path, list[str]]) -> Any:
     """The report at the width of a laptop. Tests leave it as they find it."""
     made = chromium.new_page(viewport={"width": 1440, "height": 900}, color_scheme="light")
-    made.watch = Watch()
-    made.watch.follow(made)
+    made.watch = Watch(made)
     yield opened(made, report[0])
     made.close()
 
@@ -87,11 +84,8 @@ def test_a_slider_moves_its_cut_by_keyboard(page: Any, slider: str, moved: str, 
     page.focus(f"#{slider}")
     for _ in range(5):
         page.keyboard.press("ArrowRight")
-    # The page draws once for each frame, however many keys came before it.
-    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    changed = "([id, text]) => document.getElementById(id).textContent !== text"
-    page.wait_for_function(changed, arg=["cut-values", table])
-    page.wait_for_function(changed, arg=[f"{slider}-value", label])
+    for name, text in (("cut-values", table), (f"{slider}-value", label)):
+        page.wait_for_function("([id, text]) => document.getElementById(id).textContent !== text", arg=[name, text])
     assert page.get_attribute(f"#{slider}", "aria-valuetext") == page.inner_text(f"#{slider}-value")
     page.wait_for_function(f"([id, old]) => ({values})(id) !== old", arg=[moved, before])
     assert page.evaluate(values, other) == still
@@ -125,8 +119,7 @@ def test_names_of_runs_are_no_words_of_the_script(chromium: Any, tmp_path: Path)
     data = [{"type": "scatter", "x": [0, 1], "y": [0, k], "name": name} for k, name in enumerate(names)]
     path = tmp_path / "names.html"
     path.write_bytes(render("names", [Section("s", "s", [Chart("c", {"data": data, "layout": {}}, "c", "c")])]))
-    page = opened(chromium.new_page(), path)
-    assert page.locator(".legendtext").all_text_contents()[:2] == names[:2]
+    assert opened(chromium.new_page(), path).locator(".legendtext").all_text_contents()[:2] == names[:2]
 
 
 def test_themes_widths_and_paper(page: Any) -> None:
