@@ -80,12 +80,6 @@ def test_in_process_and_on_a_virtual_bus(software: Software, channel: BusAddress
     assert result.received == {"commands": 200, "refused": 0, "cycles_without": 0, "lost": 0}
 
 
-def test_udp_multicast_with_the_ecu_in_another_process(software: Software, build_folder: Path, wanted: np.ndarray) -> None:
-    ran = run_hil(Setup(software.config, short(0.5), multicast(163), lock_step=True), build_folder, "cffi")
-    assert np.array_equal(ran.result.record, wanted[:50])
-    assert "cycles=50 " in f"{ran.ecu_counters} "
-
-
 def test_the_passive_car_and_a_delayed_command(software: Software) -> None:
     assert np.array_equal(passive(software.config, short()), run(software, short(), controlled=False))
     config = changed(software.config, {"plant": {"command_delay_samples": 3}})

@@ -9,7 +9,7 @@ import pytest
 
 from codegen.config import Config
 from codegen.errors import CodegenError
-from codegen.sil.software import RECORD_COLUMNS, Software, Status
+from codegen.sil.software import RECORD_COLUMNS, Software
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
@@ -112,12 +112,6 @@ def test_settling_is_to_the_last_time_outside(wave: object, settling_time: float
     found = step_metrics(record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, wave(t))), 1.0)
     assert found.settling_time_s == (None if settling_time is None else pytest.approx(settling_time))
     assert found.settled == (settling_time is not None)
-
-
-@pytest.mark.parametrize(("held", "controlled"), [(0, True), (40, True), (60, False)])
-def test_the_reference_is_given_while_most_of_the_last_second_is_controlled(held: int, controlled: bool) -> None:
-    made = record(6.0, yaw_rate_rad_s=0.5, status=lambda t: np.where(t > 5.995 - 0.01 * held, Status.DEGRADED, 0.0))
-    assert (step_metrics(made, 1.0).yaw_rate_reference_deg_s is not None) == controlled
 
 
 def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
