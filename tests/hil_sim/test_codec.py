@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from codegen import config as configuration
 from codegen.can_sections import RealSignal
-from hil_sim.codec import PAYLOADS, Codec, Payload, RearSteerCommand, VehicleConditions, VehicleMotion
+from hil_sim.codec import PAYLOADS, Codec, Payload
 from tests import builds
 
 OTHER = {
@@ -185,18 +185,3 @@ def test_random_frames_are_decoded_as_the_oracle_does_and_come_back(spec: str, r
         if "qualifier" in one.signals:
             codes[one.signals["qualifier"].name] = 7
         assert one.codec.encode(ours) == one.c_encode(ours) == one.known.encode(codes, scaling=False)
-
-
-# Worked out by hand from the documented table of the CAN interface.
-@pytest.mark.parametrize(
-    ("payload", "frame"),
-    [
-        (VehicleMotion(11.805, 0.07, -0.3), "00 70 39 09 78 05 24 fa"),
-        (VehicleConditions(-0.02, 0.85, True), "00 10 70 fe 55 00 00 00"),
-        (VehicleConditions(), "00 00 00 80 ff 00 00 00"),
-        (RearSteerCommand(0.01, 0.25, 4, 0xA001), "00 40 c8 00 e2 04 01 a0"),
-        (RearSteerCommand(math.nan, math.nan), "00 00 00 80 00 80 00 00"),
-    ],
-)
-def test_the_preset_is_the_documented_table(payload: Payload, frame: str) -> None:
-    assert Codec(builds.CONFIG.can).encode(payload) == bytes.fromhex(frame)

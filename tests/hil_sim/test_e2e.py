@@ -42,16 +42,8 @@ def test_the_counter_skips_15() -> None:
     assert [next_counter(counter) for counter in (0, 13, 14)] == [1, 14, 0]
 
 
-STATUSES = {
-    "o": E2eStatus.OK,
-    "-": E2eStatus.NO_NEW_DATA,
-    "x": E2eStatus.WRONG_CRC,
-    "s": E2eStatus.SYNC,
-    "i": E2eStatus.INITIAL,
-    "r": E2eStatus.REPEATED,
-    "l": E2eStatus.OK_SOME_LOST,
-    "q": E2eStatus.WRONG_SEQUENCE,
-}
+NAMES = "OK NO_NEW_DATA WRONG_CRC SYNC INITIAL REPEATED OK_SOME_LOST WRONG_SEQUENCE"
+STATUSES = {letter: E2eStatus[name] for letter, name in zip("o-xsirlq", NAMES.split(), strict=True)}
 DEFAULT = (1, 3, 1)
 
 

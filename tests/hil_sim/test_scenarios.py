@@ -49,13 +49,6 @@ def test_each_scenario_drives_and_has_its_figures(name: str, software: Software)
     assert figures["passive"]["rear_angle_max_deg"] in (0.0, None)
 
 
-def test_step_steer_is_the_papers() -> None:
-    inputs = find("step-steer").inputs(CONFIG)
-    assert inputs.shape == (15_000, 6)
-    np.testing.assert_allclose(inputs[:, 0], 42.5 / 3.6)
-    assert (inputs[9_999, 1], inputs[10_000, 1]) == (0.0, pytest.approx(math.radians(90.0)))
-
-
 def test_sine_with_dwell_is_the_standards() -> None:
     wheel = column("sine-with-dwell", "steering_wheel_command")
     # By hand: L/v^2 + K = 3.14/22.22^2 - 1.3e-5 rad s^2/m, times 0.3 * 9.80665 m/s^2, times 13.33: 14.26 deg for 0.3 g.

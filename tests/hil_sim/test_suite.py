@@ -167,16 +167,11 @@ def test_summary_names_the_worst_cell_of_each_figure() -> None:
         result(0.75, settled=False, settling_time_s=None, sideslip_max_deg=4.0),
         SPIN,
     ]
-    found = summarise("pi", "nominal", rows)
-    assert (found.cells, len(found.spins), len(found.unsettled)) == (4, 1, 1)
-    assert found.spins[0].share == 1.0
-    assert found.unsettled[0].share == 0.75
+    found, alone = summarise("pi", "nominal", rows), summarise("pi", "nominal", [SPIN])
+    assert (found.cells, [cell.share for cell in found.spins], [cell.share for cell in found.unsettled]) == (4, [1.0], [0.75])
     assert found.overshoot_mean_percent == pytest.approx(5.0 / 3.0)  # of the three that stay on the road
-    worst = {"overshoot_percent": (3.0, 0.25), "rise_time_s": (0.7, 0.5), "sideslip_max_deg": (4.0, 0.75)}
-    for name, (value, share) in {**worst, "share_of_reference": (0.9, 0.5), "settling_time_s": (0.5, 0.25)}.items():
-        extreme = getattr(found, name)
-        assert (extreme.value, extreme.cell.share) == (value, share)
-    alone = summarise("pi", "nominal", rows[-1:])  # a spin
+    worst = {name: (getattr(found, name).value, getattr(found, name).cell.share) for name in FIGURES}
+    assert worst == dict(zip(FIGURES, [(3.0, 0.25), (0.7, 0.5), (0.5, 0.25), (4.0, 0.75), (0.9, 0.5)], strict=True))
     assert (alone.overshoot_mean_percent, alone.overshoot_percent, alone.settling_time_s) == (None, None, None)
 
 

@@ -88,11 +88,9 @@ class Rows(DaqOnlinePolicy):  # type: ignore[misc]
         self.stamps: list[int] = []
         self._came = threading.Condition()
 
-    def initialize(self) -> None:
-        """Required by pyxcp."""
+    def initialize(self) -> None: ...
 
-    def finalize(self) -> None:
-        """Required by pyxcp."""
+    def finalize(self) -> None: ...
 
     def on_daq_list(self, _number: int, _received: int, stamp: int, values: list[Any]) -> None:
         """Keep a sample."""

@@ -1,7 +1,6 @@
 """Run a command where SocketCAN and an own `vcan0` exist: the same output, the same exit code.
 
-    python -m tests.evidence.vcan.vcan_run [--backend native|uml] [--timeout SECONDS] [--writable FOLDER]... [--steady]
-        -- COMMAND...
+    python -m tests.evidence.vcan.vcan_run [--writable FOLDER]... [--steady] -- COMMAND...
 
 native: this kernel has SocketCAN. The command gets a network namespace of its own with lo and vcan0. Where that is not allowed,
         it gets the existing vcan0.
@@ -10,7 +9,7 @@ uml:    a User Mode Linux guest runs the command. Its root is the host's, read-o
 
 --steady: in a guest, the clock does not count pauses by a busy host; for tests, never for measurements.
 
-Standard input is closed. Exit codes: 124 timeout, 125 the guest died, 69 neither backend is possible here.
+Standard input is closed. Exit codes: 125 the guest died, 69 neither way is possible here.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from tests.evidence.vcan import uml
 from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
 from tests.evidence.vcan.uml import Unavailable
 
-TIMEOUT, DIED, UNAVAILABLE, CANNOT_RUN = 124, 125, 69, 127
+DIED, UNAVAILABLE, CANNOT_RUN = 125, 69, 127
 SECONDS_TO_END = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # From the kernel's headers: linux/sched.h, linux/prctl.h.
@@ -45,8 +44,6 @@ PR_SET_PDEATHSIG = 1
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="vcan_run", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--backend", choices=["native", "uml"], help="default: native, else uml")
-    parser.add_argument("--timeout", type=float, metavar="SECONDS")
     parser.add_argument("--writable", type=Path, action="append", default=[], metavar="FOLDER")
     parser.add_argument("--steady", action="store_true")
     parser.add_argument("command", nargs="+")
@@ -56,16 +53,13 @@ def main() -> int:
     if sys.platform == "linux":  # a guest does not outlive a pytest that is killed
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     try:
-        return run(options.command, options.backend, options.timeout, options.writable, steady=options.steady)
+        return run(options.command, options.writable, steady=options.steady)
     except (Unavailable, CodegenError) as error:
         print(f"vcan_run: {error}", file=sys.stderr)
         return UNAVAILABLE
     except OSError as error:  # of the command
         print(f"vcan_run: {error}", file=sys.stderr)
         return CANNOT_RUN
-    except subprocess.TimeoutExpired:
-        print(f"vcan_run: timeout after {options.timeout:g} s", file=sys.stderr)
-        return TIMEOUT
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
@@ -74,20 +68,15 @@ def _stop(number: int, frame: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
 
 
-def run(
-    command: Sequence[str], backend: str | None, timeout: float | None, writable: Sequence[Path], *, steady: bool = False
-) -> int:
-    """Return the command's exit code, or DIED. Raises Unavailable, OSError, subprocess.TimeoutExpired."""
-    if backend != "uml":
-        try:
-            return _run_native(command, timeout)
-        except Unavailable:
-            if backend == "native":
-                raise
-    return _run_in_guest(command, timeout, writable, steady)
+def run(command: Sequence[str], writable: Sequence[Path], *, steady: bool = False) -> int:
+    """Return the command's exit code, or DIED. Raises Unavailable, OSError."""
+    try:
+        return _run_native(command)
+    except Unavailable:
+        return _run_in_guest(command, writable, steady)
 
 
-def _run_native(command: Sequence[str], timeout: float | None) -> int:
+def _run_native(command: Sequence[str]) -> int:
     if not has_socketcan():
         raise Unavailable("this kernel has no SocketCAN")
     environment = os.environ | {"VCAN_RUN": "native"}
@@ -97,7 +86,7 @@ def _run_native(command: Sequence[str], timeout: float | None) -> int:
         if not is_up(INTERFACE):
             raise Unavailable(f"no right to a network of one's own, and there is no {INTERFACE}") from error
         process = _start(command, environment)
-    code = _finish(process, timeout)
+    code = _finish(process)
     return code if code >= 0 else 128 - code
 
 
@@ -114,7 +103,7 @@ def _enter_own_network() -> None:
     add_vcan(INTERFACE)
 
 
-def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Sequence[Path], steady: bool) -> int:
+def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool) -> int:
     uml.find_kernel()
     # Not below TMPDIR: the guest has its own /run and /dev/shm.
     folder = Path(tempfile.mkdtemp(prefix="guest-", dir=cache_folder()))
@@ -124,7 +113,7 @@ def _run_in_guest(command: Sequence[str], timeout: float | None, writable: Seque
             process = _start(uml.kernel_command(folder), uml.kernel_environment(steady=steady))
         except OSError as error:
             raise Unavailable(str(error)) from error
-        code = _finish(process, timeout)
+        code = _finish(process)
         if (folder / "status").exists():
             return int((folder / "status").read_text(encoding="ascii"))
         if not (folder / "booted").exists():
@@ -141,10 +130,10 @@ def _start(
     return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=prepare)
 
 
-def _finish(process: subprocess.Popen[bytes], timeout: float | None) -> int:
+def _finish(process: subprocess.Popen[bytes]) -> int:
     """Wait for a process and return its exit code. In any case, end all processes of its session."""
     try:
-        return process.wait(timeout)
+        return process.wait()
     finally:
         if process.poll() is None:
             process.terminate()
