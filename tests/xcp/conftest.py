@@ -9,15 +9,9 @@ from tests.xcp.slave import Objects, Slave
 
 
 @pytest.fixture(scope="package")
-def objects(tmp_path_factory: pytest.TempPathFactory) -> Objects:
-    """The committed build without its slave."""
-    return Objects(tmp_path_factory.mktemp("xcp"))
-
-
-@pytest.fixture(scope="package")
-def program(objects: Objects) -> Path:
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The generated slave."""
-    return objects.program()
+    return Objects(tmp_path_factory.mktemp("xcp")).program()
 
 
 @pytest.fixture
