@@ -192,6 +192,14 @@ def test_it_returns_to_zero_where_configured(software: Software) -> None:
     assert not commands[102 + returned[0] + 1 : 200].any()  # at zero, it stays there
 
 
+def test_a_restarted_node_counts_from_zero(software: Software) -> None:
+    node, counters = PlantNode(software.config, short(2.0, Fault("plant-restart", 0.3, 0.1))), []
+    for cycle in range(42):
+        counters.append([frame.data[1] & 0xF for frame in node.outgoing(cycle)])
+        node.finish(cycle)
+    assert counters[29:] == [[14, 14], *[[]] * 10, [0, 0], [1, 1]]
+
+
 def test_sensors(software: Software) -> None:
     """A seed decides; noise has its size, and one sensor leaves the others alone; delay and resolution."""
 

@@ -88,6 +88,15 @@ def test_only_the_named_message_is_affected() -> None:
     assert injector(fault("drop", message=COMMAND.name)).outgoing(2, frames(2)) == frames(2)
 
 
+def test_corrupt_flips_one_bit_and_a_frozen_counter_is_that_of_the_frame_before() -> None:
+    for frame, right in zip(injector(fault("corrupt")).outgoing(2, frames(2)), frames(2), strict=True):
+        assert (int.from_bytes(frame.data) ^ int.from_bytes(right.data)).bit_count() == 1
+    faulty = injector(fault("freeze-counter", 15))
+    sent = [faulty.outgoing(cycle, frames(cycle))[0].data for cycle in range(19)]
+    assert [data[1] & 0xF for data in sent[14:]] == [14] * 4 + [3]
+    assert all(data == protect(MOTION.e2e_data_id, data[1] & 0xF, data) for data in sent)
+
+
 def test_values() -> None:
     stuck = injector(fault("stuck-value", message=MOTION.name, signal="yaw_rate"))
     seen = [stuck.signals(cycle, MOTION.name, {**VALUES, "yaw_rate": 0.1 * cycle})["yaw_rate"] for cycle in range(7)]
