@@ -1,6 +1,4 @@
-"""Builds to verify, in memory, each made once per process."""
-
-from __future__ import annotations
+"""Builds to verify, in memory, each made once per run."""
 
 import functools
 from typing import Any
@@ -15,6 +13,7 @@ from codegen.refmap.place import Request
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
 from codegen.sil.software import Software, compile_build
+from tests import shared
 from tests.builds import SCHEDULE, UNEVEN_ANGLE, UNEVEN_SPEED, altered_folder
 
 CASE = "4ws-2"
@@ -53,8 +52,12 @@ def build_of(
 def made(kind: Kind = "tracking", grid: str = "even", layers: bool = False, precision: Precision = "single") -> Folder:
     """Return a build; with layers, its map is for four frictions."""
     config = config_of(kind, grid)
-    reference_map = solve_stack(config, CASE, FRICTIONS) if layers else solve_case(config, CASE)
-    return build_of(reference_map, config, precision=precision)
+
+    def make() -> Folder:
+        reference_map = solve_stack(config, CASE, FRICTIONS) if layers else solve_case(config, CASE)
+        return build_of(reference_map, config, precision=precision)
+
+    return shared.once(f"build to verify: {kind}, {grid}, {layers}, {precision}", make)
 
 
 @functools.cache
