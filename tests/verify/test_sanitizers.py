@@ -1,7 +1,5 @@
 """Check `sanitizers`: a build runs clean on this machine and as a trap build, and each kind of fault is found by its line."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import sys
@@ -19,7 +17,6 @@ from hil_sim import fault_catalogue
 from tests.verify import builds, planted
 
 PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
-FAR = "    const int32_t far = (input->demand > 0.05f) ? 6 : 0;\n\n"
 QUICK = Effort(quick=True)
 FAULTS = ("corrupt-3", "corrupt-50")
 
@@ -32,18 +29,6 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fault_catalogue, "catalogue", lambda *given: [each for each in faults(*given) if each.name in FAULTS])
     monkeypatch.setattr(sanitizers, "SAMPLES_QUICK", 1_000)
     monkeypatch.setattr(trap_build, "QUICK_STEPS", 1_500)
-
-
-@pytest.fixture
-def no_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the fault catalogue, which takes longest."""
-    monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
-
-
-@pytest.fixture
-def no_host(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out everything but the trap build."""
-    monkeypatch.setattr(sanitizers, "_on_host", lambda subject, effort: sanitizers._Half(figures={"scenarios": 9}))
 
 
 def checked(subject: Subject) -> Outcome:
@@ -60,22 +45,25 @@ def test_a_build_passes_both_halves() -> None:
     assert outcome.limits == sanitizers.LIMITS, "every status is reached"
 
 
+UNDEFINED = {
+    "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": (
+        "undefined behaviour: 6e+06 is outside the range of representable values of type"
+    ),
+    "result += input->demand / ((float)far * 0.0f);": "undefined behaviour: division by zero",
+    "result += 0.0f * parameters->opposite_phase_max[far];": "undefined behaviour: index 6 out of bounds for type",
+    "result += 0.0f * (float)(far * 400000000);": "undefined behaviour: signed integer overflow",
+    "result += 0.0f * (float)(1u << (far * 6));": "undefined behaviour: shift exponent 36 is too large",
+    "if (far > 0) { ((volatile uint8_t *)self)[4096] = 0u; }": "wrong address: heap-buffer-overflow, write of 1 bytes",
+}
+
+
 def test_undefined_behaviour_and_wrong_addresses_are_found_by_their_lines() -> None:
-    faults = {
-        "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": (
-            "undefined behaviour: 6e+06 is outside the range of representable values of type"
-        ),
-        "result += input->demand / ((float)far * 0.0f);": "undefined behaviour: division by zero",
-        "result += 0.0f * parameters->opposite_phase_max[far];": "undefined behaviour: index 6 out of bounds for type",
-        "result += 0.0f * (float)(far * 400000000);": "undefined behaviour: signed integer overflow",
-        "result += 0.0f * (float)(1u << (far * 6));": "undefined behaviour: shift exponent 36 is too large",
-        "if (far > 0) { ((volatile uint8_t *)self)[4096] = 0u; }": "wrong address: heap-buffer-overflow, write of 1 bytes",
-    }
-    subject = planted.limiter(TRACKING, FAR + "\n".join(f"    {statement}" for statement in faults))
+    far = "    const int32_t far = (input->demand > 0.05f) ? 6 : 0;\n\n"
+    subject = planted.limiter(TRACKING, far + "\n".join(f"    {statement}" for statement in UNDEFINED))
     lines = subject.files["src/ars_limiter.c"].decode().splitlines()
     outcome = checked(subject)
     assert outcome.verdict is Verdict.FAILED
-    for statement, what in faults.items():
+    for statement, what in UNDEFINED.items():
         start = f"src/ars_limiter.c:{1 + lines.index(f'    {statement}')}: {what}"
         assert any(finding.startswith(start) for finding in outcome.findings), (start, outcome.findings)
     assert any(finding.endswith(" in ars_limiter_step") for finding in outcome.findings)
@@ -124,8 +112,8 @@ def test_wrong_results_of_every_suite_are_found() -> None:
         assert any(re.match(pattern, finding) for finding in outcome.findings), (pattern, outcome.findings)
 
 
-@pytest.mark.usefixtures("no_faults")
 def test_c_that_does_not_compile_has_no_table_or_does_not_return(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])  # the fault catalogue takes longest
     (finding,) = checked(planted.subject_of(TRACKING, ars_limiter="int broken(;\n")).findings
     assert re.match(r"src/ars_limiter\.c:\d+: the C does not compile: ", finding)
     text = planted.source(TRACKING, "ars_calibration").replace("0.0f, 0.0f, 0.0f, 0.0f,", "0.0f, 0.0f, 0.0f,", 1)
@@ -150,16 +138,15 @@ def test_without_tools_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     assert target.startswith("trap build: no C compiler was found; install")
 
 
-@pytest.mark.usefixtures("no_host")
 def test_the_trap_build_decides_where_the_host_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trap_build, "trapped", lambda subject, effort: ("src/ars_map.c:1: a trap",))
-    outcome = checked(planted.subject_of(PI))
-    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, ("src/ars_map.c:1: a trap",))
+    monkeypatch.setattr(sanitizers, "_on_host", lambda subject, effort: sanitizers._Half(figures={"scenarios": 9}))
     double = checked(planted.subject_of(builds.made("pi", "uneven", precision="double")))
     assert double.verdict is Verdict.PASSED
     assert sanitizers.NO_TRAP_BUILD in double.limits
-    monkeypatch.undo()
-    monkeypatch.setattr(sanitizers, "_on_host", lambda subject, effort: sanitizers._Half(figures={"scenarios": 9}))
+    with monkeypatch.context() as patch:
+        patch.setattr(trap_build, "trapped", lambda subject, effort: ("src/ars_map.c:1: a trap",))
+        outcome = checked(planted.subject_of(PI))
+    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, ("src/ars_map.c:1: a trap",))
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     outcome = checked(planted.subject_of(PI))
     assert outcome.verdict is Verdict.NOT_RUN
