@@ -1,7 +1,5 @@
 """Batches of calls for the emulated cores, and the rows that drive them."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 
@@ -17,6 +15,8 @@ from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost, OnTarget
 from codegen.verify.pil.stimuli import Source, specials
 from codegen.verify.target.cross import POWERPC_BE
+from hil_sim.runs import run_through_can
+from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds
 
 TRACKING = builds.made("tracking", "uneven")
@@ -43,23 +43,15 @@ def column(batch: str, rows: Rows, name: str) -> Rows:
 
 @pytest.mark.parametrize("batch", ["controller", "limiter", "task"])
 def test_every_number_of_a_state_is_an_output_once(batch: str) -> None:
-    """Together they are as wide as the struct without its padding and its pointers."""
-    ffi = builds.compiled().ffi
-    names = [output.name for output in program().batches[batch].outputs if output.name.startswith("state.")]
-    assert len(set(names)) == len(names)
+    """Together they are as many as the struct has without its pointers."""
 
-    def packed(declared: Any) -> int:
+    def numbers(declared: Any, name: str) -> list[str]:
         if declared.kind == "struct":
-            return sum(packed(field.type) for _, field in declared.fields)
-        return 0 if declared.kind == "pointer" else int(ffi.sizeof(declared))
+            return [each for field, of in declared.fields for each in numbers(of.type, f"{name}.{field}")]
+        return [] if declared.kind == "pointer" else [name]
 
-    def size(name: str) -> int:
-        declared = ffi.typeof(f"ars_{batch}_t")
-        for field in name.split(".")[1:]:
-            declared = dict(declared.fields)[field].type
-        return int(ffi.sizeof(declared))
-
-    assert sum(map(size, names)) == packed(ffi.typeof(f"ars_{batch}_t"))
+    names = [output.name for output in program().batches[batch].outputs if output.name.startswith("state.")]
+    assert sorted(names) == sorted(numbers(builds.compiled().ffi.typeof(f"ars_{batch}_t"), "state"))
 
 
 def test_a_row_starts_from_the_state_that_the_row_before_it_left() -> None:
@@ -93,9 +85,9 @@ def test_long_batches_are_run_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("word", "real"), [(np.uint32, np.float32), (np.uint64, np.float64)])
 def test_special_numbers(word: stimuli.Word, real: type) -> None:
+    """Of both signs, and quiet and signalling NaN."""
     words = specials(word)
-    numbers = words.view(real)
-    limits = np.finfo(real)
+    numbers, limits = words.view(real), np.finfo(real)
     for number in (0.0, limits.smallest_subnormal, limits.tiny, limits.max, np.inf, 1.0):
         assert {number, -number} <= set(numbers.tolist())
     payloads = words[np.isnan(numbers)]
@@ -109,12 +101,10 @@ def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None
     batch = program().batches["controller"]
     rows = source().steps(batch, COUNT)
     assert len(rows) == COUNT
-    assert rows[0, 0] == 1
     for place in range(1, 7):
         numbers = rows[:, place].view(np.float32)
-        signalling = np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)
         assert np.isinf(numbers).any()
-        assert signalling.any()
+        assert (np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)).any()  # a signalling one
         assert ((np.abs(numbers) < np.finfo(np.float32).tiny) & (numbers != 0.0)).any()
     assert set(rows[:, 7].tolist()) == {0, 1}
     tour = rows[: int(np.flatnonzero(rows[:, 0])[1])]
@@ -124,9 +114,6 @@ def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None
     assert status[-1] in (Status.TRACKING, Status.LIMITED)
     assert (rows == source().steps(batch, COUNT)).all()
     assert (rows != source(1).steps(batch, COUNT)).any()
-    for name, other in program().batches.items():
-        if name not in ("task", "controller"):
-            assert (source().numbers(other, 100) == source().numbers(other, 100)).all()
 
 
 def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> None:
@@ -143,12 +130,8 @@ def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> N
 
 def test_the_recorded_scenario_is_the_closed_loop() -> None:
     """Played back, its frames make the task repeat the commands that the bench received."""
-    from hil_sim.runs import run_through_can
-    from hil_sim.scenarios import SCENARIOS
-
     software, batch = builds.compiled(), program().batches["task"]
     name, cycles = traffic.closed_loop(software)
-    assert name == "step-steer"
     results = host().run(batch, rows_of_cycles(cycles, batch, np.uint32))
     commands = run_through_can(software, SCENARIOS[name]).record[:, 7]
     codes = (column("task", results, "data[0..3]") >> 16).astype(np.int16)

@@ -1,7 +1,5 @@
 """Check `budgets`: a build passes, and each planted fault is found as what it is."""
 
-from __future__ import annotations
-
 import functools
 import json
 import re
@@ -97,49 +95,42 @@ def test_a_build_keeps_its_budgets() -> None:
     assert set(found.tools) == {"ziglang", "unicorn", "pyelftools"}
 
 
-def test_more_instructions_than_budgeted_are_found() -> None:
-    """The budgets are what the build takes without the planted loops."""
-    loop = "    uint32_t k;\n    volatile uint32_t planted = 0u;\n\n    for (k = 0u; k < 100u; k++) { planted = k; }\n"
-    folder = PI
+LOOP = "    uint32_t k;\n    volatile uint32_t planted = 0u;\n\n    for (k = 0u; k < 100u; k++) { planted = k; }\n"
+BUFFER = "static volatile uint8_t planted_buffer[200];"
+DEEP = (
+    "    volatile float deep[64];\n    volatile uint32_t index = 0u;\n\n    deep[index] = 1.0f;\n    planted_buffer[0] = 1u;\n"
+)
+MEMORY = (
+    r"cycle: \d{3} bytes of stack, budgets\.task_stack_bytes_max is 250; deepest in ars_task_10ms > .*ars_limiter_step",
+    r"ars_controller_t: 1\d\d bytes, budgets\.state_bytes_max is 64",
+    r"all objects: [\d,]+ bytes of flash, budgets\.flash_bytes_max is 4,000",
+    r"src/ars_calibration\.c:\d+: 12 bytes of RAM of its own \(ars_map_other_table\); state is the caller's, and maps lie in flash",
+    r"src/ars_limiter\.c:LINE: 200 bytes of RAM of its own \(planted_buffer\); state is the caller's, and maps lie in flash",
+)
+
+
+def test_instructions_memory_stack_and_flash_beyond_their_budgets_are_found() -> None:
+    """The budgets of instructions are what the build takes without the planted loops."""
+    folder = replace(PI, files=planted.started(PI, "ars_limiter_step", DEEP, f"{BUFFER}\n\n").files)
     for function in ("limiter_step", "controller_step", "map_yaw_rate_on_road", "task_on_can_frame"):
+        loop = f"    {{\n{LOOP}    }}\n" if function == "limiter_step" else LOOP
         folder = replace(folder, files=planted.started(folder, f"ars_{function}", loop).files)
-    keys = {"limiter_step": "limiter", "controller_step": "step", "map_yaw_rate_on_road": "lookup", CYCLE: "task"}
-    found = run(planted.subject_of(folder), {f"{key}_instructions_max": largest(name) for name, key in keys.items()})
-    assert found.verdict is Verdict.FAILED
-    assert [finding.partition(":")[0] for finding in found.findings] == [
-        *("map_yaw_rate_on_road", "controller_step", "limiter_step", CYCLE),
-    ]
-    for finding in found.findings:
-        name, _, text = finding.partition(": ")
-        assert f"budgets.{keys[name]}_instructions_max is {largest(name):,}; at speed " in text
-        assert int(text.split(" ")[0].replace(",", "")) > largest(name) + 100
-
-
-def test_memory_stack_and_flash_beyond_their_budgets_are_found() -> None:
-    buffer = "static volatile uint8_t planted_buffer[200];"
-    deep = "    volatile float planted[64];\n    volatile uint32_t k = 0u;\n\n    planted[k] = 1.0f;\n"
-    deep += "    planted_buffer[0] = 1u;\n"
-    files = dict(planted.started(PI, "ars_limiter_step", deep, f"{buffer}\n\n").files)
+    header, end = "include/ars_controller.h", "\n} ars_controller_t;"
+    files = builds.with_text(folder, header, end, f"\n    float planted[16];{end}")
     files["src/ars_calibration.c"] += b"float ars_map_other_table[3] = { 1.0f, 2.0f, 3.0f };\n"
-    header = "include/ars_controller.h"
-    files[header] = builds.with_text(PI, header, "\n} ars_controller_t;", "\n    float planted[16];\n} ars_controller_t;")[
-        header
-    ]
-    limits = {"task_stack_bytes_max": 250, "state_bytes_max": 64, "flash_bytes_max": 4_000}
+    keys = {"map_yaw_rate_on_road": "lookup", "controller_step": "step", "limiter_step": "limiter", CYCLE: "task"}
+    limits = {f"{key}_instructions_max": largest(name) for name, key in keys.items()}
+    limits |= {"task_stack_bytes_max": 250, "state_bytes_max": 64, "flash_bytes_max": 4_000}
     found = run(Subject("planted", files, PI.manifest), limits)
     assert found.verdict is Verdict.FAILED
-    line = files["src/ars_limiter.c"].decode().splitlines().index(buffer) + 1
-    own = r"\(%s\); state is the caller's, and maps lie in flash"
-    expected = (
-        r"cycle: 3\d\d bytes of stack, budgets\.task_stack_bytes_max is 250; deepest in ars_task_10ms > .*ars_limiter_step",
-        r"ars_controller_t: 1\d\d bytes, budgets\.state_bytes_max is 64",
-        r"all objects: [\d,]+ bytes of flash, budgets\.flash_bytes_max is 4,000",
-        r"src/ars_calibration\.c:\d+: 12 bytes of RAM of its own " + own % "ars_map_other_table",
-        rf"src/ars_limiter\.c:{line}: 200 bytes of RAM of its own " + own % "planted_buffer",
-    )
-    assert len(found.findings) == len(expected)
-    for pattern, finding in zip(expected, found.findings, strict=True):
-        assert re.fullmatch(pattern, finding), finding
+    instructions, memory = found.findings[:4], found.findings[4:]
+    for (name, key), finding in zip(keys.items(), instructions, strict=True):
+        assert finding.startswith(f"{name}: ")
+        assert f"budgets.{key}_instructions_max is {largest(name):,}; at speed " in finding
+        assert int(finding.split(" ")[1].replace(",", "")) > largest(name) + 100
+    line = files["src/ars_limiter.c"].decode().splitlines().index(BUFFER) + 1
+    for pattern, finding in zip(MEMORY, memory, strict=True):
+        assert re.fullmatch(pattern.replace("LINE", str(line)), finding), finding
     assert found.figures["mean_over"] == "drawn inputs"
     assert budgets.NOT_IN_CLOSED_LOOP in found.limits
 

@@ -1,7 +1,5 @@
 """Check `compiles`: a build compiles cleanly, and each kind of obstacle is found where it is."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import pytest
@@ -35,11 +33,6 @@ def with_more(**more: str) -> Subject:
     return Subject("planted", files, PI.manifest)
 
 
-def end_of(path: str) -> int:
-    """Return the number of the first line after a file."""
-    return PI.files[path].count(b"\n") + 1
-
-
 def c_function(signature: str, body: str) -> str:
     """Return a function with its prototype; its body is on the fourth line."""
     return f"{signature};\n{signature}\n{{\n    {body}\n}}\n"
@@ -47,39 +40,41 @@ def c_function(signature: str, body: str) -> str:
 
 def test_a_build_compiles_cleanly() -> None:
     outcome = checked(planted.subject_of(PI))
-    assert outcome.findings == ()
-    assert outcome.verdict is Verdict.PASSED
-    needed = outcome.figures["needed_of_others"]
-    assert set(needed) == {"x86-64", "Cortex-M4F"}
-    assert all({"sinf", "cosf", "atanf"} <= set(names) for names in needed.values())
-    assert not any("c11" in label for label in outcome.figures["compilations"])
+    assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
     figures = outcome.figures
-    assert figures["mixtures_refused"] == figures["mixtures"] == len(mixtures.mixtures(planted.subject_of(PI)))
-    assert (
-        outcome.figure
-        == f"0 findings in {len(figures['compilations'])} compilations and {figures['mixtures']} mixtures of builds"
-    )
+    assert set(figures["needed_of_others"]) == {"x86-64", "Cortex-M4F"}
+    assert all({"sinf", "cosf", "atanf"} <= set(names) for names in figures["needed_of_others"].values())
+    assert not any("c11" in label for label in figures["compilations"])
+    pairs = figures["mixtures"]
+    assert figures["mixtures_refused"] == pairs == len(mixtures.mixtures(planted.subject_of(PI)))
+    assert outcome.figure == f"0 findings in {len(figures['compilations'])} compilations and {pairs} mixtures of builds"
+
+
+FAULTS = {
+    "limiter": (c_function("float ars_half(float x)", "return x * 0.5;"), 3),
+    "e2e": ("int ars_none(int x)\n{\n    return x;\n}\n", 0),
+    "can": (c_function("int ars_hidden(int x)", "if (x > 0) { int x = 1; return x; } return x;"), 3),
+    "map": (c_function("int ars_equal(float x, float y)", "return x == y;"), 3),
+    "task": ("#if ARS_NOT_THERE\n#endif\n", 0),
+    "selftest": (c_function("short ars_short(int x)", "return x;"), 3),
+}
+"""Text at the end of a unit, and how far down it the warning is."""
 
 
 @pytest.mark.usefixtures("no_mixtures")
 def test_warnings_are_found_in_their_lines() -> None:
-    faults = {
-        "limiter": (c_function("float ars_half(float x)", "return x * 0.5;"), 3),
-        "e2e": ("int ars_none(int x)\n{\n    return x;\n}\n", 0),
-        "can": (c_function("int ars_hidden(int x)", "if (x > 0) { int x = 1; return x; } return x;"), 3),
-        "map": (c_function("int ars_equal(float x, float y)", "return x == y;"), 3),
-        "task": ("#if ARS_NOT_THERE\n#endif\n", 0),
-        "selftest": (c_function("short ars_short(int x)", "return x;"), 3),
-    }
-    outcome = checked(with_more(**{name: text for name, (text, _) in faults.items()}))
+    faulty = {f"src/ars_{name}.c": (text, offset) for name, (text, offset) in FAULTS.items()}
+    others = ("include/", "src/ars_dynamics.c")
+    files = {path: content for path, content in PI.files.items() if path.startswith(others) or path in faulty}
+    files |= {path: files[path] + text.encode() for path, (text, _) in faulty.items()}
+    outcome = checked(Subject("planted", files, PI.manifest))
     assert outcome.verdict is Verdict.FAILED
-    for name, (_, offset) in faults.items():
-        path = f"src/ars_{name}.c"
-        start = f"{path}:{end_of(path) + offset}: "
+    for path, (_, offset) in faulty.items():
+        start = f"{path}:{len(PI.files[path].splitlines()) + 1 + offset}: "
         found = [finding for finding in outcome.findings if finding.startswith(start)]
         assert any("gcc" in finding for finding in found), path
         assert any("clang" in finding for finding in found), path
-    assert {finding.partition(":")[0] for finding in outcome.findings} == {f"src/ars_{name}.c" for name in faults}
+    assert {finding.partition(":")[0] for finding in outcome.findings} == faulty.keys()
 
 
 def test_missing_guards_between_builds_are_found() -> None:
@@ -102,42 +97,33 @@ def test_missing_guards_between_builds_are_found() -> None:
 
 
 def test_a_source_that_takes_fast_math_is_found() -> None:
-    limiter, can = planted.source(PI, "ars_limiter"), planted.source(PI, "ars_can")
-    subject = planted.subject_of(
-        PI,
-        ars_limiter=limiter.replace("defined(__FINITE_MATH_ONLY__)", "0"),
-        ars_can=can.replace("#error", "/* no error */"),
-    )
-    assert "src/ars_e2e.c" not in mixtures.units_with_reals(subject)
-    assert set(mixtures.takes_fast_math(subject)) == {
+    limiter, can, e2e = (planted.source(PI, f"ars_{name}") for name in ("limiter", "can", "e2e"))
+    limiter, can = limiter.replace("defined(__FINITE_MATH_ONLY__)", "0"), can.replace("#error", "/* no error */")
+    files = {path: content for path, content in PI.files.items() if path.startswith("include/")}
+    files |= {f"src/ars_{name}.c": text.encode() for name, text in (("limiter", limiter), ("can", can), ("e2e", e2e))}
+    assert set(mixtures.takes_fast_math(Subject("planted", files, PI.manifest))) == {
         "src/ars_limiter.c:1: it takes -ffinite-math-only",
         "src/ars_can.c:1: it takes -ffast-math",
         "src/ars_can.c:1: it takes -ffinite-math-only",
     }
 
 
-@pytest.mark.parametrize(
-    ("name", "library", "single", "has_double", "allowed"),
-    [
-        ("memcpy", False, True, False, True),
-        ("__aeabi_memclr4", False, True, False, True),
-        ("sinf", True, True, False, True),
-        ("sinf", False, True, False, False),
-        ("sin", True, True, False, False),
-        ("sin", True, False, True, True),
-        ("expf", True, True, False, False),
-        ("__aeabi_f2d", False, True, False, False),
-        ("__extendsfdf2", False, True, False, False),
-        ("__aeabi_dadd", False, False, False, True),
-        ("__floatunsidf", False, False, False, True),
-        ("__adddf3", False, False, True, False),
-        ("__aeabi_fadd", False, False, False, False),
-        ("malloc", True, False, False, False),
-        ("ars_somewhere", False, True, False, False),
-    ],
-)
-def test_functions_that_an_object_may_need(name: str, library: bool, single: bool, has_double: bool, allowed: bool) -> None:
-    assert is_allowed(name, library=library, single=single, has_double=has_double) == allowed
+# By the build's precision and the core's FPU: what an object may need, with and without the mathematical library, and not.
+SINGLE, SOFT, DOUBLE = (True, False), (False, False), (False, True)
+NEEDS = {
+    SINGLE: ("memcpy __aeabi_memclr4", "sinf", "sin expf __aeabi_f2d __extendsfdf2 ars_somewhere"),
+    SOFT: ("memset __aeabi_dadd __floatunsidf", "sin sqrt", "__aeabi_fadd malloc sinf"),
+    DOUBLE: ("memmove", "sin", "__adddf3 exp"),
+}
+
+
+@pytest.mark.parametrize(("of", "names"), NEEDS.items())
+def test_functions_that_an_object_may_need(of: tuple[bool, bool], names: tuple[str, str, str]) -> None:
+    single, has_double = of
+    for allowed, listed in zip(((True, True), (True, False), (False, False)), names, strict=True):
+        for name in listed.split():
+            found = tuple(is_allowed(name, library=library, single=single, has_double=has_double) for library in (True, False))
+            assert found == allowed, name
 
 
 @pytest.mark.usefixtures("no_mixtures")

@@ -1,7 +1,5 @@
 """Decoding of Thumb instructions: size, flow, target, and cycles of the Arm manual."""
 
-from __future__ import annotations
-
 from codegen.verify.budgets.cycles import Flow, decode
 from codegen.verify.target.emulator import instructions_in
 

@@ -1,6 +1,4 @@
-"""Functions of an image: their calls, their blocks, and the deepest stack of a call."""
-
-from __future__ import annotations
+"""Functions of an image: their calls, their blocks, the deepest stack of a call; flash and RAM of an object."""
 
 import functools
 
@@ -8,6 +6,7 @@ import pytest
 
 from codegen.errors import BuildError
 from codegen.verify.budgets.program import STACK_FLAG, NoBound, Program
+from codegen.verify.budgets.sizes import Sizes, compile_objects, defines, sizes_of
 from codegen.verify.target.cross import compile_image
 from codegen.verify.target.emulator import DATA, CortexM4
 
@@ -66,15 +65,12 @@ def test_functions_have_their_file_their_code_and_their_lines() -> None:
     for routine in program().routines:
         assert routine.unit == "sample.c"
         assert routine.instructions[0].address == routine.start
-        assert routine.instructions[-1].end <= routine.end
         assert program().at(routine.end - 2) is routine
     assert program().at(0x1000) is None
     with pytest.raises(BuildError, match=r"^nothing: there is no such function"):
         program().named("nothing")
     lines = {program().line_of(block[0].address) for block in program().named("entry").blocks()}
-    branch = 1 + SOURCE.splitlines().index("        y += deep(x);")
-    assert f"src/sample.c:{branch}" in lines
-    assert all(line.startswith("src/sample.c:") for line in lines)
+    assert f"src/sample.c:{1 + SOURCE.splitlines().index('        y += deep(x);')}" in lines
     assert program().line_of(DATA // 1024) == ""
 
 
@@ -85,8 +81,7 @@ def test_direct_calls_tail_calls_and_the_deepest_chain() -> None:
     assert {routine.name for routine in program().reached("entry")} == {"entry", "flat", "deep", "leaf"}
     depth = program().depth("entry")
     assert depth.chain == ("entry", "deep", "leaf")
-    assert depth.bytes == sum(program().named(name).stack or 0 for name in depth.chain)
-    assert depth.bytes >= 64 * 4 + 8 * 4
+    assert depth.bytes == sum(program().named(name).stack or 0 for name in depth.chain) >= 64 * 4 + 8 * 4
     assert program().depth("leaf").bytes < depth.bytes - 64 * 4
 
 
@@ -98,9 +93,6 @@ def test_recursion_and_pointers_leave_the_stack_without_a_bound(name: str, why: 
     with pytest.raises(NoBound) as caught:
         program().depth(name)
     assert str(caught.value) == f"{name}: {why}: its stack has no bound"
-
-
-def test_without_the_stack_sizes_of_the_compiler_there_is_no_bound() -> None:
     with pytest.raises(NoBound, match=r"^leaf: the compiler does not tell"):
         Program(image()).depth("leaf")
 
@@ -120,3 +112,28 @@ def test_the_blocks_of_a_switch_are_found_by_entering_them() -> None:
     one_case = set(core.traced(lambda: core.call("other", 2)).address.tolist())
     missed = [block for block in blocks if not one_case & {each.address for each in block}]
     assert len(missed) >= 6
+
+
+WRITTEN = b"""
+#include <stdint.h>
+static const uint32_t table[50] = { 1u, 2u, 3u };
+static uint8_t counter[12];
+static uint32_t start[3] = { 7u, 8u, 9u };
+uint32_t shared __attribute__((common));
+uint32_t look(uint32_t k);
+uint32_t look(uint32_t k) { counter[k]++; start[k] += shared; return table[k] + counter[k]; }
+"""
+CLEAN = b"unsigned look(unsigned k);\nunsigned look(unsigned k) { return k * 3u; }\n"
+
+
+def test_sections_and_written_variables_of_each_unit() -> None:
+    objects = compile_objects({"src/a.c": WRITTEN, "src/b.c": CLEAN}, ("-O2",))
+    assert list(objects) == ["src/a.c", "src/b.c"]
+    found, clean = map(sizes_of, objects.values())
+    assert 10 < found.text < 100
+    assert found.to_dict() == {"text": found.text, "rodata": 200, "data": 12, "bss": 16}
+    assert found.written == (("counter", 12), ("shared", 4), ("start", 12))
+    assert found.flash == found.text + 200 + 12
+    assert clean == Sizes(text=clean.text)
+    assert defines(objects["src/b.c"], "look")
+    assert not defines(objects["src/b.c"], "table")

@@ -41,14 +41,17 @@ def place(tmp_path: Path) -> Path:
     return shutil.copytree(BUILD, tmp_path / "build", ignore=shutil.ignore_patterns("verify.*"))
 
 
-DONE: list[tuple[int, int]] = []
+@pytest.fixture(scope="module")
+def done() -> list[tuple[int, int]]:
+    """How many of how many checks were done, as the runner tells it."""
+    return []
 
 
 @pytest.fixture(scope="module")
-def report() -> Report:
+def report(done: list[tuple[int, int]]) -> Report:
     """A quick run in processes of which one is killed."""
     checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in ENDS]
-    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: DONE.append(counts), checks)
+    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: done.append(counts), checks)
 
 
 def passed(folder: Path, quick: bool = False) -> Report:
@@ -57,12 +60,12 @@ def passed(folder: Path, quick: bool = False) -> Report:
     return Report(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
 
 
-def test_each_check_has_its_end_in_the_order_of_the_list(report: Report) -> None:
+def test_each_check_has_its_end_in_the_order_of_the_list(report: Report, done: list[tuple[int, int]]) -> None:
     assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(ENDS.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
     assert all(report.outcomes[name].shows == f"What {name} would show" for name in list(ENDS)[2:])
-    assert DONE == [(k, 6) for k in range(1, 7)]
+    assert done == [(k, 6) for k in range(1, 7)]
 
 
 def test_an_interruption_is_no_outcome_and_neither_is_anything_else(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """The search for the longest call."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from codegen.verify.budgets.counting import Rows
