@@ -9,7 +9,7 @@ import pytest
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.software import Status
 from codegen.verify import traffic
-from codegen.verify.drives import Ground, measurements_of, recorded
+from codegen.verify.drives import Ground
 from codegen.verify.pil import stimuli
 from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost, OnTarget
@@ -52,25 +52,6 @@ def test_every_number_of_a_state_is_an_output_once(batch: str) -> None:
 
     names = [output.name for output in program().batches[batch].outputs if output.name.startswith("state.")]
     assert sorted(names) == sorted(numbers(builds.compiled().ffi.typeof(f"ars_{batch}_t"), "state"))
-
-
-def test_a_row_starts_from_the_state_that_the_row_before_it_left() -> None:
-    batch = program().batches["controller"]
-    rows = source().steps(batch, COUNT)
-    whole = host().run(batch, rows)
-    parts = np.concatenate([host().run(batch, part) for part in np.array_split(rows, 7)])
-    assert (whole == parts).all()
-    assert not (whole[1:] == host().run(batch, rows[1:])).all()
-
-
-def test_commands_are_those_of_the_controller_in_the_closed_loop() -> None:
-    software, batch = builds.compiled(), program().batches["controller"]
-    drive = recorded(software)[0]
-    expected = software.controller().run(measurements_of(drive))
-    found = host().run(batch, source().recordings(batch, [drive]))
-    angles = column("controller", found, "command.rear_angle").view(np.float32)
-    assert angles.tolist() == [command.rear_angle for command in expected]
-    assert column("controller", found, "command.status").tolist() == [command.status for command in expected]
 
 
 def test_long_batches_are_run_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """The rule for loops: every loop of the C has a fixed number of rounds."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 
 import pytest
@@ -11,11 +9,8 @@ from codegen.verify.budgets.bounded_loops import complaints
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
-START, CONSTANT, STEP = (
-    "that does not start with counter = constant",
-    "to what is no constant",
-    "that does not step towards its end",
-)
+START, CONSTANT = "that does not start with counter = constant", "to what is no constant"
+STEP = "that does not step towards its end"
 COUNTER, BODY = "whose condition does not compare its counter", "whose body writes its counter"
 
 REFUSED = {
@@ -67,11 +62,10 @@ AFTER = (
 
 def planted(*statements: str) -> dict[str, list[str]]:
     """Return the complaints by function: the limiter with one more function per statement, planted_0 and so on."""
-    foot = "float planted_{0}(float x)\n{{\n    uint32_t i;\n    uint32_t n = (uint32_t)x;\n    {1}\n    return x;\n}}\n"
+    each = "float planted_{0}(float x)\n{{\n    uint32_t i;\n    uint32_t n = (uint32_t)x;\n    {1}\n    return x;\n}}\n"
     files = {path: content for path, content in PI.files.items() if path.startswith("include/")}
-    text = (
-        PI.files["src/ars_limiter.c"].decode() + BEFORE + "".join(map(foot.format, range(len(statements)), statements)) + AFTER
-    )
+    middle = "".join(map(each.format, range(len(statements)), statements))
+    text = PI.files["src/ars_limiter.c"].decode() + BEFORE + middle + AFTER
     found = defaultdict(list)
     for complaint in complaints(files | {"src/ars_limiter.c": text.encode()}, PI.manifest):
         place, _, what = complaint.partition(": ")

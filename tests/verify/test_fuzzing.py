@@ -1,7 +1,5 @@
 """Check `fuzzing`: a build passes, and each harness finds faults. The properties one by one are in tests/evidence/verify."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -33,34 +31,26 @@ def test_a_build_passes() -> None:
         assert figures["inputs"] == fuzzing.INPUTS_QUICK
         assert figures["corpus"] > figures["seeds"] == 18
         assert figures["edges"] > 200
-
-
-def test_seeds_are_recorded_frames_and_fit_the_driver() -> None:
-    found = fuzz_harness.seeds(planted.subject_of(TRACKING))
-    assert {name: len(seeds) for name, seeds in found.items()} == {"can": 18, "step": 18}
     longest = int(re.search(r"BYTES_MAX = (\d+)", fuzz_harness.driver().decode())[1])  # type: ignore[index]
-    for seeds in found.values():
-        assert len(set(seeds)) == len(seeds)
+    for seeds in fuzz_harness.seeds(planted.subject_of(TRACKING)).values():
+        assert len(set(seeds)) == len(seeds) == 18
         assert all(100 < len(seed) <= longest for seed in seeds)
+
+
+CRC = "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (data[7] > 0x7Fu) ? 1u : 0u;"
+FAR = (
+    "    ((volatile uint8_t *)self)[4096] = (uint8_t)(input->demand > 0.05f);\n"
+    "    return planted_ars_limiter_step(self, parameters, input);"
+)
 
 
 @pytest.mark.parametrize(
     ("name", "function", "body", "finding"),
     [
-        (
-            "can",
-            "e2e_protect",
-            "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (data[7] > 0x7Fu) ? 1u : 0u;",
-            r"property not held: CRC of the command \(\d+, \d+\), at input \d+ of 1000",
-        ),
-        (
-            "step",
-            "limiter_step",
-            "    ((volatile uint8_t *)self)[4096] = (uint8_t)(input->demand > 0.05f);\n"
-            "    return planted_ars_limiter_step(self, parameters, input);",
-            r"src/ars_limiter\.c:\d+: wrong address: ",
-        ),
+        ("can", "e2e_protect", CRC, r"property not held: CRC of the command \(\d+, \d+\), at input \d+ of 1000"),
+        ("step", "limiter_step", FAR, r"src/ars_limiter\.c:\d+: wrong address: "),
     ],
+    ids=["a property", "an address"],
 )
 def test_a_fault_is_found(
     monkeypatch: pytest.MonkeyPatch, name: fuzz_harness.Name, function: str, body: str, finding: str

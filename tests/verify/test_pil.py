@@ -1,10 +1,6 @@
 """Check `processor-in-the-loop`: emulated cores give the same bits as this machine, and differences are found."""
 
-from __future__ import annotations
-
-import functools
 import itertools
-import json
 import sys
 from dataclasses import replace
 
@@ -52,29 +48,20 @@ def checked(subject: Subject) -> Outcome:
     return pil.check(subject, Effort(quick=True))
 
 
-@functools.cache
-def whole() -> Outcome:
-    """Return the outcome of a whole check, with few steps, on the Cortex-M4F."""
-    with pytest.MonkeyPatch.context() as patch:
-        on(patch, CORTEX_M4F)
-        patch.setattr(pil, "STEPS", STEPS)
-        patch.setattr(pil, "QUICK_STEPS", STEPS - 1)
-        patch.setattr(pil, "RECORDINGS", 1)
-        return pil.check(planted.subject_of(PI), Effort())
-
-
-def test_a_build_has_the_same_bits_on_a_core() -> None:
-    found = whole()
+def test_a_build_has_the_same_bits_on_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole check, with few steps."""
+    on(monkeypatch, CORTEX_M4F)
+    for name, value in {"STEPS": STEPS, "QUICK_STEPS": STEPS - 1, "RECORDINGS": 1}.items():
+        monkeypatch.setattr(pil, name, value)
+    found = pil.check(planted.subject_of(PI), Effort())
     assert (found.findings, found.verdict) == ((), Verdict.PASSED)
     rows = found.figures["rows"]
     assert rows["random steps"] == STEPS
-    assert rows["scenario step-steer"] > 1_000
-    assert rows["recorded scenarios"] > 1_000
+    assert min(rows["scenario step-steer"], rows["recorded scenarios"]) > 1_000
     assert "model" not in rows
     assert found.figures["mismatches"].keys() == {"Cortex-M4F"}
     assert set(found.figures["statuses"]) == {status.name for status in Status}
     assert min(found.figures["statuses"].values()) > 0
-    assert json.dumps(found.figures)
     assert found.figure == f"0 mismatches in {STEPS:,} steps and {sum(rows.values()) - STEPS:,} other calls on 1 core"
     (dynamics,) = found.figures["dynamics"].values()
     assert 0.0 < dynamics["share_of_bound"] < 1.0

@@ -12,39 +12,19 @@ from codegen.verify.target.emulator import DATA, CortexM4
 
 SOURCE = """
 #include <stdint.h>
-uint32_t entry(uint32_t x);
-uint32_t other(uint32_t x);
 __attribute__((noinline)) static uint32_t leaf(uint32_t x) { volatile uint32_t a[8]; a[x & 7u] = x; return a[1]; }
 __attribute__((noinline)) static uint32_t deep(uint32_t x) { volatile uint32_t a[64]; a[x & 63u] = x; return leaf(x) + a[2]; }
 __attribute__((noinline)) static uint32_t flat(uint32_t x) { return leaf(x + 1u) * 3u; }
-uint32_t entry(uint32_t x)
-{
-    uint32_t y = flat(x);
-    if (x > 5u) {
+uint32_t entry(uint32_t x) { uint32_t y = flat(x); if (x > 5u) {
         y += deep(x);
-    }
-    return y + 1u;
-}
-uint32_t other(uint32_t x)
-{
-    switch (x) {
-    case 0u: return leaf(1u) + 5u;
-    case 1u: return leaf(7u) * 3u;
-    case 2u: return leaf(x) ^ 99u;
-    case 3u: return leaf(11u) - 4u;
-    case 4u: return leaf(13u) + x;
-    case 5u: return leaf(17u) / 5u;
-    default: return 12u;
-    }
-}
-uint32_t again(uint32_t x);
+    } return y + 1u; }
+uint32_t other(uint32_t x) { switch (x) { case 0u: return leaf(1u) + 5u; case 1u: return leaf(7u) * 3u; case 2u:
+    return leaf(x) ^ 99u; case 3u: return leaf(11u) - 4u; case 4u: return leaf(13u) + x; case 5u: return leaf(17u) / 5u;
+    default: return 12u; } }
 uint32_t again(uint32_t x) { volatile uint32_t k = x; return k > 3u ? again(k / 2u) + again(k - 3u) : 1u; }
 uint32_t (*hook)(uint32_t x);
-uint32_t through(uint32_t x);
 uint32_t through(uint32_t x) { return hook(x) + 1u; }
-uint32_t last(uint32_t x);
 uint32_t last(uint32_t x) { return hook(x); }
-uint32_t tail(uint32_t x);
 uint32_t tail(uint32_t x) { return flat(x * 5u); }
 """
 ENTRIES = ("entry", "other", "again", "through", "last", "tail")
