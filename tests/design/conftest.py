@@ -1,7 +1,5 @@
 """Cars to design for: the committed schedule of the default family, whose design takes seconds, and a small family."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The sampled car and its loop by python-control, from blocks: shares no matrix with the code under test."""
 
-from __future__ import annotations
-
 import control
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The family: all combinations, each once, the configured car among them."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest
@@ -39,8 +37,3 @@ def test_empty_and_too_long_lists_are_refused() -> None:
     # A million combinations of each stiffness: made before the check, they would fill the memory.
     with pytest.raises(ConfigError, match=f"at most {MEMBERS_MAX} are taken; list fewer"):
         members(small_config(stiffness_percent=[0.01 * k for k in range(1000)]))
-
-
-def test_a_member_in_words() -> None:
-    assert str(Member(0.1, 1.2, 0.8, 1.15, 0.6)) == "lag 100 ms, mass +20 %, stiffness -20/+15 %, relaxation 0.6 m"
-    assert str(Member(0.05)) == "lag 50 ms, mass 0 %, stiffness 0/0 %, relaxation 0 m"

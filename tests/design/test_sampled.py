@@ -1,16 +1,12 @@
 """The sampled car against python-control, the CasADi model and the closed form of the steady turn."""
 
-from __future__ import annotations
-
 import control
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from codegen.config import Config
-from codegen.design import sampled
 from codegen.design.family import Member, nominal
-from codegen.design.sampled import FREQUENCY_MIN, frequency_grid, sample
+from codegen.design.sampled import frequency_grid, sample
 from codegen.vehicle.single_track import SingleTrack
 
 from .conftest import small_config
@@ -49,17 +45,9 @@ def test_relaxation_lags_and_keeps_the_closed_form_of_the_steady_turn() -> None:
     assert (none - short < 0.2 * (none - long)).all()
 
 
-def test_exponentials_are_those_of_scipy() -> None:
-    rng = np.random.default_rng(1)
-    # From all but nothing to a relaxation length of 5 cm at 400 km/h: norms of 1e-3 to 100.
-    matrices = rng.normal(size=(20, 6, 6)) * np.geomspace(1e-3, 20.0, 20)[:, np.newaxis, np.newaxis]
-    for found, matrix in zip(sampled._exponential(matrices), matrices, strict=True):
-        expected = expm(matrix)
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
-
-
 def test_open_loop_stability_ends_at_the_critical_speed() -> None:
-    config = small_config({"tyre": {"front": stiffness(119_540.0), "rear": stiffness(90_000.0)}})
+    stiffness = {"front": 119_540.0, "rear": 90_000.0}
+    config = small_config({"tyre": {axle: {"cornering_stiffness_n_per_rad": value} for axle, value in stiffness.items()}})
     critical = SingleTrack.from_config(config).critical_speed
     assert 20.0 < critical < 60.0
     car = sample(config, [nominal(config)], critical * np.array([0.5, 0.999, 1.001, 1.5]))
@@ -78,22 +66,3 @@ def test_closed_loop_stability_is_that_of_python_controls_poles(delay: int) -> N
         found.append(bool(sample(config, [car], [speed]).closed_loop_stable(kp, ki)[0, 0]))
         assert found[-1] == (np.abs(poles).max() < 1.0), (car, speed, kp, ki)
     assert 4 < sum(found) < 36  # both kinds occur
-
-
-def test_the_frequency_grid_ends_at_pi_over_the_sampling_time() -> None:
-    grid = frequency_grid(0.001)
-    assert grid[0] == pytest.approx(FREQUENCY_MIN) and grid[-1] == np.pi / 0.001
-    assert (np.diff(np.log(grid)) < 1.01 * np.log(10.0) / sampled.POINTS_PER_DECADE).all()
-
-
-def test_picked_cars_are_the_same_cars() -> None:
-    config = small_config()
-    cars, frequency = sample(config, CARS, SPEEDS), frequency_grid(0.01, 5)
-    places = [0, 5, 14]
-    np.testing.assert_array_equal(
-        cars.pick(places).response(frequency), cars.response(frequency).reshape(-1, frequency.size)[places]
-    )
-
-
-def stiffness(value: float) -> dict[str, float]:
-    return {"cornering_stiffness_n_per_rad": value}
