@@ -1,7 +1,5 @@
 """The total map's rules with the optimum solved at each point, and errors of placed tables against it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Classification of breakpoints, and location of the cell of a value."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

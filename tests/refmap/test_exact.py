@@ -1,7 +1,5 @@
 """The exact solution: against the paper, a brute-force scan of an independent model and IPOPT, and where feasibility ends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,10 +11,10 @@ import pytest
 from codegen.config import KM_H, Config
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import exact, ipopt
-from codegen.refmap.map import Binding, ReferenceMap
+from codegen.refmap.map import Binding
 from codegen.refmap.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
 from codegen.refmap.solve import solve_case
-from tests.refmap.cars import CASE, CASES, PAPER, SteadyModel, changed, check_against_scan, random_config
+from tests.refmap.cars import CASE, CASES, PAPER, SteadyModel, changed, check_against_scan, paper_map, random_config
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,9 +24,6 @@ def yaw_rate(case: str, speed_km_h: float, front_angle_deg: float) -> float:
     problem = SteadyTurnProblem.from_config(PAPER, PAPER.case(case))
     found = exact.solve(problem, np.array([speed_km_h * KM_H]), np.radians([front_angle_deg]))
     return math.degrees(found.yaw_rate[0, 0])
-
-
-# --- the paper's numbers ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("case", "printed"), [("fws", 15.35), ("4ws-1", 26.82), ("4ws-2", 21.35)])
@@ -47,11 +42,9 @@ def test_the_cap_is_the_slip_bound() -> None:
     assert front == pytest.approx(rear, rel=1e-9)
 
 
-# --- binding constraints ------------------------------------------------------------------------------------------------
-
-
-def test_both_slips_bind_together_and_infeasible_cells_hold_nothing(maps: Mapping[str, ReferenceMap]) -> None:
-    for case, found in maps.items():
+def test_both_slips_bind_together_and_infeasible_cells_hold_nothing() -> None:
+    for case in CASES:
+        found = paper_map(case)
         assert found.active is not None and found.feasible.any()
         slips = int(Binding.SLIP_FRONT | Binding.SLIP_REAR)
         assert case == "fws" or set(np.unique(found.active)) == {0, slips, int(Binding.REAR_ANGLE)}
@@ -93,9 +86,6 @@ def test_the_binding_tolerance_is_a_millionth_of_the_bound(flag: Binding) -> Non
         yaw_rate = np.zeros(4) if flag in of_angle else values
         found = exact.binding(problem, np.full(4, speed), yaw_rate, sideslip, rear_angle)
         assert ((found & flag) != 0).tolist() == [False, True, True, False]
-
-
-# --- against other ways to solve it -------------------------------------------------------------------------------------
 
 
 def test_brute_force_on_random_cars() -> None:
@@ -150,9 +140,6 @@ def test_a_point_that_ipopt_cannot_finish_is_an_error_not_an_infeasible_cell(mon
     assert "exact" in caught.value.remedy
 
 
-# --- the edge of feasibility --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("rear_steering", [False, True])
 def test_the_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
     """Just inside feasible and just outside not, by a part in 1e9; the edge itself against linear programming, whose
@@ -195,9 +182,6 @@ def test_edge_and_optimum_move_smoothly(case: str) -> None:
         assert np.count_nonzero(np.diff(np.sign(fine))) <= 1
     for coarse, fine in zip(steps_inside(201), steps_inside(401), strict=True):
         assert np.nanmax(np.abs(fine)) <= 0.52 * np.nanmax(np.abs(coarse))
-
-
-# --- refused ------------------------------------------------------------------------------------------------------------
 
 
 def oversteering(grid: Mapping[str, object]) -> Config:

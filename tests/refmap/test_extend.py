@@ -1,7 +1,5 @@
 """The total map: each rule by itself, then the properties of the whole."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -45,9 +43,6 @@ def rules(total: TotalMap) -> list[str]:
 
 
 SMALL = bare([10.0, 20.0], [0.02, 0.05], [[0.06, 0.12], [0.08, 0.18]])
-
-
-# --- each rule on small tables ------------------------------------------------------------------------------------------
 
 
 def test_linear_from_zero_then_the_passive_slope_then_the_cap() -> None:
@@ -116,9 +111,6 @@ def test_maps_that_cannot_be_extended_are_refused() -> None:
     tyres = {"front": {"cornering_stiffness_n_per_rad": 120e3}, "rear": {"cornering_stiffness_n_per_rad": 90e3}}
     with pytest.raises(MapError, match=r"vx: .*unstable from.*--config"):
         extend(bare([10.0, 80.0], [0.02, 0.05], [[0.06, 0.12], [0.02, 0.03]]), changed(PAPER, tyre=tyres))
-
-
-# --- each rule on solved maps -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -195,9 +187,6 @@ def test_slow_and_far_beyond_the_last_angle_the_rear_wheels_do_not_steer_in_phas
         # By the map's bound on the rear angle against the front wheels, r = G (delta_f - delta_r).
         rear = math.radians(13.5) - float(lookup(speed, math.radians(13.5))) / passive_gain(PAPER, speed)
         assert math.degrees(rear) == pytest.approx(-3.5, abs=1e-9)
-
-
-# --- the whole ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """The NumPy lookup against SciPy's interpolator, and its bound on the rounding error. tests/sil compares the C with it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

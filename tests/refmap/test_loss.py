@@ -1,7 +1,5 @@
 """Loss of function: which operating points depend on rear steering, and the plant's motion against an integration by SciPy."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -43,9 +41,6 @@ def small(config: Config, case: str = "4ws-2") -> ReferenceMap:
 def lost() -> LossOfFunction:
     """The result for the paper's 4WS-2."""
     return loss_of_function(paper_map(), PAPER)
-
-
-# --- the operating points -----------------------------------------------------------------------------------------------
 
 
 def test_what_is_feasible_only_with_rear_steering(lost: LossOfFunction) -> None:
@@ -99,9 +94,6 @@ def test_a_bare_map_takes_the_rear_angle_of_the_linear_car() -> None:
     np.testing.assert_allclose(table.sideslip_max, solved.sideslip_max, rtol=0.0, atol=1e-10)
     limited = loss_of_function(bare(small(PAPER), yaw_rate=0.3 * small(PAPER).yaw_rate), PAPER)
     assert limited.rear_angle.max() == pytest.approx(PAPER.rear_actuator.angle_max, rel=1e-15)
-
-
-# --- the motion of the car ----------------------------------------------------------------------------------------------
 
 
 def test_without_rear_steering_nothing_is_lost() -> None:
@@ -251,9 +243,6 @@ def test_the_step_is_short_enough_for_a_stiff_car(monkeypatch: pytest.MonkeyPatc
     assert fine.sideslip_max is not usual.sideslip_max
     np.testing.assert_allclose(usual.sideslip_max, fine.sideslip_max, rtol=0.0, atol=0.1 * HUNDREDTH)
     np.testing.assert_array_equal(usual.spins, fine.spins)
-
-
-# --- as JSON, and kept --------------------------------------------------------------------------------------------------
 
 
 def test_json_values(lost: LossOfFunction) -> None:

@@ -1,7 +1,5 @@
 """The `.npz` contract: what is read, what is refused with which message, and that saving is atomic and repeatable."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -17,14 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from codegen import config as configuration
 from codegen.errors import MapError
 from codegen.refmap import archive
 from codegen.refmap import map as refmap
-from codegen.refmap.map import Binding, FrictionLayer, ReferenceMap
+from codegen.refmap.map import Binding, ReferenceMap
 
 Arrays = dict[str, Any]
 Change = Callable[[Arrays], None]
@@ -82,9 +78,6 @@ def npy(array: Any) -> bytes:
 PLAIN = [(f"{key}.npy", npy(array)) for key, array in plain_arrays().items()]
 
 
-# --- what is accepted ---------------------------------------------------------------------------------------------------
-
-
 def test_three_arrays_are_a_map(tmp_path: Path) -> None:
     arrays = plain_arrays()
     loaded = refmap.load(write(tmp_path / "map.npz", arrays))
@@ -95,19 +88,17 @@ def test_three_arrays_are_a_map(tmp_path: Path) -> None:
     assert loaded.meta == {} and not loaded.solved and loaded.tyre_model is None
 
 
-def test_a_solved_map_is_read_whole(tmp_path: Path) -> None:
+def test_a_solved_map_is_read_whole() -> None:
     arrays = solved_arrays()
-    loaded = refmap.load(write(tmp_path / "map.npz", arrays))
+    loaded = refmap.from_arrays(arrays, "test")
     for name, key in zip(TABLES, ("vx", "delta_f", "yaw_rate", "feasible", "beta", "delta_r", "active"), strict=True):
         np.testing.assert_array_equal(getattr(loaded, name), arrays[key])
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(loaded, name)[...] = 0
+        assert arrays[key].flags.writeable
     assert loaded.active is not None and loaded.active.dtype == np.uint8
     assert (loaded.config, loaded.case, loaded.tyre_model) == (CONFIG, "4ws-2", "linear")
     assert loaded.meta["method"] == "exact" and loaded.solved
-    copied = refmap.from_arrays(arrays, "test")
-    for name in TABLES:
-        assert not any(np.shares_memory(getattr(copied, name), array) for array in arrays.values())
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(copied, name)[...] = 0
 
 
 @pytest.mark.parametrize("lost", ["active", "case", "configuration"])
@@ -166,20 +157,6 @@ def test_plausible_bounds_are_inclusive() -> None:
         refmap.from_arrays(arrays, "test")
 
 
-def test_meta_holds_versions_units_and_bits() -> None:
-    meta = refmap.make_meta(CONFIG, "fws", "ipopt")
-    assert (meta["schema_version"], meta["case"], meta["method"]) == (1, "fws", "ipopt")
-    assert configuration.parse(meta["configuration"], "meta") == CONFIG
-    assert meta["units"]["vx"] == "m/s" and set(meta["units"]) == set(solved_arrays()) - {"meta"}
-    bits = {"sideslip": 1, "lateral_acceleration": 2, "slip_front": 4, "slip_rear": 8, "rear_angle": 16}
-    assert meta["active_bits"] == bits
-    assert set(meta["tools"]) == {"codegen", "numpy"}
-    assert json.loads(json.dumps(meta)) == meta
-
-
-# --- what is refused: arrays --------------------------------------------------------------------------------------------
-
-
 def cell(key: str, index: Any, value: float) -> Change:
     return lambda arrays: arrays[key].__setitem__(index, value)
 
@@ -220,66 +197,47 @@ REFUSED: list[tuple[Change, str, str, str]] = [
     (put("meta", lambda _: np.array({}, dtype=object)), "meta", "object array", "numpy.savez"),
     (put("yaw_rate", lambda a: a + 0j), "yaw_rate", "complex values", "plain numbers"),
     (put("vx", lambda a: a.astype(str)), "vx", "text values", "plain numbers"),
-    (put("vx", lambda a: a.astype("S8")), "vx", "text values", "plain numbers"),
     (put("delta_f", lambda a: a > 0.01), "delta_f", "boolean values", "plain numbers"),
     (put("vx", lambda a: a.astype("M8[s]")), "vx", "date values", "plain numbers"),
-    (put("vx", lambda a: a.astype("m8[s]")), "vx", "duration values", "plain numbers"),
     (put("vx", lambda a: a.view([("speed", "f8")])), "vx", "record values", "plain numbers"),
     (put("vx", lambda a: a[:, None]), "vx", "one dimension", "ravel"),
     (put("delta_f", lambda _: np.array(0.1)), "delta_f", "one dimension", "ravel"),
     (put("vx", lambda a: a[:1]), "vx", "1 points", "at least two"),
     (put("yaw_rate", lambda a: a.T), "yaw_rate", "(3, 4), where (4, 3)", "transpose"),
-    (put("beta", lambda a: a[:3]), "beta", "shape (3, 3)", "a row for each vx"),
     (put("delta_r", lambda a: a[..., None]), "delta_r", "shape (4, 3, 1)", "a row for each vx"),
-    (put("feasible", lambda a: a[:3]), "feasible", "shape (3, 3)", "a row for each vx"),
     (put("active", lambda a: a[:, :2]), "active", "shape (4, 2)", "a row for each vx"),
     (cell("vx", 2, math.nan), "vx[2]", "nan on an axis", "finite"),
-    (cell("delta_f", 0, -math.inf), "delta_f[0]", "-inf on an axis", "finite"),
     (cell("yaw_rate", (1, 2), math.nan), "yaw_rate[1, 2]", "nan in a feasible cell", "false in an array 'feasible'"),
     (cell("delta_r", (2, 1), -math.inf), "delta_r[2, 1]", "-inf in a feasible cell", "mark the cell"),
     (cell("vx", 2, 9.0), "vx[2]", "9 is not above the breakpoint before it (10)", "sort"),
-    (cell("delta_f", 1, 0.01), "delta_f[1]", "not above", "remove doubles"),
     (cell("vx", 0, -5.0), "vx[0]", "-5 is outside 0 to 150 m/s", "reverse"),
     (cell("delta_f", 0, -0.01), "delta_f[0]", "outside 0 to 1.2 rad", "symmetric"),
     (put("vx", lambda a: a * 7.2), "vx[3]", "216 is outside", "km/h, divide by 3.6"),
     (put("delta_f", np.rad2deg), "delta_f[1]", "2.86479 is outside", "multiply by pi/180"),
     (put("yaw_rate", lambda a: a * 60), "yaw_rate[1, 2]", "outside 0 to 10 rad/s", "pi/180"),
     (put("yaw_rate", lambda a: np.rad2deg(a) / 2.0), "yaw_rate[1, 2]", " g of lateral acceleration, above 5 g", "deg/s"),
-    (put("beta", np.rad2deg), "beta[0, 0]", "-1.14592 is outside -0.5 to 0.5 rad", "multiply by pi/180"),
     (put("delta_r", np.rad2deg), "delta_r[0, 0]", "1.71887 is outside -0.5 to 0.5 rad", "multiply by pi/180"),
-    (cell("yaw_rate", (0, 2), -0.1), "yaw_rate[0, 2]", "-0.1 is outside", "sign"),
     (put("feasible", lambda a: a * 2.0), "feasible[0, 0]", "2 is neither true nor false", "booleans"),
     (put("feasible", lambda a: a & False), "feasible", "infeasible everywhere", "loosen"),
     (cell("active", (1, 1), 32), "active[1, 1]", "32 is no set", "0 to 31"),
-    (put("active", lambda a: a + 0.5), "active[0, 0]", "12.5 is no set", "0 to 31"),
     (put("meta", lambda _: np.zeros(3)), "meta", "numeric of shape (3,)", "json.dumps"),
-    (put("meta", lambda a: a.astype("S")), "meta", "one JSON text", "json.dumps"),
-    (text_meta('{"schema_version": 1'), "meta", "not JSON text", "leave the key out"),
     (text_meta('{"schema_version": NaN}'), "meta", "NaN is no JSON number", "leave the key out"),
     (text_meta("[" * 100_000), "meta", "not JSON text", "leave the key out"),
     (text_meta("9" * 5_000), "meta", "not JSON text", "leave the key out"),
     (text_meta('{"case": "\ud800"}'), "meta", "not JSON text", "leave the key out"),
     (put("meta", lambda a: with_code_point(a, 0x110000)), "meta", "not JSON text", "leave the key"),
-    (
-        meta_with(configuration={"\ud800": {"\udfff": "\ud800"}}),
-        "meta.configuration: the file as a whole",
-        "valid string",
-        "mend",
-    ),
+    (meta_with(configuration={"\ud800": {"\udfff": "\ud800"}}), "meta.configuration: the file as a whole", "valid", "mend"),
     (text_meta("[1]"), "meta", "no object", "leave the key"),
     (meta_with(schema_version=...), "meta.schema_version", "None is not a version", "leave the key"),
-    (meta_with(schema_version=True), "meta.schema_version", "True is not", "again"),
     (meta_with(configuration=[]), "meta.configuration", "no JSON object", "ars.toml"),
-    (
-        meta_with(configuration={"vehicle": {"mass_kg": -1.0}}),
-        "meta.configuration: vehicle.mass_kg",
-        "-1 is outside 200 to 60000 kg",
-        "check the value",
-    ),
+    (meta_with(configuration={"vehicle": {"mass_kg": -1}}), "meta.configuration: vehicle.mass_kg", "-1 is outside", "check"),
     (meta_with(case="4ws-3"), "meta.case", "no case '4ws-3'", "did you mean '4ws-"),
     (meta_with(case="a*/b", configuration=...), "meta.case", "cannot stand in C", "ASCII letters"),
-    (meta_with(case=3), "meta.case", "cannot stand in C", "ASCII letters"),
 ]
+
+
+def fail_with(error: BaseException) -> None:
+    raise error
 
 
 def check_refused(path: Path, place: str, fault: str, remedy: str) -> None:
@@ -301,16 +259,9 @@ def test_refused_with_place_and_remedy(change: Change, place: str, fault: str, r
 
 def test_a_configuration_nested_deeper_than_python_supports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Text that the JSON parser accepts may still be too deep for the message that shows the fault."""
-
-    def parse(*_: object) -> None:
-        raise RecursionError
-
-    monkeypatch.setattr(refmap, "parse", parse)
+    monkeypatch.setattr(refmap, "parse", lambda *_: fail_with(RecursionError()))
     with pytest.raises(MapError, match=r"meta\.configuration: nested too deep"):
         solved_map()
-
-
-# --- what is refused: files ---------------------------------------------------------------------------------------------
 
 
 def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,11 +272,9 @@ def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(MapError, match="cannot be read"):
         refmap.load(Path("a\0b.npz"))
 
-    def refuse(*_: object) -> None:  # removing the permission would not stop root
-        raise PermissionError(13, "Permission denied")
-
     path = write(tmp_path / "map.npz", plain_arrays())
-    monkeypatch.setattr(Path, "open", refuse)
+    # Removing the permission would not stop root.
+    monkeypatch.setattr(Path, "open", lambda *_: fail_with(PermissionError(13, "Permission denied")))
     check_refused(path, "", "Permission denied", "path")
 
 
@@ -348,39 +297,34 @@ def of_shape(shape: str, descr: str = "'<f8'") -> str:
     return f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}"
 
 
+HEADERS = {
+    npy_with(of_shape("(1000000000000,)")): "does not fit",
+    npy_with(of_shape("(-2, -2)")): "damaged",
+    npy_with(of_shape("(3,)")): "does not fit",
+    npy_with("{'descr': '<f8', 'fortran_order': False, }"): "damaged",
+    npy_with(of_shape("(4,)", "'nonsense'")): "damaged",
+    npy_with("__import__('os').abort()"): "damaged",
+    npy_with("(" * 9_000): "damaged",
+    npy_with(of_shape("(4L,)") + " " * 20_000): "damaged",
+    npy_with(of_shape("(4,)"), b"\x03\x00"): "npy format version 3.0",
+    b"not npy at all": "damaged",
+    b"": "damaged",
+}
 DAMAGED: list[tuple[bytes, str, str]] = [
     # (file, place, words of the fault)
     (b"", "", "not an .npz file"),
-    (b"vx,delta_f\n1,2\n", "", "not an .npz file"),
     (npy(np.arange(3.0)), "", "not an .npz file"),
     (changed_bytes(packed(PLAIN), {plain_arrays()["yaw_rate"].tobytes(): (0, b"\xff")}), "yaw_rate", "CRC"),
     (packed([*PLAIN, PLAIN[0]]), "vx", "twice"),
     (packed([*PLAIN, ("vx", PLAIN[0][1])]), "vx", "twice"),
     (packed(PLAIN, zipfile.ZIP_BZIP2), "vx", "compressed in a way"),
     (changed_bytes(packed(PLAIN), {b"PK\x01\x02": (8, b"\x01")}), "vx", "encrypted"),
-    *(
-        (packed([("vx.npy", member), *PLAIN[1:]]), "vx", fault)
-        for member, fault in [
-            (npy_with(of_shape("(1000000000000,)")), "does not fit"),
-            (npy_with(of_shape("(-4,)")), "does not fit"),
-            (npy_with(of_shape("(-2, -2)")), "damaged"),
-            (npy_with(of_shape("(3,)")), "does not fit"),
-            (npy_with("{'descr': '<f8', 'fortran_order': False, }"), "damaged"),
-            (npy_with(of_shape("(4,)", "'nonsense'")), "damaged"),
-            (npy_with("__import__('os').abort()"), "damaged"),
-            (npy_with("(" * 9_000), "damaged"),
-            (npy_with(of_shape("(4L,)") + " " * 20_000), "damaged"),
-            (npy_with(of_shape("(4,)"), b"\x03\x00"), "npy format version 3.0"),
-            (b"not npy at all", "damaged"),
-            (b"", "damaged"),
-        ]
-    ),
+    *((packed([("vx.npy", member), *PLAIN[1:]]), "vx", fault) for member, fault in HEADERS.items()),
 ]
 
 
-@pytest.mark.parametrize("number", range(len(DAMAGED)))
-def test_damaged_files_are_refused(number: int, tmp_path: Path) -> None:
-    data, place, fault = DAMAGED[number]
+@pytest.mark.parametrize(("data", "place", "fault"), DAMAGED, ids=range(len(DAMAGED)))
+def test_damaged_files_are_refused(data: bytes, place: str, fault: str, tmp_path: Path) -> None:
     (tmp_path / "map.npz").write_bytes(data)
     check_refused(tmp_path / "map.npz", place, fault, "")
 
@@ -409,9 +353,6 @@ def test_over_64_mib_unpacked_is_refused_from_the_directory(tmp_path: Path, monk
         file.write(b"PK")
         file.truncate(2**40)  # sparse: it cannot be read whole
     check_refused(path, "", "over 64 MiB", "fewer breakpoints")
-
-
-# --- saving -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("arrays", [plain_arrays, solved_arrays])
@@ -448,12 +389,7 @@ def test_a_failed_save_leaves_the_old_file(
 ) -> None:
     path = tmp_path / "map.npz"
     path.write_bytes(b"old")
-
-    def fail(*_: object) -> None:
-        assert path.read_bytes() == b"old"
-        raise failure
-
-    monkeypatch.setattr(failing, fail)
+    monkeypatch.setattr(failing, lambda *_: fail_with(failure))
     with pytest.raises(MapError if isinstance(failure, OSError) else KeyboardInterrupt) as caught:
         refmap.save(solved_map(), path)
     if isinstance(caught.value, MapError):
@@ -485,32 +421,3 @@ def test_a_map_that_breaks_the_contract_is_not_saved(tmp_path: Path, monkeypatch
     monkeypatch.setattr(archive, "MAX_UNPACKED_BYTES", len(refmap.to_bytes(solved_map())) // 2)
     with pytest.raises(MapError, match="fewer breakpoints"):
         refmap.to_bytes(solved_map())
-
-
-# --- any content: tests/property changes the archive itself -------------------------------------------------------------
-
-STACKED = refmap.to_bytes(replace(solved_map(), layers=(FrictionLayer(0.3, solved_map()), FrictionLayer(0.6, solved_map()))))
-
-
-@settings(deadline=None)
-@given(st.data())
-def test_flipped_bits_behind_a_good_checksum(data: st.DataObject) -> None:
-    """The archive is whole, so the damage reaches the npy header, the numbers and the JSON: a map or a MapError."""
-    with zipfile.ZipFile(io.BytesIO(STACKED)) as file:
-        members = {name: file.read(name) for name in file.namelist()}
-    name = data.draw(st.sampled_from(sorted(members)))
-    member = bytearray(members[name])
-    last = data.draw(st.sampled_from([min(128, len(member)), len(member)]))  # the header half of the time
-    for bit in data.draw(st.lists(st.integers(0, 8 * last - 1), min_size=1, max_size=4)):
-        member[bit // 8] ^= 1 << bit % 8
-    try:
-        loaded = refmap.from_bytes(packed(list((members | {name: bytes(member)}).items())), "fuzz")
-    except MapError as error:
-        assert error.remedy
-        return
-    assert np.all(np.diff(loaded.speed) > 0.0) and np.all(np.diff(loaded.front_angle) > 0.0)
-    assert np.all(np.diff([layer.friction for layer in loaded.layers]) > 0.0099)
-    for found in (loaded, *(layer.map for layer in loaded.layers)):
-        assert found.feasible.any()
-        np.testing.assert_array_equal(np.isnan(found.yaw_rate), ~found.feasible)
-    assert refmap.to_bytes(refmap.from_bytes(refmap.to_bytes(loaded), "again")) == refmap.to_bytes(loaded)

@@ -1,7 +1,5 @@
 """The map on the plant's own steady turns: against a dense search, IPOPT and the plant. The evidence tier drives more of it."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace
@@ -102,9 +100,6 @@ def test_slip_bounds_bind_and_are_kept_on_the_plant() -> None:
 
 def built(reference_map: ReferenceMap, config: Config, **options: object) -> Folder:
     return build(reference_map, config, BuildOptions("test", **options), BuildInputs("test.npz", "0" * 64, "map"))  # type: ignore[arg-type]
-
-
-# --- the excess of the reference model of kind tracking -----------------------------------------------------------------
 
 
 @functools.cache

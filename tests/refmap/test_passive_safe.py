@@ -1,7 +1,5 @@
 """A case without the operating points that the car could not reach without its rear steering."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Each result is found once for the whole file, with wide bounds; the evidence tier places more maps with narrow ones.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace
@@ -98,9 +96,6 @@ def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
     assert uneven.flash_bytes < 4 * total.yaw_rate.size
     assert Rule.CONTINUED.value not in uneven.total.rule
-
-
-# --- the ground that the error is measured against ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("tyre", ["linear"])

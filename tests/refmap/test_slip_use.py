@@ -1,7 +1,5 @@
 """Slip that a map uses on the plant: against the plant's own equations, solved anew, and against its bounds."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

@@ -1,7 +1,6 @@
 """A stack of maps for several frictions: the physics of another road, solving, and the contract of the file."""
 
-from __future__ import annotations
-
+import contextlib
 import io
 import json
 import math
@@ -12,11 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from codegen import config as configuration
-from codegen.config import Config
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import archive, stack, tables
 from codegen.refmap import map as npz
@@ -42,9 +38,6 @@ def assert_same_tables(one: ReferenceMap, other: ReferenceMap) -> None:
     """Require equal tables, bit for bit."""
     for name in TABLES:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
-# --- the same car on another road ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.45, 1.2])
@@ -78,9 +71,6 @@ def test_an_implausible_road_is_refused(friction: float) -> None:
     assert caught.value.remedy
 
 
-# --- solving ------------------------------------------------------------------------------------------------------------
-
-
 def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> None:
     alone = solve_case(CONFIG, "4ws-2")
     assert_same_tables(STACKED, alone)
@@ -96,23 +86,17 @@ def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> No
 @pytest.mark.parametrize("case", CASES)
 def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
     """Cornering stiffness in proportion to the friction leaves B where it is; so does the grip, which the slips bound."""
-
-    def cap(config: Config | None) -> float:
-        assert config is not None
-        return SteadyTurnProblem.from_config(config, config.case(case)).lateral_acceleration_cap
-
-    for layer in solve_stack(CONFIG, case, (0.45, 0.9)).layers:
-        softer = {
-            axle: {"cornering_stiffness_n_per_rad": 0.5 * stiffness}
-            for axle, stiffness in (("front", 119540.0), ("rear", 119830.0))
-        }
-        expected = solve_case(configuration.parse({**CONFIG.model_dump(mode="json"), "road": {"friction": 0.45},
-                                                   "tyre": softer}, "test"), case)  # fmt: skip
-        np.testing.assert_array_equal(layer.map.feasible, expected.feasible)
-        # B is rounded in another order, and the slip bound with it.
-        np.testing.assert_allclose(layer.map.yaw_rate, expected.yaw_rate, rtol=1e-9)
-        np.testing.assert_allclose(layer.map.rear_angle, expected.rear_angle, rtol=1e-9, atol=1e-12)
-        assert cap(layer.map.config) == pytest.approx(0.5 * cap(CONFIG), rel=1e-12)
+    stiffness = {"front": 119540.0, "rear": 119830.0}
+    softer = {axle: {"cornering_stiffness_n_per_rad": 0.5 * value} for axle, value in stiffness.items()}
+    config = configuration.parse({**CONFIG.model_dump(mode="json"), "road": {"friction": 0.45}, "tyre": softer}, "test")
+    (layer,), expected = solve_stack(CONFIG, case, (0.45, 0.9)).layers, solve_case(config, case)
+    np.testing.assert_array_equal(layer.map.feasible, expected.feasible)
+    # B is rounded in another order, and the slip bound with it.
+    np.testing.assert_allclose(layer.map.yaw_rate, expected.yaw_rate, rtol=1e-9)
+    np.testing.assert_allclose(layer.map.rear_angle, expected.rear_angle, rtol=1e-9, atol=1e-12)
+    assert layer.map.config is not None
+    cap, there = (SteadyTurnProblem.from_config(each, each.case(case)) for each in (CONFIG, layer.map.config))
+    assert there.lateral_acceleration_cap == pytest.approx(0.5 * cap.lateral_acceleration_cap, rel=1e-12)
 
 
 def test_progress_counts_all_cells_and_the_method_reaches_the_layers() -> None:
@@ -130,12 +114,10 @@ def test_progress_counts_all_cells_and_the_method_reaches_the_layers() -> None:
     ("friction", "fault"),
     [
         ((), "no friction, where two or more"),
-        ((0.9,), "1 friction, where two or more"),
         ((0.3, 0.9, 0.9), "0.9 is there twice"),
         ((0.895, 0.9), "too close together"),
         ((0.04, 0.9), "0.04 is outside 0.05 to 1.5"),
         ((0.3, math.nan, 0.9), "nan is outside"),
-        ((0.3, math.inf), "inf is outside"),
         ((0.3, 0.8), "the largest friction, 0.8, is not the one"),
         ((0.3, 0.9 + 2e-9), "is not the one"),
         (tuple(np.linspace(0.2, 0.9, 34)), "34 frictions"),
@@ -153,31 +135,23 @@ def test_frictions_on_the_limits_are_accepted() -> None:
     assert len(lower_frictions(CONFIG, tuple(np.linspace(0.2, 0.9, 33)))) == 32
 
 
-@given(st.lists(st.floats(0.05, 1.5), min_size=1, max_size=6, unique=True))
-def test_any_list_becomes_rising_layers_or_is_refused(friction: list[float]) -> None:
-    config = CONFIG.model_copy(update={"road": CONFIG.road.model_copy(update={"friction": max(friction)})})
-    try:
-        lower = lower_frictions(config, friction)
-    except ConfigError:
-        assert len(friction) < 2 or np.diff(sorted(friction)).min() < tables.FRICTION_STEP_MIN
-        return
-    assert sorted(friction) == [*lower, max(friction)]
-
-
 def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction() -> None:
     config = changed(CONFIG, grid={"front_angle_min_deg": 6.0, "speed_min_km_h": 40.0})
     with pytest.raises(MapError, match=r"friction 0\.1: \[cases\.4ws-2\]: no operating point .* leave this friction out"):
         solve_stack(config, "4ws-2", (0.1, 0.9))
 
 
+UNSTABLE = r"friction 0\.225: grid\.speed_max_km_h: .*unstable.* or leave this friction out"
+
+
 def test_an_oversteering_car_is_unstable_earlier_on_ice() -> None:
     """The understeer coefficient goes with 1/friction, the critical speed with the root of the friction."""
     config = changed(CONFIG, tyre={"rear": {"cornering_stiffness_n_per_rad": 100e3}})
     critical = SingleTrack.from_config(config).critical_speed
-    assert SingleTrack.from_config(on_road(config, 0.225)).critical_speed == pytest.approx(0.5 * critical, rel=1e-12)
-    config = changed(config, grid={"speed_max_km_h": 0.9 * 3.6 * critical})
-    with pytest.raises(ConfigError, match=r"friction 0\.225: grid\.speed_max_km_h: .*unstable.* or leave this friction out"):
-        solve_stack(config, "4ws-2", (0.225, 0.9))
+    for share, suits in ((0.48, True), (0.52, False)):
+        slow = changed(config, grid={"speed_max_km_h": share * 3.6 * critical, "speed_min_km_h": 5.0})
+        with contextlib.nullcontext() if suits else pytest.raises(ConfigError, match=UNSTABLE):
+            solve_stack(slow, "4ws-2", (0.225, 0.9))
 
 
 def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,41 +166,30 @@ def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatc
     assert of_cells == 4 * 30 * stack.CELL_BYTES
 
 
-# --- the file -----------------------------------------------------------------------------------------------------------
-
-
 def arrays_of(reference_map: ReferenceMap) -> Arrays:
     """The content of the file, writable."""
     with np.load(io.BytesIO(npz.to_bytes(reference_map)), allow_pickle=False) as file:
         return {key: np.array(file[key]) for key in file.files}
 
 
-def test_the_stack_only_adds_keys_to_the_file() -> None:
+def test_the_stack_only_adds_keys_to_the_file_and_is_read_again() -> None:
     """All others are, byte for byte, those of the map without it."""
     alone, found = arrays_of(replace(STACKED, layers=())), arrays_of(STACKED)
     plain = ["vx", "delta_f", "yaw_rate", "beta", "delta_r", "feasible", "active"]
-    assert list(alone) == [*plain, "meta"]
     assert list(found) == [*plain, "friction", *(f"friction_{key}" for key in plain[2:]), "meta"]
     assert all(found[key].tobytes() == array.tobytes() for key, array in alone.items())
     np.testing.assert_array_equal(found["friction"], [0.3, 0.5, 0.7])
-    for key in plain[2:]:
-        assert found[f"friction_{key}"].shape == (3, 6, 5) and found[f"friction_{key}"].dtype == found[key].dtype
-
-
-def test_round_trip() -> None:
+    assert all(found[f"friction_{key}"].dtype == found[key].dtype for key in plain[2:])
     loaded = npz.from_bytes(npz.to_bytes(STACKED), "test")
     assert npz.to_bytes(loaded) == npz.to_bytes(STACKED)
-    for one, other in zip([*loaded.layers, loaded], [*STACKED.layers, STACKED], strict=True):
-        of_one, of_other = (each.map if isinstance(each, FrictionLayer) else each for each in (one, other))
-        assert_same_tables(of_one, of_other)
-        assert (of_one.config, of_one.case, of_one.meta) == (of_other.config, of_other.case, of_other.meta)
-    for layer in loaded.layers:
-        for name in TABLES:
-            with pytest.raises(ValueError, match="read-only"):
-                getattr(layer.map, name)[...] = 0
-    alone = npz.from_bytes(npz.to_bytes(STACKED.layers[0].map), "test")
-    assert_same_tables(alone, STACKED.layers[0].map)
-    assert alone.solved and alone.config == STACKED.layers[0].map.config
+    for layer, other in zip(loaded.layers, STACKED.layers, strict=True):
+        assert_same_tables(layer.map, other.map)
+        assert (layer.map.config, layer.map.case, layer.map.meta) == (other.map.config, other.map.case, other.map.meta)
+        with pytest.raises(ValueError, match="read-only"):
+            layer.map.yaw_rate[...] = 0
+    one = npz.from_bytes(npz.to_bytes(STACKED.layers[0].map), "test")
+    assert_same_tables(one, STACKED.layers[0].map)
+    assert one.solved and one.config == STACKED.layers[0].map.config
 
 
 def test_another_configuration_reaches_the_layers() -> None:
@@ -282,22 +245,17 @@ REFUSED: list[tuple[Change, str, str, str]] = [
     (drop(*STACK_TABLES), "friction_yaw_rate", "missing", "or leave out friction"),
     (drop("delta_r"), "friction_delta_r", "the map has no delta_r", "leave out friction_delta_r"),
     (put("friction", lambda _: np.array(0.9)), "friction", "one dimension", "ravel"),
-    (put("friction", lambda a: a[:0]), "friction", "0 frictions", "leave out"),
     (many_layers, "friction", "33 frictions", "1 to 32"),
     (put("friction", lambda a: 100.0 * a), "friction[0]", "30 is outside 0.05 to 1.5", "such as 0.3"),
-    (cell("friction", 1, math.nan), "friction[1]", "nan on an axis", "finite"),
     (put("friction", lambda a: a[::-1]), "friction[1]", "0.5 is not at least 0.01 above", "sort"),
     (cell("friction", 1, 0.305), "friction[1]", "0.305 is not at least 0.01 above", "remove doubles"),
     (cell("friction", 2, 0.9), "friction[2]", "0.9 is not at least 0.01 below", "leave that layer out"),
     (cell("friction", 2, 0.895), "friction[2]", "below the friction of the map itself (road.friction = 0.9)", "leave"),
     (put("friction_yaw_rate", lambda a: a[:2]), "friction_yaw_rate", "(2, 6, 5), where (3, 6, 5)", "friction"),
     (put("friction_beta", lambda a: a[0]), "friction_beta", "(friction by vx by delta_f)", "each friction"),
-    (put("friction_delta_r", lambda a: a.T), "friction_delta_r", "(5, 6, 3), where", "transpose"),
     (cell("friction_yaw_rate", (1, 2, 0), math.nan), "friction_yaw_rate[1, 2, 0]", "nan in", "array 'friction_feasible'"),
     (cell("friction_yaw_rate", (1, 5, 0), 9.0), "friction_yaw_rate[1, 5, 0]", "9 rad/s at vx[5] = 33.33 m/s is", "deg/s"),
-    (cell("friction_beta", (0, 0, 0), 2.0), "friction_beta[0, 0, 0]", "2 is outside", "pi/180"),
     (cell("friction_feasible", 1, False), "friction_feasible[1]", "everywhere at friction 0.5", "leave that layer out"),
-    (cell("friction_active", (2, 1, 1), 32), "friction_active[2, 1, 1]", "32 is no set", "0 to 31"),
 ]
 
 
@@ -322,13 +280,9 @@ def test_a_car_that_does_not_exist_on_the_road_of_a_layer_is_refused() -> None:
 
 def test_a_stack_of_unlike_maps_is_not_saved() -> None:
     one, middle, last = STACKED.layers
-    for changes in (
-        {"speed": middle.map.speed + 1.0},
-        {"front_angle": 0.5 * middle.map.front_angle},
-        {"yaw_rate": middle.map.yaw_rate[:-1]},
-        {"sideslip": None},
-    ):
-        unlike = FrictionLayer(middle.friction, replace(middle.map, **changes))
+    changes: list[dict[str, Any]] = [{"speed": middle.map.speed + 1.0}, {"front_angle": 0.5 * middle.map.front_angle}]
+    for change in (*changes, {"yaw_rate": middle.map.yaw_rate[:-1]}, {"sideslip": None}):
+        unlike = FrictionLayer(middle.friction, replace(middle.map, **change))
         with pytest.raises(MapError, match=r"^the map to save: friction\[1\]: .*axes and the tables of the map"):
             npz.to_bytes(replace(STACKED, layers=(one, unlike, last)))
     with pytest.raises(MapError, match=r"^the map to save: friction\[0\]: .*axes and the tables of the map"):
