@@ -58,22 +58,6 @@ def test_binding_sets_are_those_of_the_definitions() -> None:
     assert seen == sum(Binding)
 
 
-@pytest.mark.parametrize("flag", Binding)
-def test_the_binding_tolerance_is_a_millionth_of_the_bound(flag: Binding) -> None:
-    """One bound at a time used up to 0.9 and 1.1 millionths, on both sides of zero."""
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
-    speed = 15.0
-    one = SteadyModel.of(PAPER, PAPER.case("4ws-2")).turns(speed, 0.05, np.zeros(1))
-    of_angle = {Binding.SIDESLIP: problem.sideslip_max, Binding.REAR_ANGLE: problem.rear_angle_max}
-    bound = of_angle[flag] if flag in of_angle else float((one.yaw_rate / one.used[flag])[0])
-    for sign in (-1.0, 1.0):
-        values = sign * bound * np.array([1.0 - 1.1e-6, 1.0 - 0.9e-6, 1.0, np.nan])
-        sideslip, rear_angle = (values if flag == own else np.zeros(4) for own in (Binding.SIDESLIP, Binding.REAR_ANGLE))
-        yaw_rate = np.zeros(4) if flag in of_angle else values
-        found = exact.binding(problem, np.full(4, speed), yaw_rate, sideslip, rear_angle)
-        assert ((found & flag) != 0).tolist() == [False, True, True, False]
-
-
 def test_brute_force_on_random_cars() -> None:
     """The evidence tier scans more cars."""
     rng = np.random.default_rng(20_240_612)
@@ -138,26 +122,6 @@ def test_the_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
         assert edge.front_angle[0] == pytest.approx(model.widest_turn(speeds[0])[0], rel=1e-6)
         assert edge.front_angle[-1] == pytest.approx(model.widest_turn(speeds[-1])[0], rel=1e-6)
     assert 0.2 < np.mean(grip_limited) < 0.95  # both kinds occur
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_edge_and_optimum_move_smoothly(case: str) -> None:
-    """Halving the spacing halves every step: no jumps. Angle and yaw rate of the edge turn at most once: no sawtooth."""
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case(case))
-
-    def steps_of_edge(points: int) -> list[FloatArray]:
-        edge = exact.edge(problem, np.linspace(5.0, 60.0, points))
-        return [np.diff(edge.front_angle), np.diff(edge.yaw_rate)]
-
-    def steps_inside(points: int) -> list[FloatArray]:
-        found = exact.solve(problem, np.linspace(20.0, 120.0, points) * KM_H, np.radians(np.linspace(0.1, 10.0, points)))
-        return [np.diff(found.yaw_rate, axis=axis) for axis in (0, 1)]
-
-    for coarse, fine in zip(steps_of_edge(2_001), steps_of_edge(4_001), strict=True):
-        assert np.abs(fine).max() <= 0.52 * np.abs(coarse).max()
-        assert np.count_nonzero(np.diff(np.sign(fine))) <= 1
-    for coarse, fine in zip(steps_inside(201), steps_inside(401), strict=True):
-        assert np.nanmax(np.abs(fine)) <= 0.52 * np.nanmax(np.abs(coarse))
 
 
 def oversteering(**grid: object) -> Config:

@@ -1,5 +1,6 @@
-"""The NumPy lookup against SciPy's interpolator, and its bound on the rounding error. tests/sil compares the C with it."""
+"""The NumPy lookup against SciPy's interpolator, its bound on the rounding error, and its axes. tests/sil compares the C."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -7,11 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from codegen.refmap import map as npz
+from codegen.refmap.axis import EVENNESS, Axis
 from codegen.refmap.extend import TotalMap, extend
-from codegen.refmap.lookup import Lookup, Real, cap_in_precision, error_bound
+from codegen.refmap.lookup import AxisConstants, Lookup, Real, error_bound
 from tests.refmap.cars import PAPER, paper_total
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,8 +97,7 @@ def test_the_error_bound_where_the_position_decides(across: bool) -> None:
     total = bare(short, axis * 0.01, table.T) if across else bare(axis, short, table)
     steep = total.front_angle if across else total.speed  # both axes end here: the stop is inside the table
     inside = np.random.default_rng(20_240_620).uniform(steep[-2], steep[-1], 100_000).astype(np.float32)
-    short_value = np.full_like(inside, 0.2)
-    v, angle = (short_value, inside) if across else (inside, short_value)
+    v, angle = (np.full_like(inside, 0.2), inside) if across else (inside, np.full_like(inside, 0.2))
     difference = np.abs(Lookup.from_map(total)(v, angle).astype(np.float64) - interpolate(total, v, angle))
     assert 0.08 * error_bound(total) < difference.max() <= error_bound(total)
 
@@ -109,19 +112,73 @@ def test_friction_scales_the_cap(friction: float) -> None:
     fastest = (np.abs(found[v > 0.0]) * v[v > 0.0]).max()
     assert fastest == pytest.approx(min(max(friction, 0.0) / 0.9, 1.0) * total.lateral_acceleration_cap, rel=1e-12)
     single = Lookup.from_map(total)
+    assert (single(12.0, 0.05).shape, single(12.0, 0.05)) == ((), single(np.array([12.0]), 0.05)[0])
     assert single(v, angle, float("nan")).tobytes() == single(v, angle).tobytes() == single(v, angle, 0.9).tobytes()
 
 
-@pytest.mark.parametrize("real", REALS)
-@pytest.mark.parametrize("value", [0.3, 1.0, 5.611226313527058, 1e-3])
-def test_the_cap_is_rounded_down(value: float, real: Real) -> None:
-    """By a few units in the last place: the result times the speed stays below it in exact arithmetic."""
-    cap = float(cap_in_precision(value, real))
-    assert value * (1.0 - 6.0 * float(np.finfo(real).eps)) <= cap <= value * (1.0 - 2.0 * float(np.finfo(real).eps))
+@pytest.mark.parametrize(
+    ("breakpoints", "first", "last", "step"),
+    [
+        ([0.0, 1.0, 2.0, 3.0, 4.0], False, False, 1.0),
+        ([0.0, 4.0, 5.0, 6.0, 7.0], True, False, 1.0),
+        ([0.0, 0.1, 1.1, 2.1, 3.1], True, False, 1.0),
+        ([0.0, 1.0, 2.0, 3.0, 9.0], False, True, 1.0),
+        ([0.0, 5.0, 5.5, 6.0, 6.5, 40.0], True, True, 0.5),
+        ([0.0, 2.0], False, False, 2.0),
+        ([0.0, 2.0, 3.0], True, False, 1.0),  # one cell of the two is the core
+        ([0.0, 2.0, 3.0, 13.0], True, True, 1.0),
+        ([0.0, 1.0, 2.0, 5.0], False, True, 1.0),
+        # Uneven: one odd cell that is not at an end, two odd cells at one end, no two cells alike.
+        ([0.0, 1.0, 2.0, 3.5, 4.5], False, False, None),
+        ([0.0, 0.5, 1.0, 1.5, 3.0, 5.0], False, False, None),
+        ([0.0, 1.0, 2.5, 3.0, 7.0, 7.5], False, False, None),
+    ],
+)
+def test_an_even_axis_has_at_most_one_other_cell_at_either_end(
+    breakpoints: list[float], first: bool, last: bool, step: float | None
+) -> None:
+    found = Axis.from_breakpoints(np.array(breakpoints))
+    assert found.even == (step is not None)
+    assert (found.has_first_cell, found.has_last_cell) == (first, last)
+    assert (found.core_start, found.core_end) == (int(first), len(breakpoints) - 1 - int(last))
+    assert step is None or found.step == pytest.approx(step, rel=1e-15)
+    assert found.size == len(breakpoints)
 
 
-def test_shapes_broadcast() -> None:
-    lookup = Lookup.from_map(paper_total())
-    assert lookup(np.linspace(0.0, 40.0, 5)[:, np.newaxis], np.linspace(-0.2, 0.2, 7)).shape == (5, 7)
-    assert lookup(12.0, 0.05).shape == ()
-    assert lookup(12.0, 0.05) == lookup(np.array([12.0]), 0.05)[0]
+@pytest.mark.parametrize(("step", "index", "sign"), [*itertools.product((1e-4, 20.0), (1, 7, 19), (-1.0, 1.0))])
+def test_the_tolerance_is_a_fraction_of_the_step(step: float, index: int, sign: float) -> None:
+    """The breakpoints are rounded a hundred times finer than the tolerance, which resolves 0.9 and 1.2 of it. Also beside an
+    end: the two cells that share the breakpoint are both wrong."""
+    for share in (0.9, 1.2):
+        breakpoints = step * np.arange(21.0)
+        breakpoints[index] += share * sign * EVENNESS * step
+        assert Axis.from_breakpoints(breakpoints).even == (share < 1.0)
+
+
+@pytest.mark.parametrize("n", [5, 6, 7, 8, 9, 10, 33, 34, 65, 66, 1000])
+def test_search_steps_reach_every_cell_and_no_further(n: int) -> None:
+    """The lower end of a cell belongs to it, the upper end to the next one."""
+    axis = Axis.from_breakpoints(np.cumsum(1.0 + 0.37 * np.arange(n)) - 1.0)
+    assert not axis.even
+    steps = axis.search_steps
+    assert all(a == 2 * b for a, b in itertools.pairwise(steps)) and steps[-1] == 1
+    assert sum(steps) >= n - 2 > sum(steps) // 2  # reaches the last cell without a step to spare
+    constants = AxisConstants(axis, np.float64)
+    lower, upper = axis.breakpoints[:-1], axis.breakpoints[1:]
+    for inside, fraction in ((lower, 0.0), (0.75 * lower + 0.25 * upper, 0.25), (np.nextafter(upper, 0.0), 1.0)):
+        cell, position = constants.locate(inside)
+        np.testing.assert_array_equal(cell, np.arange(n - 1))
+        np.testing.assert_allclose(position, fraction, rtol=0.0, atol=1e-12)
+    cell, position = constants.locate(upper[-1:])
+    assert (cell[0], position[0]) == (n - 2, 1.0)
+    assert Axis.from_breakpoints(np.array([0.0, 2.0])).search_steps == ()
+
+
+@given(st.lists(st.floats(1e-3, 10.0) | st.just(1.0), min_size=1, max_size=40), st.floats(0.0, 1.0))
+def test_position_on_any_axis(widths: list[float], fraction: float) -> None:
+    constants = AxisConstants(Axis.from_breakpoints(np.concatenate([[0.0], np.cumsum(widths)])), np.float64)
+    breakpoints = constants.axis.breakpoints
+    x = np.array([0.0, fraction * breakpoints[-1], breakpoints[-1]])
+    cell, position = constants.locate(x)
+    # EVENNESS of a step, at most.
+    np.testing.assert_allclose(cell + position, np.interp(x, breakpoints, np.arange(breakpoints.size)), rtol=0.0, atol=1e-8)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import fsolve
 
 from benchmarks.agreement import SAME
 from benchmarks.dense_search import DenseSearch
@@ -15,14 +16,18 @@ from codegen.config import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.evidence import excess_note
 from codegen.emit.folder import Folder
+from codegen.errors import ConfigError
 from codegen.refmap import ipopt
 from codegen.refmap.extend import extend
 from codegen.refmap.map import Binding, ReferenceMap, load
 from codegen.refmap.model_excess import model_excess
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.problem import breakpoints
+from codegen.refmap.slip_use import ABOVE, slip_use
+from codegen.refmap.solve import solve_case
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import AxleTyres
+from tests import shared
 from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map
 
 TYRES = AxleTyres.from_config(PAPER)
@@ -33,8 +38,7 @@ def check_against_dense_search(seed: int, cells: int) -> None:
     """Compare the solution of random cells of a random car with a dense search, to the agreement that is required."""
     rng = np.random.default_rng(100 + seed)
     config = random_car(rng)
-    case = config.cases[CASE]
-    turns, search = NonlinearTurns.from_config(config, case), DenseSearch.of(config, case)
+    turns, search = NonlinearTurns.from_config(config, config.cases[CASE]), DenseSearch.of(config, config.cases[CASE])
     speed, front_angle = random_cells(turns, config, rng, cells)
     found = turns.at(speed, front_angle)
     for index in range(cells):
@@ -44,16 +48,12 @@ def check_against_dense_search(seed: int, cells: int) -> None:
 
 
 def test_against_a_dense_search() -> None:
+    """Also a heavy car with a rear tyre that hardly rises at its bound: stability ends the curve just short of a slip bound."""
     check_against_dense_search(0, 2)
-
-
-def test_stability_ends_the_curve_just_short_of_a_slip_bound() -> None:
-    """A heavy car with a rear tyre that hardly rises at its bound: the samples at both sides of the limit are stable ones."""
     config = random_car(np.random.default_rng([1, 14]))
-    case = config.cases[CASE]
     speed, front_angle = 135.163 / 3.6, math.radians(1.5787)
-    best = DenseSearch.of(config, case).best(speed, front_angle)
-    found = NonlinearTurns.from_config(config, case).at(np.array([speed]), np.array([front_angle]))
+    best = DenseSearch.of(config, config.cases[CASE]).best(speed, front_angle)
+    found = NonlinearTurns.from_config(config, config.cases[CASE]).at(np.array([speed]), np.array([front_angle]))
     assert found.active == 0  # no bound of the problem: the margin of stability
     assert abs(best.yaw_rate - float(found.yaw_rate[0])) < SAME
 
@@ -102,10 +102,13 @@ def built(reference_map: ReferenceMap, config: Config, **options: object) -> Fol
     return build(reference_map, config, BuildOptions("test", **options), BuildInputs("test.npz", "0" * 64, "map"))  # type: ignore[arg-type]
 
 
+COMMITTED = Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz"
+
+
 @functools.cache
 def tracking_config() -> Config:
     """The tuned gains of the committed build."""
-    config = load(Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz").config
+    config = load(COMMITTED).config
     assert config is not None
     return config
 
@@ -124,14 +127,10 @@ def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
     return replace(reference_map, config=config, meta={**reference_map.meta, "configuration": config.model_dump(mode="json")})
 
 
-def test_the_pi_follows_the_map_itself() -> None:
+def test_neither_the_pi_nor_a_map_of_linear_tyres_has_an_excess_to_report() -> None:
+    """The PI follows the map itself. On linear tyres the model exceeds it by what the last cell makes of its kink alone."""
     assert "reference_model_excess" not in built(nonlinear_map(), nonlinear(PAPER, "4ws-2")).manifest
-
-
-def test_a_map_of_linear_tyres_has_no_excess_to_report() -> None:
-    """Its model exceeds it only by what the last cell of the grid makes of its kink."""
-    config = tracking_config()
-    linear = load(Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz")
+    config, linear = tracking_config(), load(COMMITTED)
     assert "reference_model_excess" not in built(linear, config).manifest
     total = extend(linear, config, config.steering.front_angle_stop)
     assert model_excess(linear, total, config).percent <= config.controller.tracking.trim_max_percent == 1.0
@@ -155,3 +154,80 @@ def test_the_note_on_the_trim(percent: float, trim: float, options: dict[str, ob
     excess = {"percent": percent, **place, "trim_max_percent": trim, "enough": percent <= trim}
     found = excess_note({"reference_model_excess": excess, "options": options})
     assert note in found and bool(note) == bool(found)
+
+
+CONFIG = changed(PAPER, grid={"speed_points": 11, "front_angle_min_deg": 0.5, "front_angle_points": 10})
+
+
+@functools.cache
+def solved(tyre: str) -> ReferenceMap:
+    """The 4WS-2 map with one of the two tyre models."""
+    if tyre == "linear":
+        return solve_case(CONFIG, "4ws-2")
+    return shared.once("slip use", lambda: solve_case(nonlinear(CONFIG, "4ws-2"), "4ws-2"))
+
+
+def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
+    """Front and rear slip of a cell in percent: lateral speed and rear angle for which the plant's own derivatives vanish."""
+    model, tyres, speed = two_track(CONFIG), AxleTyres.from_config(CONFIG), found.speed[i]
+    inputs = {"speed": speed, "friction": CONFIG.road.friction}
+    u = [inputs.get(name, 0.0) for name in PLANT_INPUTS]
+    turn = {"yaw_rate": found.yaw_rate[i, j], "steering_wheel_angle": found.front_angle[j] * CONFIG.steering.ratio}
+
+    def state(unknown: np.ndarray) -> list[float]:
+        moving = {**turn, "lateral_speed": speed * unknown[0], "rear_angle": unknown[1]}
+        return [moving.get(name, 0.0) for name in PLANT_STATES]
+
+    def rates(unknown: np.ndarray) -> np.ndarray:
+        return np.asarray(model.derivative(state(unknown), u)).ravel()[:2]
+
+    start = np.array([found.sideslip[i, j], found.rear_angle[i, j]])  # another steady turn slides
+    steady = fsolve(rates, start, xtol=1e-12)
+    assert np.abs(rates(steady)).max() < 1e-7
+    slips = np.abs(np.asarray(model.output(state(steady), u)).ravel()[-2:])
+    return np.asarray(100.0 * slips / [tyres.front_slip_bound, tyres.rear_slip_bound])
+
+
+@pytest.mark.parametrize("tyre", ["linear", "nonlinear"])
+def test_the_slip_is_that_of_the_plants_steady_turn(tyre: str) -> None:
+    """The linear map exceeds its bounds; the nonlinear one meets them, where they bind exactly."""
+    found = solved(tyre)
+    used = slip_use(found)
+    assert not used.unreached.any()
+    for i, j in np.argwhere(found.feasible)[::9]:
+        percent = plant_percent(found, int(i), int(j))
+        np.testing.assert_allclose([used.front[i, j], used.rear[i, j]], percent, rtol=0.0, atol=1e-5)
+    for percent, flag in ((used.front, Binding.SLIP_FRONT), (used.rear, Binding.SLIP_REAR)):
+        if tyre == "linear":
+            assert 105.0 < np.nanmax(percent) < 125.0
+            continue
+        bound = (found.active & flag).astype(bool)
+        assert bound.any() and not (percent > ABOVE).any()
+        np.testing.assert_allclose(percent[bound], 100.0, atol=1e-4)
+
+
+def test_a_yaw_rate_beyond_the_tyres_is_not_reached() -> None:
+    found = solved("linear")
+    i, j = (int(index) for index in np.argwhere(found.feasible)[-1])
+    yaw_rate = found.yaw_rate.copy()
+    yaw_rate[i, j] *= 3.0
+    used = slip_use(replace(found, yaw_rate=yaw_rate))
+    assert np.argwhere(used.unreached).tolist() == [[i, j]]
+    for percent in (used.front, used.rear):
+        np.testing.assert_array_equal(np.isfinite(percent), found.feasible & ~used.unreached)
+
+
+def test_without_speed_car_or_end_of_the_linear_range_nothing_is_known() -> None:
+    found = solved("linear")
+    yaw_rate = np.pad(found.yaw_rate, ((1, 0), (0, 0)))
+    speed = np.concatenate([[0.0], found.speed])
+    used = slip_use(ReferenceMap(speed, found.front_angle, yaw_rate, np.isfinite(yaw_rate), config=CONFIG, case="4ws-2"))
+    assert not np.isfinite(used.front[0]).any() and not used.unreached[0].any()
+    assert np.isfinite(used.front[1:]).sum() == found.feasible.sum()
+    assert slip_use(replace(found, config=None, case=None, meta={})) is None
+    front = {"shape_factor_c": 1.0, "curvature_factor_e": 0.0, "cornering_stiffness_n_per_rad": 6000.0}
+    tyre = {**CONFIG.tyre.model_dump(mode="json"), "front": {**CONFIG.tyre.front.model_dump(mode="json"), **front}}
+    endless = changed(CONFIG, tyre=tyre, limits={"slip_departure_percent": 50.0})
+    with pytest.raises(ConfigError, match="never departs"):
+        AxleTyres.from_config(endless)
+    assert slip_use(replace(found, config=endless)) is None

@@ -19,7 +19,7 @@ from codegen.refmap import map as npz
 from codegen.refmap.map import FrictionLayer, ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import layer_configs, lower_frictions, on_road, solve_stack
+from codegen.refmap.stack import layer_configs, on_road, solve_stack
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from tests.refmap.cars import CASES, PAPER, changed
@@ -128,11 +128,6 @@ def test_bad_frictions_are_refused(friction: tuple[float, ...], fault: str) -> N
         solve_stack(CONFIG, "4ws-2", friction)
     assert fault in caught.value.what
     assert caught.value.where == "--friction" and caught.value.remedy
-
-
-def test_frictions_on_the_limits_are_accepted() -> None:
-    assert lower_frictions(CONFIG, (0.05, 0.06, 0.88, 0.89, 0.9 + 0.9e-9)) == (0.05, 0.06, 0.88, 0.89)
-    assert len(lower_frictions(CONFIG, tuple(np.linspace(0.2, 0.9, 33)))) == 32
 
 
 def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction() -> None:

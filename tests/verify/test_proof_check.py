@@ -1,4 +1,7 @@
-"""Check `proof`: a build is proved, and faults are not. Whole builds of every kind are proved in tests/evidence/verify."""
+"""Check `proof`: a build is proved, faults are not, nor small C texts that it must refuse.
+
+Whole builds of every kind are proved in tests/evidence/verify.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,10 @@ import pytest
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.proof import claims
 from codegen.verify.proof.check import check
+from codegen.verify.proof.executor import Executor
+from codegen.verify.proof.session import Session
+from codegen.verify.proof.solver import Answer
+from codegen.verify.proof.source import CannotJudge, Program, Unit
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
@@ -51,3 +58,165 @@ def test_faults_are_not_proved_and_nothing_else_is_found() -> None:
     for finding in FAULTS.values():
         assert any(re.match(finding, each) for each in outcome.findings), (finding, outcome.findings)
     assert all(re.match(r"src/ars_e2e\.c:|yaw_rate_table: ", each) for each in outcome.findings)
+
+
+TYPES = """
+typedef unsigned char uint8_t;
+typedef signed char int8_t;
+typedef unsigned short uint16_t;
+typedef int int32_t;
+typedef unsigned int uint32_t;
+typedef _Bool bool;
+"""
+
+
+def troubles(body: str) -> str:
+    """Judge one unit of C as a build is judged, and return all that keeps it from being proved."""
+    try:
+        program = Program({"x.c": Unit.parse("x.c", TYPES + body)})
+        report = Session(Executor(program, {}), "ars", 0.01).run()
+    except CannotJudge as error:
+        return f"{error.place}: cannot be judged: {error.what}"
+    open_ones = [verdict.obligation for _, verdict in report.verdicts if verdict.answer is not Answer.PROVED]
+    return "\n".join([*report.troubles, *(f"{each.kind}: {each.text}" for each in open_ones)])
+
+
+TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};"
+SHORT = {
+    "PROBE": f"uint32_t ars_probe(uint32_t x) {{ {TABLE}",
+    "TABLE": TABLE,
+    "NEXT": "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }",
+    "ENUM": "typedef enum { A = 0, B = 3 } e_t;",
+    "PAIR": "typedef struct { uint32_t a; uint32_t b; } s_t;",
+}
+"""Text that several cases have in common."""
+
+
+def cases(text: str) -> dict[str, tuple[str, str]]:
+    """Return C and expected message by the name of the case; the text has them as "// name: message", then C."""
+    found = {}
+    for each in text.strip().removeprefix("// ").split("\n// "):
+        head, _, body = each.partition("\n")
+        name, _, message = head.partition(": ")
+        for word, long in SHORT.items():
+            body = body.replace(word, long)
+        found[name] = (body, message)
+    return found
+
+
+REFUSED = cases("""
+// a bound that a turn changes: changes its bound
+uint32_t ars_probe(uint32_t x) { uint8_t t[50]; uint32_t n = 50u; uint32_t i; for (i = 0u; i < 50u; i++) { t[i] = 0u; }
+for (i = 0u; i < n; i++) { n = 60u; t[i] = (uint8_t)i; } return x; }
+// a counter that is narrower than its bound: of more than 40 turns
+uint32_t ars_probe(uint32_t x) { uint8_t t[50] = {0u}; const uint32_t n = 300u; uint8_t i; for (i = 0u; i < n; i++) {
+t[i] = 1u; } return x; }
+// bits by a cast of a pointer: a cast to a pointer
+uint32_t ars_probe(float x) { TABLE const float y = x; return table[*(const uint32_t *)&y]; }
+// a pointer to another type: pointers to different types
+static uint32_t of(const uint32_t *p) { return *p; } uint32_t ars_probe(float x) { const float y = x; return of(&y); }
+// const cast away: a cast to a pointer
+uint32_t ars_helper(const uint32_t *p) { *(uint32_t *)p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
+(void)ars_helper(&k); return table[k]; }
+// const of a pointer, not of what it leads to: index inside its array
+typedef uint32_t *word_t; uint32_t ars_helper(const word_t p) { *p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
+(void)ars_helper(&k); return table[k]; }
+// const that is written: writes what it is given as constant
+uint32_t ars_helper(const uint32_t *p) { *p = 4000000u; return 0u; }
+// arguments that overlap: may overlap
+uint32_t ars_helper(uint32_t *a, const uint32_t *b) { uint32_t r = 0u; TABLE if (*b < 4u) { *a = 9u; r = table[*b]; }
+return r; } uint32_t ars_probe(uint32_t x) { uint32_t k = x; return ars_helper(&k, &k); }
+// a part of an array: a part of one
+void ars_pack_it(uint8_t d[8]) { uint32_t i; for (i = 0u; i < 8u; i++) { d[i] = 9u; } } uint32_t ars_probe(uint32_t x) {
+TABLE uint8_t b[16] = {0u}; ars_pack_it(&b[8]); return table[b[8]] + x; }
+// one of several structs: one of several elements
+typedef struct { uint32_t k; } s_t; void ars_set(s_t *s) { s->k = 9u; } PROBE s_t s[2] = { { 0u }, { 0u } };
+ars_set(&s[x & 1u]); return table[s[0].k]; }
+// volatile: volatile
+static const volatile uint32_t limit_of = 3u; PROBE return (x <= limit_of) ? table[x] : 0u; }
+// a label that the promoted number has: index inside its array
+uint32_t ars_probe(uint8_t x) { TABLE uint32_t k = 0u; switch (x) { case 256: k = 0u; break; default: k = (x == 0u) ? 9u : 1u;
+break; } return table[k]; }
+// side effects in operands: inside an expression
+PROBE uint32_t k = x & 3u; k = k++ + 0u; return table[k]; }
+// an assignment in an operand: Assignment
+PROBE uint32_t k = 0u; k = x + (k = 1u); return table[k & 3u]; }
+// an assignment to the index of its left side: C leaves open
+uint32_t ars_probe(uint32_t x) { uint32_t t[4] = {0u}; uint32_t i = 0u; t[i] = i = 3u; return t[0] + x; }
+// a call that changes what another operand reads: C leaves open
+NEXT PROBE uint32_t k = x & 1u; return next(&k) + k; }
+// a call that changes what is added to: C leaves open
+NEXT PROBE uint32_t k = x & 1u; k += next(&k); return k; }
+// a number as an enum: between its enumerators
+ENUM uint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }
+// arithmetic with an enum: of an enum
+ENUM int32_t ars_probe(bool b) { const e_t s = b ? A : B; return s - 1; }
+// an octal number: index inside its array
+PROBE return table[(x == 0u) ? 010 : 0]; }
+// an initialiser that leaves something out: b is written
+PAIR void ars_s_init(s_t *self) { self->a = 0u; } uint32_t ars_s_step(s_t *self) { return self->b; }
+// a result of which something is left out: b of the result is written
+PAIR s_t ars_probe(uint32_t x) { s_t s; s.a = x; return s; }
+// what nobody thought of: cannot be judged
+uint32_t ars_probe(const uint32_t *p) { return p ? 1u : 0u; }
+// a conversion into too few bits: conversion defined
+uint32_t ars_probe(float x) { TABLE float rest = 0.0f; if ((x >= 0.0f) && (x < 1000.0f)) { const uint8_t whole = (uint8_t)x;
+rest = x - (float)whole; } return table[(rest > 1.5f) ? 4000u : 0u]; }
+// a last cell below zero: index inside its array
+uint32_t ars_probe(float x) { TABLE uint32_t result = 0u; if ((x >= 0.0f) && (x < 100.0f)) {
+const int32_t whole = (x >= 10.0f) ? -1 : (int32_t)x; const float rest = x - (float)whole;
+result = table[(rest > 1.5f) ? 4000u : 0u]; } return result; }
+// a whole number of 64 bits as a float: as a float
+float ars_probe(unsigned long long x) { return (float)x; }
+// a name that a case declares
+PROBE uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; default: break; } return table[k]; }
+// a branch that a comparison does not decide: division
+void ars_part(int32_t n, int32_t *out) { int32_t share = 0; if (n > 5) { if (n > 7) { share = 10 / n; } else {
+share = 10 / (n - n); } } *out = share; }
+""")
+
+
+@pytest.mark.parametrize(("body", "message"), REFUSED.values(), ids=REFUSED)
+def test_it_is_not_proved(body: str, message: str) -> None:
+    found = troubles(body)
+    assert found
+    assert message in found
+
+
+# A contract never shows what a call needs.
+
+LIMITER = """
+typedef struct { float rear_angle_max; float rear_rate_max; } ars_limiter_parameters_t;
+typedef struct { float rear_angle; } ars_limiter_t;
+bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters) { return parameters->rear_angle_max >= 0.0f; }
+void ars_limiter_init(ars_limiter_t *self, float rear_angle) { self->rear_angle = (rear_angle > 0.5f) ? 0.5f : -0.5f; }
+float ars_limiter_step(ars_limiter_t *self, const ars_limiter_parameters_t *parameters, float demand)
+{
+    const bool fits = (demand >= -0.5f) && (demand <= 0.5f) && (demand <= parameters->rear_angle_max);
+    self->rear_angle = (fits && (-demand <= parameters->rear_angle_max)) ? demand : 0.0f;
+    return self->rear_angle;
+}
+"""
+PROBE = (
+    "float ars_probe(float x) { ars_limiter_t s; ars_limiter_parameters_t p; p.rear_rate_max = 1.0f; %s "
+    "return ars_limiter_step(&s, &p, 0.1f); }"
+)
+RIGHT = "p.rear_angle_max = 0.5f; ars_limiter_init(&s, 0.0f);"
+
+
+NEEDS = {
+    # The limiter ensures |result| <= rear_angle_max, which no number fulfils for a limit below zero.
+    "the parameters are valid": "p.rear_angle_max = x; ars_limiter_init(&s, 0.0f);",
+    # It also ensures that the result is near its last angle, which no number fulfils for NaN.
+    "rear_angle is ": f"{RIGHT} s.rear_angle = ((x > 0.5f) || (x < -0.5f)) ? 0.0f : x;",
+}
+
+
+@pytest.mark.parametrize(("need", "call"), NEEDS.items(), ids=("parameters", "a state"))
+def test_the_contract_of_a_call_does_not_show_its_preconditions(need: str, call: str) -> None:
+    assert need in troubles(LIMITER + PROBE % call)
+    assert need not in troubles(LIMITER + PROBE % RIGHT)
+
+
+def test_a_missing_parameter_is_reported() -> None:
+    assert "limited: what it is about is not there: " in troubles(LIMITER)
