@@ -257,13 +257,6 @@ def test_refused_with_place_and_remedy(change: Change, place: str, fault: str, r
     check_refused(write(tmp_path / "map.npz", arrays), place, fault, remedy)
 
 
-def test_a_configuration_nested_deeper_than_python_supports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Text that the JSON parser accepts may still be too deep for the message that shows the fault."""
-    monkeypatch.setattr(refmap, "parse", lambda *_: fail_with(RecursionError()))
-    with pytest.raises(MapError, match=r"meta\.configuration: nested too deep"):
-        solved_map()
-
-
 def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check_refused(tmp_path / "none.npz", "", "No such file", "codegen solve")
     check_refused(tmp_path, "", "not a file", ".npz")

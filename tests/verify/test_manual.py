@@ -209,13 +209,7 @@ def test_incomplete_figures_give_no_broken_table(name: str) -> None:
     assert "Z3" not in section
 
 
-def test_odd_figures_tools_and_an_uncompared_law() -> None:
-    tools = {"gcc": "gcc (Debian 12) 12.2.0", "cppcheck": "2.22.0", "C compiler of this machine": "cc (Debian) 12.2.0"}
-    section = section_of("static-analysis", {"deviations": {"a | b": 1}}, tools=tools)
-    assert "\n| a \\| b | 1 |\n" in section
-    assert "\nTools: gcc (Debian 12) 12.2.0, Cppcheck 2.22.0, cc (Debian) 12.2.0 as C compiler of this machine.\n" in section
-    mismatches = {"rows": {"lookup": 2}, "words": {"lookup": 5}, "mismatches": {"core": {"lookup": 1_234}}}
-    assert "| lookup | 2 | 5 | 1,234 |" in section_of("processor-in-the-loop", mismatches)
+def test_an_uncompared_law_is_told() -> None:
     for verdict in Verdict:
         text = text_of(PI, law=Outcome("It shows", "one", verdict))
         assert ("\n- That each command is the one of the control law." in text) == (verdict is Verdict.NOT_RUN)

@@ -89,14 +89,10 @@ def test_the_table_fits_and_names_everything(report: Report) -> None:
     for columns in (40, 80, 120, 400):
         drawn = table.table(report, columns).splitlines()
         assert max(map(len, drawn)) <= min(max(columns, 80), 160)
-        assert ("what it shows" in drawn[0]) == (columns >= 100)
-    for name, outcome in report.outcomes.items():
-        row = next(line for line in table.table(report).splitlines() if line.startswith(name))
-        assert row.endswith(str(outcome.verdict))
+        for name, outcome in report.outcomes.items():
+            assert any(line.startswith(name) and line.endswith(str(outcome.verdict)) for line in drawn)
     lines = list(table.findings(report))
-    assert lines[0] == "failing: src/x.c:0: wrong"
-    assert lines[table.FINDINGS_TOLD] == "failing: and 2 more"
-    assert "refusing: src/x.c:3: the C does not compile" in lines
+    assert (lines[0], lines[table.FINDINGS_TOLD]) == ("failing: src/x.c:0: wrong", "failing: and 2 more")
     assert not any(line.startswith("passing") for line in lines)
 
 
