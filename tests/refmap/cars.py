@@ -1,7 +1,6 @@
-"""The paper's car and maps, random cars, and an independent solution of the steady turn.
+"""The paper's car and maps, random cars, and a solution of the steady turn that shares nothing with the closed forms.
 
-The equations of `SteadyModel` come from the CasADi model through its Jacobian and a linear solve, the slip angles from their
-definitions. They share nothing with the closed forms under test.
+The equations of `SteadyModel` come from the CasADi model through its Jacobian, the slip angles from their definitions.
 """
 
 from __future__ import annotations
@@ -68,8 +67,7 @@ def nonlinear_map(case: str = "4ws-2") -> ReferenceMap:
 def random_config(rng: np.random.Generator, *, rear_steering: bool | None = None) -> Config:
     """A car between a small one and a van with any sensible tyres, limits and weight, and a grid of 4 by 4 cells.
 
-    About half of the cars oversteer; their grids end below the critical speed. By default, one in seven does not steer its
-    rear wheels.
+    About half of the cars oversteer; their grids end below the critical speed. By default, one in seven steers no rear wheels.
     """
 
     def draw(low: float, high: float) -> float:
@@ -200,21 +198,15 @@ class SteadyModel:
     def widest_turn(self, speed: float) -> tuple[float, float]:
         """The largest feasible front angle and the rear angle (rad) that goes with it, by linear programming."""
         problem = self.problem
+        bounds = (problem.sideslip_max, problem.lateral_acceleration_max, problem.front_slip_max, problem.rear_slip_max)
         columns = []
         for front, rear in ((1.0, 0.0), (0.0, 1.0)):
             turns = self.turns(speed, front, np.array([rear]))
             beta, r = float(turns.sideslip[0]), float(turns.yaw_rate[0])
             slip_front = beta + problem.car.front_arm * r / speed - front
             slip_rear = beta - problem.car.rear_arm * r / speed - rear
-            columns.append(
-                [
-                    beta / problem.sideslip_max,
-                    speed * r / problem.lateral_acceleration_max,
-                    slip_front / problem.front_slip_max,
-                    slip_rear / problem.rear_slip_max,
-                ]
-            )
-        rows = np.array(columns).T
+            columns.append([beta, speed * r, slip_front, slip_rear])
+        rows = np.array(columns).T / np.array(bounds)[:, np.newaxis]
         limit = problem.rear_angle_max
         answer = linprog([-1.0, 0.0], np.vstack([rows, -rows]), np.ones(8), bounds=[(0.0, None), (-limit, limit)])
         assert answer.status == 0

@@ -137,20 +137,6 @@ def test_beyond_the_edges_of_the_continuous_problem(narrow: tuple[Config, Refere
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_solved_cells_stay_as_they_are(case: str) -> None:
-    """A solved map uses its own configuration."""
-    other = changed(PAPER, vehicle={"mass_kg": 1000.0}, steering={"front_angle_stop_deg": 20.0})
-    total, reference_map = extend(paper_map(case), other), paper_map(case)
-    inside = total.yaw_rate[1:, 1:101]
-    np.testing.assert_array_equal(inside[reference_map.feasible], reference_map.yaw_rate[reference_map.feasible])
-    assert np.all((total.rule[1:, 1:101] == Rule.SOLVED) == reference_map.feasible)
-    assert set(np.unique(total.rule)) == {"s", "z", "h", "p"}
-    held = total.rule == Rule.HOLD
-    np.testing.assert_allclose((total.speed[:, None] * total.yaw_rate)[held], total.lateral_acceleration_cap, rtol=1e-14)
-    assert total.front_angle[-1] == pytest.approx(STOP, rel=1e-15)
-
-
-@pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("speed_km_h", [20.0, 20.5, 30.0])
 def test_slow_and_far_beyond_the_last_angle_the_rear_wheels_do_not_steer_in_phase(case: str, speed_km_h: float) -> None:
     """A reference below the passive car's yaw rate makes the controller steer in phase, as holding the yaw rate of 10 deg
