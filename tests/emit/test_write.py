@@ -1,14 +1,14 @@
 """Writing a generated folder: whole or not at all, and nothing of the user's is ever touched."""
 
+from __future__ import annotations
+
 import errno
-import hashlib
 import json
 import os
 import shutil
 import signal
 import stat
 import subprocess
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-import codegen
 from codegen.emit import write
 from codegen.emit.folder import MANIFEST_BYTES_MAX
 from codegen.emit.write import (
@@ -87,7 +86,7 @@ def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
 @pytest.fixture
 def dead_pid() -> int:
     """The number of a process that has ended."""
-    process = subprocess.Popen([sys.executable, "-c", ""])
+    process = subprocess.Popen(["true"])
     process.wait()
     return process.pid
 
@@ -95,26 +94,8 @@ def dead_pid() -> int:
 # What is written
 
 
-def test_manifest_names_size_and_hash_of_each_file() -> None:
-    manifest = json.loads(render_manifest(OLD))
-    content = OLD.files["src/ars_map.c"]
-    assert manifest["files"]["src/ars_map.c"] == {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    assert manifest["files"].keys() == OLD.files.keys()
-    assert (manifest["generator"], manifest["prefix"]) == ("codegen", "ars")
-    facts = {"speeds": [index / 7 for index in range(101)], "nested": {"rows": [[1, 2], []]}, "cells": ["..aa[\n1]", "[1, 2]"],
-             "name": "µ", "flags": [True, None]}  # fmt: skip
-    text = render_manifest(Folder({"b": b"2", "a": b"1"}, facts))
-    assert {key: json.loads(text)[key] for key in facts} == facts
-    # 101 numbers of some 20 characters take about 18 rows of 120; one number a row would take 101.
-    assert len(text.splitlines()) < 60 and max(map(len, text.splitlines())) <= 120
-    assert text == render_manifest(Folder({"a": b"1", "b": b"2"}, dict(reversed(facts.items()))))
-
-
-PATHS = [".", "/etc/passwd", "//x", "../x", "a/../b", "a/..", "./a", "a//b", "a/", "a\\b", "ä"]
-
-
 def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_program() -> None:
-    for path in (*PATHS, "", "a\nb", "a\0b", MANIFEST, *BESIDE):
+    for path in ("", ".", "/etc/passwd", "../x", "a/../b", "./a", "a//b", "a/", "a\\b", "a\nb", "ä", MANIFEST, *BESIDE):
         with pytest.raises(ValueError, match="cannot be the path"):
             Folder({path: b""}, {})
     with pytest.raises(ValueError, match="'a/b'"):
@@ -122,8 +103,6 @@ def test_a_path_or_fact_that_is_reserved_or_leaves_the_folder_is_a_fault_of_the_
     for key in ("files", "generator"):
         with pytest.raises(ValueError, match=key):
             Folder({}, {key: 1})
-    with pytest.raises(ValueError, match="Out of range"):
-        render_manifest(Folder({}, {"x": float("nan")}))
 
 
 # Writing
@@ -135,12 +114,7 @@ def test_new_folder_with_missing_parents(tmp_path: Path, swap: str) -> None:
     assert tree(place) == expected(OLD)
     assert beside(place) == []
     plain = tmp_path / "plain"
-    plain.mkdir()
-    (plain / "file").write_bytes(b"")
-    assert place.stat().st_mode == plain.stat().st_mode
-    assert (place / "README.md").stat().st_mode == (plain / "file").stat().st_mode
-    (plain / "file").unlink()
-    plain.chmod(0o750)
+    plain.mkdir(0o750)
     assert write_folder(OLD, plain) is True  # an empty folder is used and keeps its mode
     assert (tree(plain), stat.S_IMODE(plain.stat().st_mode)) == (expected(OLD), 0o750)
 
@@ -154,22 +128,18 @@ def test_unchanged_build_touches_nothing_and_a_changed_one_replaces_all(target: 
     assert write_folder(NEW, target) is True
     assert tree(target) == expected(NEW)  # without the stale verification
     assert beside(target) == []
-    for damage in (b"edited by hand\n", b"odd\n", None):  # the second has the size of what stood there
-        (target / "README.md").write_bytes(damage) if damage else shutil.rmtree(target / "src")
-        assert write_folder(NEW, target) is True
-        assert tree(target) == expected(NEW)
+    (target / "README.md").write_bytes(b"odd\n")  # of the size of what stood there
+    assert write_folder(NEW, target) is True
+    assert tree(target) == expected(NEW)
     assert write_folder(Folder(NEW.files, {"prefix": "other"}), target) is True
     assert read_manifest(target)["prefix"] == "other"
 
 
-def test_a_link_to_a_folder_is_followed(target: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_to_a_folder_is_followed(target: Path, tmp_path: Path) -> None:
     link = tmp_path / "link"
     link.symlink_to(target)
     assert write_folder(NEW, link) is True
     assert link.is_symlink() and tree(target) == expected(NEW)
-    monkeypatch.chdir(target)  # the working folder is replaced too
-    assert write_folder(OLD, Path()) is True
-    assert tree(target) == expected(OLD)
 
 
 # What is not ours
@@ -185,15 +155,12 @@ THINGS: dict[str, Callable[[Path], object]] = {
     "folder": Path.mkdir,
     "link to a file": lambda path: path.symlink_to("../README.md"),
     "link to a folder": lambda path: path.symlink_to(path.parent),
-    "link to itself": lambda path: path.symlink_to(path.name),
     "pipe": os.mkfifo,
 }
 NAMES = (".gitignore", "a/b/c/mine.c", "src/verify.json", "src/manifest.json")
 
 
-@pytest.mark.parametrize(
-    ("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES), ("mine", "folder")]
-)
+@pytest.mark.parametrize(("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES)])
 def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) -> None:
     (target / name).parent.mkdir(parents=True, exist_ok=True)
     THINGS[thing](target / name)
@@ -206,14 +173,14 @@ def test_foreign_content_is_named_and_kept(target: Path, name: str, thing: str) 
     assert stamps(target.parent) == before
 
 
-@pytest.mark.parametrize("thing", [*(thing for thing in THINGS if thing != "file"), "link to a folder of files"])
+@pytest.mark.parametrize("thing", ["link to a file", "pipe", "link to a folder of files"])
 def test_a_name_of_ours_does_not_make_another_thing_ours(target: Path, tmp_path: Path, thing: str) -> None:
     plant_file(tmp_path, "user/ars_map.c")
-    (target / "src" / "ars_map.c").unlink()
+    shutil.rmtree(target / "src")
     if thing == "link to a folder of files":
-        shutil.rmtree(target / "src")
         (target / "src").symlink_to(tmp_path / "user")
     else:
+        (target / "src").mkdir()
         THINGS[thing](target / "src" / "ars_map.c")
     before = stamps(tmp_path)
     with pytest.raises(BuildError, match="holds 'src"):
@@ -226,17 +193,14 @@ def manifest_text(**changes: object) -> bytes:
 
 
 NOT_OURS = {
-    "empty": b"",
     "huge": render_manifest(OLD),
     "cut short": render_manifest(OLD)[:-30],
     "not text": b"\xff\xfe\x00\xd8",
     "a list": b"[]",
     "nested without end": b"[" * 200_000,
     "of another tool": manifest_text(generator="webpack"),
-    "no files": manifest_text(files=None),
     "hash missing": manifest_text(files={"a": {}}),
     "leaves the folder": manifest_text(files={"../victim": {"sha256": "0"}}),
-    "absolute": manifest_text(files={"/etc/passwd": {"sha256": "0"}}),
     "unpaired surrogate": manifest_text(files={"\ud800": {"sha256": "0"}}),
 }
 
@@ -263,14 +227,12 @@ def test_a_manifest_that_is_missing_or_no_file_is_refused_without_waiting(target
     for place in (target, target / "nowhere", target / "README.md"):
         with pytest.raises(BuildError, match=r"no generated folder.*codegen build"):
             read_manifest(place)
-    for make in (os.mkfifo, lambda path: path.symlink_to("README.md"), os.mkdir):
-        (target / MANIFEST).unlink(missing_ok=True)
-        make(target / MANIFEST)
-        with pytest.raises(BuildError, match="not a regular file"):
-            read_manifest(target)
+    os.mkfifo(target / MANIFEST)
+    with pytest.raises(BuildError, match="not a regular file"):
+        read_manifest(target)
 
 
-@pytest.mark.parametrize("thing", ["file", "pipe", "link to a file", "link to itself"])
+@pytest.mark.parametrize("thing", ["file", "pipe", "link to a file"])
 def test_target_that_is_no_folder(tmp_path: Path, thing: str) -> None:
     place = tmp_path / "out" / "4ws2"
     place.parent.mkdir()
@@ -420,48 +382,34 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
 # A build that is killed
 
 
-def killed(scratch: Path, way: str) -> None:
-    """In a process of its own: kill a build at step 1, 2, 3 … until one gets through; print what each left as JSON."""
+@pytest.mark.parametrize("way", ["exchange", "renames"])
+def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if way == "renames":
-        write._exchange = no_exchange
-    for step in range(1, 1000):
-        target = scratch / str(step) / "4ws2"
+        monkeypatch.setattr(write, "_exchange", no_exchange)
+    old, standing, status = expected(OLD, {"verify.json": b"{}"}), [], signal.SIGKILL
+    while status == signal.SIGKILL:
+        target = tmp_path / str(len(standing)) / "4ws2"
         write_folder(OLD, target)
         (target / "verify.json").write_bytes(b"{}")
         child = os.fork()
         if child == 0:
-            step_by_step(setattr, Countdown(step, lambda: os.kill(os.getpid(), signal.SIGKILL)))
+            step_by_step(setattr, Countdown(len(standing) + 1, lambda: os.kill(os.getpid(), signal.SIGKILL)))
             write_folder(NEW, target)
             os._exit(0)
-        _, status = os.waitpid(child, 0)
-        old = expected(OLD, {"verify.json": b"{}"})
-        found = tree(target)
-        stands = "old" if found == old else "new" if found == expected(NEW) else "a mixture" if found else "none"
-        left = beside(target)
-        aside = any(tree(target.parent / name) == old for name in left)
+        status = os.waitpid(child, 0)[1]
+        found, left = tree(target), beside(target)
+        standing.append("old" if found == old else "new" if found == expected(NEW) else "a mixture" if found else "none")
+        assert all(name.startswith(".4ws2.codegen-tmp-") for name in left)
+        assert found or any(tree(target.parent / name) == old for name in left), "the old folder is lost"
         write_folder(NEW, target)
-        print(json.dumps([stands, left, aside, tree(target) == expected(NEW), beside(target)]))
-        if not os.WIFSIGNALED(status):
-            return
-
-
-@pytest.mark.parametrize("way", ["exchange", "renames"])
-def test_kill_at_any_step(tmp_path: Path, way: str) -> None:
-    command = [sys.executable, __file__, tmp_path, way]
-    environment = {**os.environ, "PYTHONPATH": str(Path(codegen.__file__).parents[1])}
-    result = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert result.returncode == 0, result.stderr
-    steps = [json.loads(line) for line in result.stdout.splitlines()]
-    standing = [stands for stands, *_ in steps]
+        assert tree(target) == expected(NEW)
+        assert beside(target) == []
+    assert status == 0
     # In order: the old folder up to the swap, the new one after it; between two renames, and only there, none.
     none = ["none"] if way == "renames" else []
-    old, new = standing.count("old"), standing.count("new")
-    assert standing == ["old"] * old + none + ["new"] * new
-    assert old >= 10 and new >= 5
-    for step, (stands, left, old_aside, good_after, left_after) in enumerate(steps, start=1):
-        assert all(name.startswith(".4ws2.codegen-tmp-") for name in left), f"step {step} leaves {left}"
-        assert stands != "none" or old_aside, f"step {step} loses the old folder"
-        assert good_after and left_after == [], f"after step {step} the next build leaves {left_after}"
+    was_old, was_new = standing.count("old"), standing.count("new")
+    assert standing == ["old"] * was_old + none + ["new"] * was_new
+    assert was_old >= 10 and was_new >= 5
 
 
 def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path, dead_pid: int) -> None:
@@ -495,21 +443,13 @@ def test_what_only_looks_like_a_leftover_is_kept(target: Path, tmp_path: Path, d
     write_folder(OLD, leftover)
     write_folder(OLD, other)
     plant_file(leftover, "src/mine.c")
-    (leftover / "link").symlink_to("../elsewhere")
-    for name in (f"{dead_pid}-old", f"{os.getpid()}-old"):
-        target.with_name(f".4ws2.codegen-tmp-{name}").symlink_to(other)
+    target.with_name(f".4ws2.codegen-tmp-{dead_pid}-old").symlink_to(other)
     write_folder(NEW, target)
-    kept: Tree = {"src": None, "src/mine.c": b"dear to its owner\n", "link": "../elsewhere"}
-    assert tree(leftover) == kept | {MANIFEST: render_manifest(OLD)}
-    ours = target.with_name(f".4ws2.codegen-tmp-{os.getpid()}")
-    for make in (lambda: ours.symlink_to(other), lambda: plant_file(ours, "mine.txt")):
-        make()
-        before = stamps(ours)
-        with pytest.raises(BuildError, match="cannot be written"):
-            write_folder(OLD, target)
-        assert (stamps(ours), tree(target)) == (before, expected(NEW))
-        ours.unlink() if ours.is_symlink() else shutil.rmtree(ours)
-    assert tree(other) == expected(OLD)
+    assert tree(leftover) == {"src": None, "src/mine.c": b"dear to its owner\n", MANIFEST: render_manifest(OLD)}
+    target.with_name(f".4ws2.codegen-tmp-{os.getpid()}").symlink_to(other)
+    with pytest.raises(BuildError, match="cannot be written"):
+        write_folder(OLD, target)
+    assert (tree(target), tree(other)) == (expected(NEW), expected(OLD))
 
 
 # Builds at once
@@ -549,13 +489,8 @@ def test_each_difference_has_its_line(target: Path, tmp_path: Path) -> None:
     ]
     assert stamps(target.parent) == before
     assert differences(OLD, tmp_path / "4ws2") == [f"{tmp_path / '4ws2'}: missing"]
-    assert differences(OLD, target / "notes.txt") == [f"{target / 'notes.txt'}: not a folder"]
     source = target / "src" / "ars_map.c"
     for damage in (lambda: source.write_bytes(b"int c;\n"), source.unlink, lambda: os.mkfifo(source)):
         damage()
         assert verify_hashes(target) == ["src/ars_map.c"]
         assert any(line.startswith("src/ars_map.c: ") for line in differences(OLD, target))
-
-
-if __name__ == "__main__":
-    killed(Path(sys.argv[1]), sys.argv[2])
