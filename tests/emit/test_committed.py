@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
+from codegen.emit.folder import MANIFEST, verify_hashes
 
 GENERATED = Path(__file__).parents[2] / "generated"
 BUILDS = ("4ws2", "4ws2-tracking")
@@ -21,10 +21,3 @@ def test_the_record_of_verify_is_about_the_files_that_lie_beside_it(name: str) -
     assert record["edited"] == verify_hashes(folder) == []
     assert {check["verdict"] for check in record["checks"].values()} == {"passed"}
     assert record["build"]["manifest_sha256"] in (folder / "verify.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name", BUILDS)
-def test_nothing_else_lies_there(name: str) -> None:
-    folder = GENERATED / name
-    named = {*json.loads((folder / MANIFEST).read_bytes())["files"], MANIFEST, *BESIDE}
-    assert {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} == named

@@ -1,9 +1,10 @@
 """The section macros of the generated code: everything that the linker places can be placed."""
 
+from __future__ import annotations
+
 import subprocess
 from pathlib import Path
 
-import pytest
 from elftools.elf.elffile import ELFFile
 
 from codegen.emit.write import write_folder
@@ -12,16 +13,6 @@ from codegen.sil.toolchain import compiler_command
 from tests import builds
 
 KINDS = {"CODE": ".mine.code", "CONST": ".mine.const", "CALIBRATION": ".mine.calibration", "STATE": ".mine.state"}
-
-
-@pytest.fixture
-def sources(tmp_path: Path) -> Path:
-    """A build with breakpoints in memory too."""
-    grid = builds.CONFIG.grid.model_copy(update={"speed_breakpoints_km_h": [20.0, 30.0, 50.0, 120.0], "front_angle_points": 10})
-    config = builds.CONFIG.model_copy(update={"grid": grid})
-    folder = tmp_path / "build"
-    write_folder(builds.render(solve_case(config, "4ws-2"), config), folder)
-    return folder
 
 
 def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[str]]:
@@ -38,21 +29,24 @@ def placed(source: Path, folder: Path, level: str, out: Path) -> dict[str, set[s
     return found
 
 
-def test_every_function_and_object_can_be_placed_by_what_it_is(sources: Path, tmp_path: Path) -> None:
-    found = {}
+def test_every_function_and_object_can_be_placed_by_what_it_is(tmp_path: Path) -> None:
+    # Breakpoints in memory too.
+    grid = builds.CONFIG.grid.model_copy(update={"speed_breakpoints_km_h": [20.0, 30.0, 50.0, 120.0], "front_angle_points": 10})
+    config = builds.CONFIG.model_copy(update={"grid": grid})
+    sources, found = tmp_path / "build", {}
+    write_folder(builds.render(solve_case(config, "4ws-2"), config), sources)
     for level in ("-O2", "-O0"):
         for name in ("calibration", "map", "controller", "dynamics"):
             found[name] = placed(sources / f"src/ars_{name}.c", sources, level, tmp_path / "object.o")
             assert set(found[name]) <= set(KINDS.values()), (name, found[name])
-    table = {
-        kind: {name.partition(".")[0] for name in names} for kind, names in found["map"].items()
-    }  # static ones are numbered
+    # Static ones are numbered.
+    table = {kind: {name.partition(".")[0] for name in names} for kind, names in found["map"].items()}
     assert {"ars_map_yaw_rate", "interpolate"} <= table[KINDS["CODE"]]
     assert {"lateral_acceleration_cap", "table"} <= table[KINDS["CONST"]]
     assert KINDS["CALIBRATION"] not in table
-    quantities = ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "expected_checksum")
-    assert found["calibration"] == {
-        KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", *(f"ars_map_{each}" for each in quantities)}
+    map_names = {
+        f"ars_map_{each}" for each in ("speed_breakpoints", "front_angle_breakpoints", "yaw_rate_table", "expected_checksum")
     }
+    assert found["calibration"] == {KINDS["CALIBRATION"]: {"ars_parameters_default", "ars_epk", *map_names}}
     example = placed(sources / "example/example_main.c", sources, "-O0", tmp_path / "example.o")
     assert example[KINDS["STATE"]] == {"controller"}

@@ -1,15 +1,15 @@
 """The files by which a C project takes a build over: GNU make here, CMake and Zephyr's CMake in tests/evidence/toolchains."""
 
+from __future__ import annotations
+
 import functools
 import os
-import re
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import kconfiglib
-import pytest
 import yaml
 
 from codegen.emit.folder import Folder
@@ -73,15 +73,6 @@ def project(folder: Path, files: dict[str, str], *prefixes: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("prefix", ["ars", "rws"])
-def test_they_name_only_relative_paths_of_the_build(prefix: str) -> None:
-    sources = {path for path in made(prefix).files if path.startswith("src/")}
-    for path in ("CMakeLists.txt", f"{prefix}.mk", "zephyr/CMakeLists.txt"):
-        assert set(re.findall(r"src/[a-z_0-9]+\.c", text(path, prefix))) == sources, path
-    for path in ("CMakeLists.txt", f"{prefix}.mk", "zephyr/CMakeLists.txt", "zephyr/Kconfig", "zephyr/module.yml"):
-        assert not re.search(r"(?<![\w./)}])/\w", text(path, prefix)), path
-
-
 # --- GNU make -------------------------------------------------------------------------------------------------------
 
 
@@ -128,18 +119,15 @@ def test_a_blank_in_the_included_path_is_reported(tmp_path: Path) -> None:
 
 # --- Zephyr ---------------------------------------------------------------------------------------------------------
 
-# Keys of zephyr/module.yml in Zephyr's documentation, "Modules (External projects)", "Module yaml file description".
-MODULE_KEYS = {"name", "build", "tests", "samples", "boards", "blobs"}
-BUILD_KEYS = {"cmake", "kconfig", "cmake-ext", "kconfig-ext", "depends", "settings"}
 
-
-def test_the_zephyr_module_is_as_documented() -> None:
-    facts = yaml.safe_load(text("zephyr/module.yml"))
-    assert set(facts) <= MODULE_KEYS
-    assert set(facts["build"]) <= BUILD_KEYS
-    assert facts["name"] == "ars_rear_steering"
-    assert f"{facts['build']['cmake']}/CMakeLists.txt" in made().files  # else Zephyr refuses the module
-    assert facts["build"]["kconfig"] in made().files
+def test_the_zephyr_module_names_files_of_the_build() -> None:
+    """Keys: Zephyr's documentation, "Modules (External projects)", "Module yaml file description"."""
+    cmake, kconfig_file = "zephyr", "zephyr/Kconfig"
+    assert yaml.safe_load(text("zephyr/module.yml")) == {
+        "name": "ars_rear_steering",
+        "build": {"cmake": cmake, "kconfig": kconfig_file},
+    }
+    assert made().files.keys() >= {f"{cmake}/CMakeLists.txt", kconfig_file}
 
 
 def kconfig(folder: Path, prefix: str = "ars", minimal: bool = False, **values: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -67,6 +69,13 @@ def target(tmp_path: Path) -> Path:
     return place
 
 
+def ended() -> int:
+    """Return the number of a process that has ended."""
+    process = subprocess.Popen(["true"])
+    process.wait()
+    return process.pid
+
+
 def beside(target: Path) -> list[str]:
     return sorted(path.name for path in target.parent.iterdir() if path != target)
 
@@ -81,14 +90,6 @@ def swap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     if request.param == "renames":
         monkeypatch.setattr(write, "_exchange", no_exchange)
     return str(request.param)
-
-
-@pytest.fixture
-def dead_pid() -> int:
-    """The number of a process that has ended."""
-    process = subprocess.Popen(["true"])
-    process.wait()
-    return process.pid
 
 
 # What is written
@@ -157,7 +158,7 @@ THINGS: dict[str, Callable[[Path], object]] = {
     "link to a folder": lambda path: path.symlink_to(path.parent),
     "pipe": os.mkfifo,
 }
-NAMES = (".gitignore", "a/b/c/mine.c", "src/verify.json", "src/manifest.json")
+NAMES = ("a/b/c/mine.c", "src/verify.json", "src/manifest.json")
 
 
 @pytest.mark.parametrize(("name", "thing"), [*(("src/mine", thing) for thing in THINGS), *((name, "file") for name in NAMES)])
@@ -269,22 +270,17 @@ def test_what_appears_at_the_last_moment_is_put_back(target: Path, monkeypatch: 
 
 def test_every_file_and_folder_is_on_the_disk_before_the_swap(target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: set[int] = set()
-    checked: list[Path] = []
-    fsync, exchange = os.fsync, write._exchange
-
-    def record(descriptor: int) -> None:
-        synced.add(os.fstat(descriptor).st_ino)
-        fsync(descriptor)
+    swapped: list[set[int]] = []
+    exchange = write._exchange
 
     def check(one: Path, other: Path) -> None:
-        checked.extend(path for path in (one, *one.rglob("*")) if path.stat().st_ino in synced)
-        assert len(checked) == 1 + len(expected(NEW))
+        swapped.append({path.stat().st_ino for path in (one, *one.rglob("*"))} - synced)
         exchange(one, other)
 
-    monkeypatch.setattr(os, "fsync", record)
+    monkeypatch.setattr(os, "fsync", lambda descriptor: synced.add(os.fstat(descriptor).st_ino))
     monkeypatch.setattr(write, "_exchange", check)
     write_folder(NEW, target)
-    assert checked
+    assert swapped == [set()]
 
 
 STEPS = ("mkdir", "fsync", "rename", "unlink", "rmdir")
@@ -315,32 +311,16 @@ def step_by_step(patch: Callable[[Any, str, Any], None], at_step: Callable[[], N
     patch(write, "_write_file", in_halves)
 
 
-class Countdown:
-    """Calls `act` when called for the `step`-th time, the first being 1."""
-
-    def __init__(self, step: int, act: Callable[[], None]) -> None:
-        self.left, self.act = step, act
-
-    def __call__(self) -> None:
-        self.left -= 1
-        if self.left == 0:
-            self.act()
-
-
-def fail_at(step: int, error: BaseException, folder: Folder, target: Path) -> tuple[bool, BaseException | None]:
-    """Build with `error` raised at `step`; return whether the build came that far, and what it raised."""
-
-    def act() -> None:
-        raise error
-
-    countdown = Countdown(step, act)
+def fail_at(step: int, error: BaseException, target: Path) -> tuple[bool, BaseException | None]:
+    """Build the new one with `error` raised at `step`, from 1 on; return whether it came that far, and what it raised."""
+    steps = mock.Mock(side_effect=[*[None] * (step - 1), error, *[None] * 1000])
     with pytest.MonkeyPatch.context() as patch:
-        step_by_step(patch.setattr, countdown)
+        step_by_step(patch.setattr, steps)
         try:
-            write_folder(folder, target)
+            write_folder(NEW, target)
         except BaseException as raised:
             return True, raised
-    return countdown.left <= 0, None
+    return steps.call_count >= step, None
 
 
 NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
@@ -356,7 +336,7 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
         target = tmp_path / str(step) / "4ws2"
         write_folder(OLD, target)
         (target / "verify.json").write_bytes(b"{}")
-        reached, raised = fail_at(step, error, NEW, target)
+        reached, raised = fail_at(step, error, target)
         found = tree(target)
         if found == expected(OLD, {"verify.json": b"{}"}):
             was_old += 1
@@ -375,11 +355,16 @@ def test_failure_at_any_step(tmp_path: Path, swap: str, error: BaseException) ->
     assert was_old >= 10 and was_new >= 5
     for step in range(1, 12):  # parents that were made for a build that fails go again
         (tmp_path / f"kept {step}").mkdir()
-        _, raised = fail_at(step, error, NEW, tmp_path / f"kept {step}" / "a" / "b" / "4ws2")
+        _, raised = fail_at(step, error, tmp_path / f"kept {step}" / "a" / "b" / "4ws2")
         assert raised is None or tree(tmp_path / f"kept {step}") == {}, f"step {step}"
 
 
 # A build that is killed
+
+
+def kill_at(step: int) -> Callable[[], None]:
+    steps = itertools.count(1)
+    return lambda: os.kill(os.getpid(), signal.SIGKILL) if next(steps) == step else None
 
 
 @pytest.mark.parametrize("way", ["exchange", "renames"])
@@ -393,7 +378,7 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
         (target / "verify.json").write_bytes(b"{}")
         child = os.fork()
         if child == 0:
-            step_by_step(setattr, Countdown(len(standing) + 1, lambda: os.kill(os.getpid(), signal.SIGKILL)))
+            step_by_step(setattr, kill_at(len(standing) + 1))
             write_folder(NEW, target)
             os._exit(0)
         status = os.waitpid(child, 0)[1]
@@ -412,19 +397,19 @@ def test_kill_at_any_step(tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPa
     assert was_old >= 10 and was_new >= 5
 
 
-def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path, dead_pid: int) -> None:
-    target.rename(target.with_name(f".4ws2.codegen-tmp-{dead_pid}-old"))
-    _, raised = fail_at(6, NO_SPACE, NEW, target)
+def test_folder_moved_aside_by_a_killed_build_comes_back_even_if_the_next_build_fails(target: Path) -> None:
+    target.rename(target.with_name(f".4ws2.codegen-tmp-{ended()}-old"))
+    _, raised = fail_at(6, NO_SPACE, target)
     assert isinstance(raised, BuildError)
     assert tree(target) == expected(OLD)
     assert beside(target) == []
 
 
-def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, dead_pid: int) -> None:
-    out = target.parent
-    for name in (f"{dead_pid}", f"{dead_pid}-old", f"{os.getpid()}"):  # the last: a namesake in a container
+def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, tmp_path: Path) -> None:
+    dead, other, out = ended(), tmp_path / "other build", target.parent
+    for name in (f"{dead}", f"{dead}-old", f"{os.getpid()}"):  # the last: a namesake in a container
         write_folder(NEW, out / f".4ws2.codegen-tmp-{name}")
-    stay = [f".other.codegen-tmp-{dead_pid}", ".4ws2.codegen-tmp-x", f"4ws2.codegen-tmp-{dead_pid}", ".4ws2.codegen-tmp-0"]
+    stay = [f".other.codegen-tmp-{dead}", ".4ws2.codegen-tmp-x", f"4ws2.codegen-tmp-{dead}", ".4ws2.codegen-tmp-0"]
     with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as alive:
         stay.append(f".4ws2.codegen-tmp-{alive.pid}")
         for name in stay:
@@ -432,24 +417,21 @@ def test_leftovers_of_dead_builds_go_and_other_things_stay(target: Path, dead_pi
         for folder in (OLD, NEW):  # the first changes nothing
             write_folder(folder, target)
             assert beside(target) == sorted(stay)
-            assert all(tree(out / name) == expected(NEW) for name in stay)
             assert tree(target) == expected(folder)
+        assert all(tree(out / name) == expected(NEW) for name in stay)
     write_folder(NEW, target)
     assert beside(target) == sorted(stay[:-1])
-
-
-def test_what_only_looks_like_a_leftover_is_kept(target: Path, tmp_path: Path, dead_pid: int) -> None:
-    leftover, other = target.with_name(f".4ws2.codegen-tmp-{dead_pid}"), tmp_path / "other build"
-    write_folder(OLD, leftover)
-    write_folder(OLD, other)
+    leftover, link = (out / f".4ws2.codegen-tmp-{dead}{end}" for end in ("", "-old"))
+    for place in (leftover, other):
+        write_folder(OLD, place)
     plant_file(leftover, "src/mine.c")
-    target.with_name(f".4ws2.codegen-tmp-{dead_pid}-old").symlink_to(other)
-    write_folder(NEW, target)
+    link.symlink_to(other)
+    write_folder(OLD, target)
     assert tree(leftover) == {"src": None, "src/mine.c": b"dear to its owner\n", MANIFEST: render_manifest(OLD)}
-    target.with_name(f".4ws2.codegen-tmp-{os.getpid()}").symlink_to(other)
+    (out / f".4ws2.codegen-tmp-{os.getpid()}").symlink_to(other)
     with pytest.raises(BuildError, match="cannot be written"):
-        write_folder(OLD, target)
-    assert (tree(target), tree(other)) == (expected(NEW), expected(OLD))
+        write_folder(NEW, target)
+    assert tree(target) == tree(other) == expected(OLD)
 
 
 # Builds at once
