@@ -75,6 +75,8 @@ def check_init_sets_everything(built: Built) -> None:
 
 def check_state_after_init(built: Built) -> None:
     """The state that the header describes: the angle, a standby, no count, no reference, no speed yet."""
+    nowhere = built.software.controller(math.nan).state
+    assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "no number counts as zero"
     controller = built.software.controller(0.02)
     state = controller.state
     assert state.rear_angle == float(built.real(0.02)) == state.limiter.rear_angle

@@ -69,47 +69,6 @@ def drive(units: Units, parameters: Any, count: int, seed: int = 0) -> RealArray
     return inputs
 
 
-def steady(
-    units: Units, parameters: Any, speed: float, front: float, demand: float, start: float = 0.0, count: int = 200
-) -> RealArray:
-    """Angles (count,) while nothing changes."""
-    return units.limiter(parameters, np.array([[speed, front, demand]] * count), start)
-
-
-def opposite_phase_bound(parameters: Any, speed: float) -> float:
-    """rad."""
-    return float(np.interp(abs(speed), list(parameters.opposite_phase_speed), list(parameters.opposite_phase_max)))
-
-
-def check_opposite_phase(units: Units) -> None:
-    """Against the front wheels the angle ends at the bound for the speed, from wherever, in the time that the rate needs; it
-    stays there; forward and in reverse; between the breakpoints along a straight line, beyond them held."""
-    parameters = parameters_of(units, {})
-    travel = parameters.rear_rate_max * period(units)
-    speeds = list(parameters.opposite_phase_speed)
-    asked = [0.0, 0.5 * speeds[0], *speeds, *(0.3 * a + 0.7 * b for a, b in itertools.pairwise(speeds)), 1.3 * speeds[-1]]
-    for speed, side, direction in itertools.product(asked, (1.0, -1.0), (1.0, -1.0)):
-        bound = opposite_phase_bound(parameters, speed)
-        for start in (0.0, -side * parameters.rear_angle_max, side * parameters.rear_angle_max):
-            angles = -side * steady(units, parameters, direction * speed, side * 0.03, -side * 1.0, start).astype(np.float64)
-            needed = math.ceil(abs(bound + side * start) / travel) + 1
-            # The bound is a sum of four numbers of its size.
-            assert np.abs(angles[needed:] - bound).max() <= 4.0 * units.eps * parameters.rear_angle_max
-    most, free_from, bound = (
-        parameters.rear_angle_max,
-        parameters.in_phase_from_front_angle,
-        opposite_phase_bound(parameters, 1e3),
-    )
-    for share in (0.0, 0.25, 0.999, 1.0, 1.5):  # with the front wheels: all of the angle from a front angle on
-        angles = steady(units, parameters, speeds[-1], share * free_from, 1.0).astype(np.float64)
-        assert abs(angles[-1] - (bound + min(share, 1.0) * (most - bound))) <= 4.0 * units.eps * most
-    inputs = np.array([[speeds[0], 0.03, -1.0]] * 50 + [[speeds[-1], 0.03, -1.0]] * 50)
-    closing = -units.limiter(parameters, inputs).astype(np.float64)
-    needed = math.ceil((opposite_phase_bound(parameters, speeds[0]) - opposite_phase_bound(parameters, speeds[-1])) / travel)
-    assert (closing[50 + needed :] <= opposite_phase_bound(parameters, speeds[-1]) * (1.0 + 4.0 * units.eps)).all()
-    assert (np.diff(closing[49:]) >= -travel * (1.0 + 1e-5)).all(), "where the bound closes in, it returns at the rate"
-
-
 def check_limiter_at_breakpoints(units: Units) -> None:
     """At a breakpoint the bound is that of the breakpoint, to the bit, whatever those beside it are; on both sides, and with a
     speed of either sign. Bounds are taken for which a sum of differences would not give them back."""

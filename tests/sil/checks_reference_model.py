@@ -91,16 +91,6 @@ def check_model_physics(units: Units) -> None:
     assert (np.abs(after[:, :2].T - exact) <= tolerance).all()
 
 
-def check_model_actuator(units: Units) -> None:
-    """Its rear angle follows the command as a first-order lag of actuator and one sample; its rate: see check_model_physics."""
-    actuator, period = units.config.rear_actuator, units.config.controller.sampling_time_s
-    travel = math.radians(actuator.rate_max_deg_s) * period
-    small = 0.4 * travel
-    path = units.model((0.0, 0.0, 0.0), np.array([[20.0, 0.0, small, 0.9]] * 100))[:, 2].astype(np.float64)
-    wanted = small * (1.0 - np.exp(-period * np.arange(1, 101) / (actuator.lag_s + period)))
-    assert np.abs(path - wanted).max() <= 200.0 * units.eps * small
-
-
 def check_curves(units: Units, count: int = 400_000) -> None:
     """Each curve is off by at most what is stated, as far as the table goes; it is odd, held beyond, and takes any number.
 

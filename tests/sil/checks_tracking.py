@@ -5,15 +5,11 @@ Each check takes a build of that kind and raises AssertionError where it does no
 rate, rad/s. The limits that a check is not about are open.
 """
 
-import math
 from typing import Any
-
-import numpy as np
 
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.sil.software import Controller, Measurement, Status
 from tests.builds import TRACKING_CONFIG, Built
-from tests.sil.checks_control import angles
 from tests.sil.checks_kinds import config_of, open_limiter, parameters_of
 
 PERIOD = TRACKING_CONFIG.controller.sampling_time_s
@@ -50,11 +46,6 @@ def feedforward(built: Built, front: float, speed: float = SPEED) -> float:
     return float(built.lookup.reference(speed, front)[1])
 
 
-def map_yaw_rate(built: Built, front: float, speed: float = SPEED) -> float:
-    """rad/s, of the map."""
-    return float(built.lookup(speed, front))
-
-
 def check_feedforward(built: Built) -> None:
     """Without gains, and from straight ahead, the command is the map's own rear angle, to the bit."""
     for side in BOTH:
@@ -64,37 +55,6 @@ def check_feedforward(built: Built) -> None:
             commands = controller.run([Measurement(speed, side * FRONT, 0.0)] * 3)
             assert commands[-1].rear_angle == side * feedforward(built, FRONT, speed)
             assert commands[-1].status is Status.TRACKING
-
-
-def check_lead(built: Built) -> None:
-    """The map is looked up where the front wheels will be after the lead time at their present rate, up to a bound."""
-    for side in BOTH:
-        for rate in (0.1, 0.5, 2.0):
-            controller = controller_of(built, **no_gains(built))
-            fronts = side * rate * PERIOD * np.arange(7)
-            commands = controller.run([Measurement(SPEED, front, 0.0) for front in fronts])
-            ahead = min(TRACKING.lead_s * rate, math.radians(TRACKING.lead_max_deg))
-            # The rate is a difference of rounded angles over the period: 0.1 eps of angle become 0.4 eps after the lead time.
-            wanted = [side * feedforward(built, abs(front) + ahead) for front in fronts[1:]]
-            assert np.abs(np.array(angles(commands[1:])) - wanted).max() < 8.0 * built.eps
-
-
-def check_authority(built: Built) -> None:
-    """Where it makes the car turn more, feedback adds so much to the map and no more; against the turn all of it is free."""
-    more = math.radians(TRACKING.yaw_increasing_max_deg)
-    for side in BOTH:
-        ahead = side * feedforward(built, FRONT)
-        for share in (0.3, 0.7):
-            controller = controller_of(built)
-            commands = controller.run([Measurement(SPEED, side * FRONT, side * share * map_yaw_rate(built, FRONT))] * 300)
-            beyond = -side * (np.array(angles(commands)) - ahead)
-            assert beyond.max() <= more + 0.5 * built.eps
-            assert abs(beyond[-1] - more) <= 0.5 * built.eps, "all of it is used"
-            assert commands[-1].status is Status.LIMITED
-        controller = controller_of(built)
-        most = controller.parameters.rear_angle_max
-        commands = controller.run([Measurement(SPEED, side * FRONT, side * (map_yaw_rate(built, FRONT) + 0.3))] * 300)
-        assert commands[-1].rear_angle == side * most, "free against the turn"
 
 
 def _running(built: Built, **changes: Any) -> Controller:

@@ -25,7 +25,6 @@ from tests.sil import (
     checks_parameters,
     checks_reference_model,
     checks_supervision,
-    checks_task,
     checks_tracking,
     rough_drives,
 )
@@ -197,7 +196,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "reference_model": _reference_model,
     "can": lambda _: [FRAMES],
     "e2e": lambda kind: [RECEIVER, *_inits(kind)],
-    "task": lambda kind: [TASK, *_of_built(*_in(checks_task)), *_inits(kind)],
+    "task": lambda kind: [TASK, *_inits(kind)],
     "selftest": lambda _: [Judge("stand-ins", check_selftest, of_single=True)],
     "dynamics": lambda _: [Judge("machine", check_dynamics)],
 }

@@ -8,8 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
-from codegen.sil.compile import compile_library
-from codegen.sil.software import RECORD_COLUMNS, Software, Status, bench_sources
+from codegen.sil.software import RECORD_COLUMNS, Status
 from tests import builds
 from tests.builds import Built
 
@@ -130,13 +129,6 @@ def test_a_command_acts_so_many_whole_samples_late(either: Built, delay: int) ->
     assert np.abs(angle - actuator(command, delay + 1)).max() > 1e-4, "a sample more or less is seen"
 
 
-def test_the_delay_is_the_configuration_s_where_none_is_given(paper: Built) -> None:
-    config = builds.CONFIG.model_copy(update={"plant": builds.CONFIG.plant.model_copy(update={"command_delay_samples": 2})})
-    software = paper.software
-    configured = Software(software.compiled, software.prefix, software.precision, config)
-    assert ClosedLoop(configured).run(step_steer()).tobytes() == run(paper, step_steer(), delay_samples=2).tobytes()
-
-
 def test_an_impossible_delay_and_inputs_of_another_shape_are_refused(paper: Built) -> None:
     for delay in (-1, 101):
         with pytest.raises(ValueError, match="outside 0 to 100"):
@@ -144,19 +136,3 @@ def test_an_impossible_delay_and_inputs_of_another_shape_are_refused(paper: Buil
     for shape in ((10, 5), (15, 6), (60,), (10, 6, 1)):
         with pytest.raises(ValueError, match="needed"):
             ClosedLoop(paper.software).run(np.zeros(shape))
-
-
-def test_a_plain_shared_library_gives_the_bits_of_the_extension(either: Built) -> None:
-    """ABI mode, for machines without Python's headers."""
-    software = either.software
-    sources = {path: text for path, text in either.folder.files.items() if path.startswith(("include/", "src/"))}
-    sources |= bench_sources(builds.CONFIG, software.prefix, software.precision)
-    headers = [f"include/ars_{name}.h" for name in ("map", "controller", "dynamics")] + ["bench/plant.h", "bench/loop.h"]
-    library = compile_library("ars_sil", sources, headers, include_folders=("include", "bench"), mode="abi")
-    plain = Built(either.folder, either.total, Software(library, "ars", software.precision, builds.CONFIG))
-    assert plain.software.selftest()
-    for scenario in SCENARIOS.values():
-        assert run(plain, scenario).tobytes() == run(either, scenario).tobytes()
-    controllers = [built.software.controller(0.02) for built in (plain, either)]
-    drive = [either.turn(error) for error in np.linspace(-0.2, 0.2, 50)]
-    assert controllers[0].run(drive) == [controllers[1].step(sample) for sample in drive]

@@ -22,12 +22,6 @@ def run(software: batch.BatchSoftware) -> bytes:
     return software.run(PROFILES["step steer"], Lanes(np.repeat([plant_parameters(builds.CONFIG)], 3, axis=0))).tobytes()
 
 
-def test_the_best_is_the_first_that_is_to_be_had() -> None:
-    assert vector.best_isa() == HERE[0]
-    assert HERE[-1] == "none"
-    assert load_batch(GENERATED / "4ws2").isa == HERE[0]
-
-
 @pytest.mark.parametrize("isa", [isa for isa in VECTORS if isa in HERE])
 def test_the_plant_calls_functions_of_vectors_and_of_nothing_else(isa: Isa) -> None:
     software = load_batch(GENERATED / "4ws2", isa)
@@ -63,14 +57,6 @@ def test_a_machine_without_vectors_runs_one_number_after_the_other(monkeypatch: 
     for isa in VECTORS:
         with pytest.raises(BuildError, match="no instructions of"):
             compile_batch(folder.files, folder.manifest, isa=isa)
-
-
-def test_a_machine_with_avx2_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    if "x86-64-v3" not in HERE:
-        pytest.skip("AVX2 is not to be had here")
-    less = {flag for flag in vector._processor_flags() if not flag.startswith("avx512")}
-    monkeypatch.setattr(vector, "_processor_flags", lambda: less)
-    assert vector.best_isa() == "x86-64-v3"
 
 
 def test_another_compiler_does_without_vectors(monkeypatch: pytest.MonkeyPatch) -> None:
