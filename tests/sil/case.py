@@ -4,14 +4,13 @@ import ctypes
 import functools
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from codegen import config as configuration
 from codegen.config import Config, Kind
-from codegen.emit.can_view import task_name
 from codegen.emit.folder import Folder, render_manifest
 from codegen.refmap import map as refmap
 from codegen.refmap.extend import TotalMap, extend
@@ -31,12 +30,7 @@ COMMITTED = {name: GENERATED / name for name in ("4ws2", "4ws2-tracking")}
 
 @dataclass(frozen=True)
 class Mutated:
-    """A unit in place of the build's own, with one of its mutants selected.
-
-    Attributes:
-        path: source of the unit. object: the unit with all of its mutants. number: the selected one.
-        source: C of the unit with this one change.
-    """
+    """A unit, by the path of its source, in place of the build's own: object and number of the selected mutant, its C."""
 
     path: str
     object: Path
@@ -46,16 +40,11 @@ class Mutated:
 
 @dataclass(eq=False)
 class Case:
-    """A build under test.
+    """A build under test; `built` and `units` call the library that `opened` holds.
 
     Attributes:
-        name: name of its folder. tree: its sources and objects.
-        built, units: the build as the checks use it; both call the library that `opened` holds.
-        compiler: compiler of everything.
         sample_fraction: fraction of the random samples of a whole campaign that the judges use.
-        mutated: the selected mutant, None for the unaltered build.
-        kept: what the judges make once for a case, by name.
-        known: what the judges compute once for a build, whoever compiles it, by name.
+        kept: what the judges make once for a case, by name. known: the same for a build, whoever compiles it.
     """
 
     name: str
@@ -74,12 +63,6 @@ class Case:
         """Kind of the controller."""
         kind: Kind = self.built.software.config.controller.kind
         return kind
-
-    @property
-    def task_function(self) -> str:
-        """Name of the C function that is the cyclic task."""
-        software = self.built.software
-        return f"{software.prefix}_{task_name(software.config.controller.sampling_time_s)}"
 
     @property
     def library(self) -> Path:
@@ -104,14 +87,14 @@ class Case:
 
     def compile_instead(self, path: str, source: str) -> None:
         """Compile C in place of a unit into a library of its own, for `select`. Raises BuildError."""
-        changed = _instead(self.tree, path)
+        changed = self._instead(path)
         changed.with_suffix(".c").write_text(source, encoding="ascii")
         self.compiler.compile(self.tree.root, changed.with_suffix(".c").name, changed)
         self._link(changed.with_suffix(".so"), {path: changed})
 
     def select(self, path: str, number: int, source: str) -> None:
         """Open the library of `compile_instead` and select one of its mutants, whose C is `source`."""
-        changed = _instead(self.tree, path)
+        changed = self._instead(path)
         self.opened.open(changed.with_suffix(".so"))
         self.mutated = Mutated(path, changed, number, source)
         self.select_in(changed.with_suffix(".so"))
@@ -121,14 +104,12 @@ class Case:
         if self.mutated is not None:
             ctypes.CDLL(str(library)).mutant_select(self.mutated.number)
 
+    def _instead(self, path: str) -> Path:
+        return self.tree.root / f"mutants-{Path(path).stem}.o"
+
     def _link(self, library: Path, instead: Mapping[str, Path]) -> None:
         objects = [instead.get(path) or self.tree.object(path) for path in (*self.tree.units, *self.tree.others)]
         self.compiler.link(objects, library)
-
-
-def _instead(tree: Tree, path: str) -> Path:
-    """Return the object of a unit with mutants."""
-    return tree.root / f"mutants-{Path(path).stem}.o"
 
 
 _of_builds: dict[str, tuple[Any, dict[str, Any]]] = {}
@@ -137,11 +118,7 @@ second holds structs of the first."""
 
 
 def committed(folder: Path, scratch: Path, compiler: Compiler, changed: Mapping[str, bytes] | None = None) -> Case:
-    """Return the case of a build on disk with the map beside it (FOLDER.npz), not yet compiled.
-
-    Args:
-        scratch: folder for sources and objects. changed: files with other content than the folder's.
-    """
+    """Return the case of a build on disk, some files changed, with the map beside it (FOLDER.npz), not yet compiled."""
     subject = Subject.read(folder)
     config = configuration.parse(subject.manifest["configuration"], "manifest.json: configuration")
     facts = {key: fact for key, fact in subject.manifest.items() if key not in ("files", "generator")}
@@ -175,15 +152,20 @@ def named(name: str, scratch: Path, compiler: Compiler) -> Case:
     return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
 
 
-@functools.cache
-def case(name: str) -> Case:
-    """Return the compiled case of a name, optimised as for use, once a process."""
+def compiled(name: str, make: Callable[[Path, Compiler], Case]) -> Case:
+    """Return a case in a folder of this process, compiled as for use."""
     scratch = shared.folder() / f"case {name} {os.getpid()}"
     scratch.mkdir()
-    found = named(name, scratch, Compiler(compiler_command(), OPTIMISED))
+    found = make(scratch, Compiler(compiler_command(), OPTIMISED))
     found.sample_fraction = FAST_FRACTION
     found.compile()
     return found
+
+
+@functools.cache
+def case(name: str) -> Case:
+    """Return the compiled case of a name, once a process."""
+    return compiled(name, functools.partial(named, name))
 
 
 def limited(config: Config) -> Config:

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from codegen.sil.software import Measurement, Status
 from tests.builds import CONFIG, FRONT_ANGLE, SPEED, Built
-from tests.sil.checks_control import PERIOD, RUNNING, angles
 
+PERIOD = CONFIG.controller.sampling_time_s
+RUNNING = (Status.TRACKING, Status.LIMITED)
 LOST = Measurement(math.nan, math.nan, math.nan)
 """Nothing arrives, not even the speed."""
 
@@ -110,7 +111,8 @@ def check_standby(built: Built) -> None:
         assert (command.status in RUNNING) == controlled, speed
         assert controlled or command.status is Status.STANDBY
     controller, step = built.software.controller(0.05), math.radians(CONFIG.controller.standby_rate_deg_s) * PERIOD
-    path = np.array([0.05, *angles(controller.run([Measurement(disable - 0.1, 0.1, 0.0)] * 80))])
+    commands = controller.run([Measurement(disable - 0.1, 0.1, 0.0)] * 80)
+    path = np.array([0.05, *(command.rear_angle for command in commands)])
     # The start and each command are rounded at 0.05 rad: an eighth of a unit in the last place at 1.
     assert np.abs(-np.diff(path)[path[1:] > 0.0] - step).max() < 0.3 * built.eps
     assert (path >= 0.0).all() and path[-1] == 0.0

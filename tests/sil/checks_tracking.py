@@ -46,17 +46,6 @@ def feedforward(built: Built, front: float, speed: float = SPEED) -> float:
     return float(built.lookup.reference(speed, front)[1])
 
 
-def check_feedforward(built: Built) -> None:
-    """Without gains, and from straight ahead, the command is the map's own rear angle, to the bit."""
-    for side in BOTH:
-        for speed in (7.0, SPEED, 33.0):
-            controller = controller_of(built, **no_gains(built))
-            controller.step(Measurement(speed, 0.0, 0.0))
-            commands = controller.run([Measurement(speed, side * FRONT, 0.0)] * 3)
-            assert commands[-1].rear_angle == side * feedforward(built, FRONT, speed)
-            assert commands[-1].status is Status.TRACKING
-
-
 def _running(built: Built, **changes: Any) -> Controller:
     """Return a controller with its limits open, that has taken a sample straight ahead; grip may be lost."""
     shortfall = {"grip_shortfall": built.software.parameters().grip_shortfall}

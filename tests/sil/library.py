@@ -25,13 +25,8 @@ SEARCH = ("-Iinclude", "-Ibench", "-Iprobe")
 
 @dataclass(frozen=True)
 class Tree:
-    """The files of a library on disk.
-
-    Attributes:
-        root: the folder; objects lie beside their sources.
-        units: the generated sources. others: those of the tests.
-        headers: what Python calls, in include order.
-    """
+    """The files of a library in a folder, objects beside their sources: generated units, sources of the tests, and the headers
+    of what Python calls, in include order."""
 
     root: Path
     units: tuple[str, ...]
@@ -64,21 +59,16 @@ class Tree:
 
     def ffi(self) -> Any:
         """What knows the types and functions of the library, whichever file it is opened from."""
-        cdef = derive_cdef(
-            [Path(header) for header in self.headers], ("include", "bench", "probe"), for_dlopen=True, folder=self.root
-        )
-        return parsed_ffi(cdef)
+        headers = [Path(header) for header in self.headers]
+        return parsed_ffi(derive_cdef(headers, ("include", "bench", "probe"), for_dlopen=True, folder=self.root))
 
 
 def _probe(folder: Folder) -> dict[str, bytes]:
     """The loops of `tests.sil.units` over the units that the build has, with their headers."""
     text = {path: content.decode("ascii") for path, content in folder.files.items() if path.startswith("include/")}
-    has = {
-        "map": "ars_map_reference_t" in text["include/ars_map.h"],
-        "limiter": True,
-        "reference_model": "include/ars_reference_model.h" in text,
-    }
-    only = [unit for unit, there in has.items() if there]
+    has_reference = "ars_map_reference_t" in text["include/ars_map.h"]
+    only = [*(["map"] if has_reference else []), "limiter"]
+    only += ["reference_model"] if "include/ars_reference_model.h" in text else []
     real = c_type(folder.manifest["options"]["precision"])
     header = "#include <stdint.h>\n" + "".join(f'#include "ars_{unit}.h"\n' for unit in only)
     header += "".join(DECLARATIONS[unit] for unit in only)
@@ -88,11 +78,7 @@ def _probe(folder: Folder) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler and how it is called.
-
-    Attributes:
-        command: in words. flags: for compiling. measuring: for compiling and linking what is under test.
-    """
+    """A C compiler, its flags, and those more for compiling and linking what is under test."""
 
     command: tuple[str, ...]
     flags: tuple[str, ...] = FLAGS

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 from typing import Any, Literal
 from unittest import mock
 
@@ -16,11 +15,9 @@ from codegen.refmap.place import Placed, Request, choose
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import solve_stack
 from codegen.refmap.storage import Storage
-from codegen.sil.toolchain import compiler_command
 from tests import builds, shared
-from tests.sil.case import FAST_FRACTION, Case, made_case
+from tests.sil.case import Case, compiled, made_case
 from tests.sil.checks_lookup import check_map_functions, numbers_of
-from tests.sil.library import OPTIMISED, Compiler
 from tests.sil.suite import Judge, whole
 
 BOUND = math.radians(0.5)
@@ -58,12 +55,7 @@ def placed(kind: Kind, precision: Precision, storage: Storage, which: Which = "l
     with mock.patch.object(place_grip, "HALVINGS", 1), mock.patch("codegen.emit.build.choose", choosing):
         folder = build(reference_map, config, options, BuildInputs("sample.npz", "0" * 64, "preset"))
     name = f"{kind} {precision} {storage} {which}"
-    scratch = shared.folder() / f"placed {name} {os.getpid()}"
-    scratch.mkdir()
-    case = made_case(name, folder, chosen[0].total, config, scratch, Compiler(compiler_command(), OPTIMISED))
-    case.sample_fraction = FAST_FRACTION
-    case.compile()
-    return case, chosen[0]
+    return compiled(name, functools.partial(made_case, name, folder, chosen[0].total, config)), chosen[0]
 
 
 def judges_of_map(case: Case) -> list[Judge]:

@@ -9,7 +9,6 @@ void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *paramete
                    uint32_t count);
 """,
     "reference_model": """
-void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count);
 void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count);
 void probe_model_start(const REAL *inputs, REAL *states, uint32_t count);
 void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count);
@@ -40,21 +39,15 @@ void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *paramete
 }
 """,
     "reference_model": """
-void probe_model(ars_reference_model_t *self, const REAL *inputs, REAL *states, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        ars_reference_model_input_t input;
-        memcpy(&input, &inputs[4u * k], sizeof(input));
-        ars_reference_model_step(self, &input);
-        memcpy(&states[3u * k], self, sizeof(*self));
-    }
-}
 void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count)
 {
     for (uint32_t k = 0u; k < count; k++) {
         ars_reference_model_t self;
+        ars_reference_model_input_t input;
         memcpy(&self, &from[3u * k], sizeof(self));
-        probe_model(&self, &inputs[4u * k], &states[3u * k], 1u);
+        memcpy(&input, &inputs[4u * k], sizeof(input));
+        ars_reference_model_step(&self, &input);
+        memcpy(&states[3u * k], &self, sizeof(self));
     }
 }
 void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)

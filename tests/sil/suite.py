@@ -4,6 +4,7 @@
 power to fail are one list.
 """
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -16,7 +17,6 @@ from tests.sil import (
     answers_frames,
     answers_task,
     checks_calibration,
-    checks_control,
     checks_edges,
     checks_kinds,
     checks_limiter,
@@ -94,7 +94,7 @@ STRICT = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples
 DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     "pi": {
         "as built": {},
-        "rate limit": {"rear_rate_max": checks_control.RATE_LIMIT},
+        "rate limit": {"rear_rate_max": math.radians(25.0)},
         "slow actuator": {"rear_rate_max": 0.07, "rear_angle_error_max": 0.005},
         "strict supervision": STRICT,
         "high gains": {"proportional_gain": 0.2, "integral_gain": 8.0},
@@ -142,12 +142,12 @@ def _resized(case: Case, changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def _controller(kind: Kind) -> list[Judge]:
-    own = {"pi": _in(checks_control), "tracking": _in(checks_tracking)}
+    own = _in(checks_tracking) if kind == "tracking" else ()
     return [
         *_drives(kind),
         *_of_built(*_in(checks_edges), *_in(checks_parameters)),
         *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
-        *_of_built(*_in(checks_supervision), checks_kinds.check_kind_always_bounded, *own.get(kind, ())),
+        *_of_built(*_in(checks_supervision), checks_kinds.check_kind_always_bounded, *own),
     ]
 
 

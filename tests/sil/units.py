@@ -23,12 +23,8 @@ RealArray = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """The units of a compiled build.
-
-    Attributes:
-        folder: the generated files. total: the map that they hold. config: configuration of the build; its limiter's figures
-            are the default of `limiter_parameters`. library: the compiled build with the loops of `probe`.
-    """
+    """The units of a compiled build with the loops of `probe`, the map that it holds and its configuration, whose limiter's
+    figures are the default of `limiter_parameters`."""
 
     folder: Folder
     total: TotalMap
@@ -98,13 +94,6 @@ class Units:
         angles, pointer = self._out(len(inputs))
         self.library.lib.probe_limiter(self_, parameters, self._in(inputs), pointer, len(inputs))
         return angles
-
-    def model(self, start: Any, inputs: Any) -> RealArray:
-        """States (n, 3) of a reference model that starts in a state (3,) and takes inputs (n, 4)."""
-        self_ = self.library.ffi.new("ars_reference_model_t *", tuple(float(value) for value in start))
-        states, pointer = self._out(len(inputs), 3)
-        self.library.lib.probe_model(self_, self._in(inputs), pointer, len(inputs))
-        return states
 
     def model_from(self, states: Any, inputs: Any) -> RealArray:
         """States (n, 3) after one step each from states (n, 3) with inputs (n, 4)."""
