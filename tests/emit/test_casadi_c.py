@@ -3,8 +3,6 @@
 The dynamics that it prints are judged by `tests.sil.suite_dynamics`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

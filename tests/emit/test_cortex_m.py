@@ -3,8 +3,6 @@
 Other optimisations, C++ and CMake: tests/evidence/toolchains.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import subprocess

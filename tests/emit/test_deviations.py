@@ -1,7 +1,5 @@
 """`deviations.md` describes the files beside it; `tests/verify` compares it with the findings of analysers."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The kinds of controller: each is complete, accepts what a configuration may hold, and reports what it lacks."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The reference model's view: the table of a tyre's curve and its stated error, the slowest speed, what is printed."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

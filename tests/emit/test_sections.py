@@ -1,7 +1,5 @@
 """The section macros of the generated code: everything that the linker places can be placed."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

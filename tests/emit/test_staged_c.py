@@ -1,7 +1,5 @@
 """A CasADi function in stages and for lanes: right against the CasADi machine, each stage only what changes there."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The files by which a C project takes a build over: GNU make here, CMake and Zephyr's CMake in tests/evidence/toolchains."""
 
-from __future__ import annotations
-
 import functools
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Writing a generated folder: whole or not at all, and nothing of the user's is ever touched."""
 
-from __future__ import annotations
-
 import errno
 import itertools
 import json

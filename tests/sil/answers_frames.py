@@ -46,10 +46,8 @@ def answers_of_can(built: Built) -> list[Framed]:
     for role, kind in PAYLOADS.items():
         message = can.messages()[role]
         reals = {name: signal for name, signal in message.signals().items() if isinstance(signal, RealSignal)}
-        rest = {"inhibit": (False, True), "status": tuple(range(16)), "diagnostics": tuple(1 << k for k in range(16))}
-        others: list[dict[str, Any]] = [
-            {name: value} for name, values in rest.items() if name in message.signals() for value in values
-        ]
+        rest: dict[str, Any] = {"inhibit": (False, True), "status": range(16), "diagnostics": [1 << k for k in range(16)]}
+        others = [{name: value} for name, values in rest.items() if name in message.signals() for value in values]
         nothing: dict[str, Any] = dict.fromkeys(reals, math.nan)
         contents = [kind(**nothing | {name: value}) for name, signal in reals.items() for value in _values(signal, real)]
         contents += [kind(**dict.fromkeys(reals, 0.01) | other) for other in others]
@@ -90,9 +88,7 @@ def check_can(built: Built, known: list[Framed]) -> None:
             assert bytes(data) == b"\xff" * 8 + frame + b"\xff" * 8, content
         for frame, content in one.unpacked:
             unpack(frame, struct)
-            assert {name: repr(getattr(struct, name)) for name in vars(content)} == {
-                name: repr(value) for name, value in vars(content).items()
-            }, frame.hex()
+            assert all(repr(getattr(struct, name)) == repr(value) for name, value in vars(content).items()), frame.hex()
 
 
 Events = list[tuple[bytes | None, int]]

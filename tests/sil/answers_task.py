@@ -85,11 +85,8 @@ class _Car:
         calm, spell, place = 7 * (self.life % 3), 0, 0
         for cycle in range(CYCLES):
             if spell == 0:
-                event, spell, place = (
-                    str(self.rng.choice(EVENTS)),
-                    int(self.rng.choice([1, 1, 2, 4, 8])),
-                    int(self.rng.integers(2)),
-                )
+                event, spell = str(self.rng.choice(EVENTS)), int(self.rng.choice([1, 1, 2, 4, 8]))
+                place = int(self.rng.integers(2))
             spell -= 1
             if cycle < calm:
                 event, spell = "both lost" if self.life % 4 == 3 and cycle < 5 else "good", 0
@@ -160,9 +157,7 @@ def answers_of_task(built: Built, lives: int = LIVES) -> list[Traffic]:
             command = codec.decode(*cycle.answer)
             assert isinstance(command, RearSteerCommand)
             diagnostics |= command.diagnostics
-    assert {name for bit, (name, _) in DIAGNOSTICS.items() if diagnostics >> bit & 1} == {
-        name for name, _ in DIAGNOSTICS.values()
-    }
+    assert all(diagnostics >> bit & 1 for bit in DIAGNOSTICS), "every cause is met"
     return known
 
 

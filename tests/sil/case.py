@@ -18,7 +18,7 @@ from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject
 from tests import builds, shared
-from tests.builds import CONFIGS, Built
+from tests.builds import Built
 from tests.sil.library import OPTIMISED, Compiler, Opened, Tree, library_of
 from tests.sil.units import Units
 
@@ -136,7 +136,7 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
     library, opened = library_of(tree, ffi)
     options = made.manifest["options"]
     software = Software(library, options["prefix"], options["precision"], config)
-    units = Units(made, total, limited(config), library)
+    units = Units(made, total, config, library)
     return Case(name, tree, Built(made, total, software), units, opened, compiler, known=known)
 
 
@@ -166,13 +166,3 @@ def compiled(name: str, make: Callable[[Path, Compiler], Case]) -> Case:
 def case(name: str) -> Case:
     """Return the compiled case of a name, once a process."""
     return compiled(name, functools.partial(named, name))
-
-
-def limited(config: Config) -> Config:
-    """The configuration with a limiter that has something to do, of as many breakpoints: its parameters are arguments."""
-    points = len(config.limiter.opposite_phase_speed_km_h)
-    speeds = [60.0 + 60.0 * k / (points - 1) for k in range(points)]
-    angles = [3.5 - 2.0 * k / (points - 1) for k in range(points)]
-    own = CONFIGS["tracking"].limiter
-    changed = {"rear_rate_max_deg_s": 40.0, "opposite_phase_speed_km_h": speeds, "opposite_phase_max_deg": angles}
-    return config.model_copy(update={"limiter": own.model_copy(update=changed)})

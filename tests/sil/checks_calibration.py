@@ -148,13 +148,3 @@ def check_parameters_judge_the_map_too(built: Calibrated) -> None:
     assert built.is_valid()
     built.arrays["yaw_rate_table"].reshape(-1)[0] = np.nan
     assert not built.is_valid()
-
-
-CHECKS = (
-    check_each_number_of_the_tables,
-    check_each_breakpoint_is_above_the_one_before,
-    check_even_axes_stay_even,
-    check_even_to_the_bit,
-    check_parameters_judge_the_map_too,
-    check_the_lookup_takes_what_stands_there,
-)

@@ -20,22 +20,15 @@ LOST = Measurement(math.nan, math.nan, math.nan)
 DIRT = (0x00, 0xFF, 0xA5, 0x01)
 
 
-def values_of(ffi: Any, struct: Any) -> Any:
+def values_of(ffi: Any, value: Any) -> Any:
     """A C value as nested tuples, without the bytes between the fields; NaN by its text, so that two compare as equal."""
-    kind = ffi.typeof(struct)
-    if kind.kind == "pointer":
-        return int(ffi.cast("uintptr_t", struct))
-    if kind.kind == "struct":
-        return tuple(_value_of(ffi, kind, struct, name) for name, _ in kind.fields)
-    return tuple(values_of(ffi, item) if ffi.typeof(item).kind == "struct" else repr(item) for item in struct)
-
-
-def _value_of(ffi: Any, kind: Any, struct: Any, name: str) -> Any:
-    value = getattr(struct, name)
-    inner = dict(kind.fields)[name].type.kind
-    if inner == "primitive" or inner == "enum":
+    if not isinstance(value, ffi.CData):
         return repr(value)
-    return values_of(ffi, value)
+    kind = ffi.typeof(value)
+    if kind.kind == "pointer":
+        return int(ffi.cast("uintptr_t", value))
+    parts = [getattr(value, name) for name, _ in kind.fields] if kind.kind == "struct" else value
+    return tuple(values_of(ffi, part) for part in parts)
 
 
 def check_init_sets_everything(built: Built) -> None:

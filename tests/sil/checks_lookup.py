@@ -71,12 +71,9 @@ def finite_points(built: Mapped, count: int = 100_000) -> tuple[RealArray, RealA
     else:
         pairs = [(np.repeat(speed, angle.size), np.tile(angle, speed.size))]
     reach = rng.choice([1.1, 1.1, 1.1, 3.0], count)
-    pairs.append(
-        (
-            (rng.uniform(-0.1, 1.0, count) * reach * total.speed[-1]).astype(real),
-            (rng.uniform(-1.0, 1.0, count) * reach * total.front_angle[-1]).astype(real),
-        )
-    )
+    random_v = rng.uniform(-0.1, 1.0, count) * reach * total.speed[-1]
+    random_a = rng.uniform(-1.0, 1.0, count) * reach * total.front_angle[-1]
+    pairs.append((random_v.astype(real), random_a.astype(real)))
     return np.concatenate([pair[0] for pair in pairs]), np.concatenate([pair[1] for pair in pairs])
 
 

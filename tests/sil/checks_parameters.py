@@ -70,20 +70,21 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
 
 
 def check_defaults(built: Built) -> None:
-    """The default parameters are those of the configuration, but for one rounding."""
-    parameters, eps = built.software.parameters(), built.eps
-    for name, wanted in configured(built).items():
-        got = getattr(parameters, name)
-        pairs = zip(list(got), wanted, strict=True) if isinstance(wanted, list) else [(got, wanted)]
-        assert all(abs(have - want) <= eps * abs(want) for have, want in pairs), name
-    _check_limiter_defaults(built)
+    """The default parameters are those of the configuration, but for one rounding, of the limiter for two."""
+    parameters = built.software.parameters()
+    wanted_of_limiter = _configured_limiter(config_of(built))
+    assert wanted_of_limiter.keys() == set(dir(parameters.limiter))
+    of_both = (parameters, configured(built), 1.0), (parameters.limiter, wanted_of_limiter, 2.0)
+    for struct, values, roundings in of_both:
+        for name, wanted in values.items():
+            got = getattr(struct, name)
+            pairs = zip(list(got), wanted, strict=True) if isinstance(wanted, list) else [(got, wanted)]
+            assert all(abs(have - want) <= roundings * built.eps * abs(want) for have, want in pairs), name
 
 
-def _check_limiter_defaults(built: Built) -> None:
-    parameters = built.software.parameters()  # owns the limiter's
-    limiter, config, eps = parameters.limiter, config_of(built), built.eps
+def _configured_limiter(config: Config) -> dict[str, Any]:
     rate, most = config.limiter.rear_rate_max_deg_s, math.radians(config.rear_actuator.angle_max_deg)
-    wanted: dict[str, Any] = {
+    return {
         "rear_angle_max": most,
         "rear_rate_max": 1000.0 if rate == "off" else math.radians(rate),
         "in_phase_from_front_angle": math.radians(config.limiter.in_phase_from_front_angle_deg),
@@ -92,11 +93,6 @@ def _check_limiter_defaults(built: Built) -> None:
         "opposite_phase_speed": [speed / 3.6 for speed in config.limiter.opposite_phase_speed_km_h],
         "opposite_phase_max": [min(angle, most) for angle in opposite_phase_bounds(config)],
     }
-    assert wanted.keys() == set(dir(limiter))
-    for name, value in wanted.items():
-        got = getattr(limiter, name)
-        pairs = zip(list(got), value, strict=True) if isinstance(value, list) else [(got, value)]
-        assert all(abs(have - want) <= 2.0 * eps * abs(want) for have, want in pairs), f"limiter.{name}"
 
 
 def opposite_phase_bounds(config: Config) -> list[float]:
@@ -168,23 +164,17 @@ def _check_increasing(built: Built, name: str, good: list[float]) -> None:
 
 
 def _check_what_fits_together(built: Built) -> None:
-    software = built.software
+    software, lowest = built.software, float(built.real(0.01))
     angle = float(software.parameters().rear_angle_max)
     assert is_valid(built, rear_angle_input_max=angle)
     assert not is_valid(built, rear_angle_input_max=built.next(angle, 0.0))
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
-    assert is_valid(built, enable_speed=5.0, disable_speed=built.next(5.0, 0.0))
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
-    lowest = float(built.real(0.01))
-    assert is_valid(built, enable_speed=built.next(lowest, 1.0), disable_speed=lowest)
-    assert is_valid(built, enable_speed=100.0, disable_speed=built.next(100.0, 0.0))
-    for name in ("implausible_samples_max", "degraded_samples_max"):
-        assert is_valid(built, **{name: 0})
-        assert is_valid(built, **{name: LARGEST - 1})
-        assert not is_valid(built, **{name: LARGEST}), "its count could not pass it"
-    assert is_valid(built, recovery_samples=1)
-    assert is_valid(built, recovery_samples=LARGEST - 1)
-    assert not is_valid(built, recovery_samples=LARGEST), "the task's count of samples without an angle could not pass it"
+    for enable, disable in ((built.next(lowest, 1.0), lowest), (100.0, built.next(100.0, 0.0)), (5.0, built.next(5.0, 0.0))):
+        assert is_valid(built, enable_speed=enable, disable_speed=disable)
+    for name, least in (("implausible_samples_max", 0), ("degraded_samples_max", 0), ("recovery_samples", 1)):
+        assert is_valid(built, **{name: least}) and is_valid(built, **{name: LARGEST - 1})
+        assert not is_valid(built, **{name: LARGEST}), "a count could not pass it"
     assert not is_valid(built, recovery_samples=0), "a fail-safe that ends at once"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):

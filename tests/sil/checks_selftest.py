@@ -147,15 +147,12 @@ def _passes(alone: Alone) -> None:
 
 def _sees_each_fault(alone: Alone) -> None:
     """Each thing alone makes it fail."""
-    for checksum in (alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF):
-        assert not answer(alone, alone.rows, checksum=checksum)
-    assert not answer(alone, alone.rows, valid=False)
-    for bit in range(8):
-        assert not answer(alone, alone.rows, crc_error=[1 << bit, 0])
-        assert not answer(alone, alone.rows, crc_error=[0, 1 << bit])
-        assert not answer(alone, alone.rows, crc_error=[1 << bit, 1 << bit])
-    for byte in (1, 2, 127, 128, 254, 255):
-        assert not answer(alone, alone.rows, crc_error_of=byte), "one entry of the table"
+    checksums = [alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF]
+    crc_errors = [[first << bit, second << bit] for bit in range(8) for first, second in ((1, 0), (0, 1), (1, 1))]
+    bytes_of_table = [1, 2, 127, 128, 254, 255]
+    faults = {"checksum": checksums, "valid": [False], "crc_error": crc_errors, "crc_error_of": bytes_of_table}
+    for name, values in faults.items():
+        assert not any(answer(alone, alone.rows, **{name: value}) for value in values), name
 
 
 def _sees_each_place(alone: Alone) -> None:
@@ -177,9 +174,8 @@ def _takes_another_calibration(alone: Alone) -> None:
     nothing = [(*place, math.nan) for *place, _ in alone.rows]
     assert answer(alone, nothing, FROZEN)
     assert alone.lib.stub.asked == 0
-    assert not answer(alone, nothing, FROZEN, checksum=FROZEN + 1)
-    assert not answer(alone, nothing, FROZEN, valid=False)
-    assert not answer(alone, nothing, FROZEN, crc_error=[1, 0])
+    for wrong in ({"checksum": FROZEN + 1}, {"valid": False}, {"crc_error": [1, 0]}):
+        assert not answer(alone, nothing, FROZEN, **wrong)
 
 
 def check_selftest(case: Case) -> None:

@@ -125,14 +125,8 @@ def random_measurements(built: Built, rng: np.random.Generator, count: int) -> A
     real: Any = software.real
     size = np.dtype(real).itemsize
     stride = software.ffi.sizeof(samples) // count
-    layout = np.dtype(
-        {
-            "names": ["bits", "inhibit"],
-            "formats": [(f"u{size}", 5), np.uint8],
-            "offsets": [0, 5 * size],
-            "itemsize": stride,
-        }
-    )
+    rest = stride - 5 * size - 1
+    layout = np.dtype([("bits", f"u{size}", 5), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
     view: npt.NDArray[Any] = np.frombuffer(software.ffi.buffer(samples), dtype=layout)
     parameters = software.parameters()
     limits = np.array([getattr(parameters, limit) for limit in (NEEDED | OPTIONAL).values()])

@@ -53,24 +53,16 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
         }
     points = len(list(built.software.parameters().schedule_speed))
     rng = np.random.default_rng(8)
-    odd = {
-        "proportional_gain": rng.uniform(0.0, 0.3, points).tolist(),
-        "integral_gain": rng.uniform(0.0, 30.0, points).tolist(),
-    }
+    gains = ("proportional_gain", 0.3), ("integral_gain", 30.0)
+    odd = {name: rng.uniform(0.0, most, points).tolist() for name, most in gains}
+    sensitive = {"grip_shortfall": 0.1, "grip_loss_rate": 50.0, "grip_forgetting": 20.0, "friction_min": 0.01}
     return {
         "free": free,
         "odd gains": {**free, **odd},
         "beyond the schedule": {**free, **odd, "speed_max": 200.0, "schedule_speed": [1.0 + 5.0 * k for k in range(points)]},
         "no authority": {**free, **odd, "yaw_increasing_max": 0.0},
         "wide authority": {**free, **odd, "yaw_increasing_max": 0.04, "rear_angle_error_max": 0.01},
-        "sensitive": {
-            **free,
-            **odd,
-            "grip_shortfall": 0.1,
-            "grip_loss_rate": 50.0,
-            "grip_forgetting": 20.0,
-            "friction_min": 0.01,
-        },
+        "sensitive": {**free, **odd, **sensitive},
         "slow": {**odd, "rear_rate_max": 0.1, "limiter": {"rear_rate_max": 0.08}},
         "tight": {**free, **odd, "rear_angle_error_max": 0.002, "trim_share": 0.2, "trim_rate": 20.0},
     }

@@ -37,12 +37,8 @@ from tests.sil.suite_memory import check_memory
 
 @dataclass(frozen=True)
 class Judge:
-    """A check of a unit, called with a case; it raises an exception if the case fails it.
-
-    Attributes:
-        of_single: whether it writes or compares numbers of single precision, so that it cannot judge a build in double.
-        of_one_layer: whether it knows the cap of a map for one friction only.
-    """
+    """A check of a unit, called with a case; it raises an exception if the case fails it. One that writes or compares numbers
+    of single precision cannot judge a build in double; one of one layer knows the cap of a map for one friction only."""
 
     name: str
     run: Callable[[Case], object]
@@ -165,7 +161,7 @@ def _map(kind: Kind) -> list[Judge]:
     )
     (cap,) = _of_built(checks_lookup.check_cap)  # it knows that of one friction
     judges = [reference, *_of_built(checks_lookup.check_map_functions), replace(cap, of_one_layer=True)]
-    judges += _of_calibration(*checks_calibration.CHECKS)
+    judges += _of_calibration(*_in(checks_calibration))
     return [*judges, *_of_units(*_in(checks_map_reference))] if kind in ("tracking", "feedforward") else judges
 
 

@@ -1,7 +1,5 @@
 """Many closed loops at once against the single run, each of them in any company the same bits, and with which vectors."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json

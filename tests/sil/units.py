@@ -23,8 +23,7 @@ RealArray = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """The units of a compiled build with the loops of `probe`, the map that it holds and its configuration, whose limiter's
-    figures are the default of `limiter_parameters`."""
+    """The units of a compiled build with the loops of `probe`, the map that it holds and its configuration."""
 
     folder: Folder
     total: TotalMap
@@ -68,20 +67,14 @@ class Units:
         return found.T
 
     def limiter_parameters(self, **changes: Any) -> Any:
-        """The limiter's parameters of the build's configuration with some changed; its valid-function decides on them."""
-        ffi = self.library.ffi
-        parameters = ffi.new("ars_limiter_parameters_t *")
-        limiter, inputs, actuator = self.config.limiter, self.config.controller.inputs, self.config.rear_actuator
-        rate, angles = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg
-        speeds = limiter.opposite_phase_speed_km_h
-        values = {
-            "rear_angle_max": actuator.angle_max,
-            "rear_rate_max": 1000.0 if rate == "off" else np.radians(rate),
-            "opposite_phase_speed": [speed / 3.6 for speed in speeds],
-            "opposite_phase_max": [actuator.angle_max] * len(speeds) if angles == "off" else np.radians(angles).tolist(),
-            "in_phase_from_front_angle": np.radians(limiter.in_phase_from_front_angle_deg),
-            "speed_max": inputs.speed_max_km_h / 3.6,
-            "front_angle_max": np.radians(inputs.front_angle_max_deg),
+        """The limiter's parameters of the build with a rate and bounds that have something to do, and some changed; its
+        valid-function decides on them."""
+        parameters = self.library.ffi.new("ars_limiter_parameters_t *", self.library.lib.ars_parameters_default.limiter)
+        points = len(parameters.opposite_phase_speed)
+        values: dict[str, Any] = {
+            "rear_rate_max": np.radians(40.0),
+            "opposite_phase_speed": (np.linspace(60.0, 120.0, points) / 3.6).tolist(),
+            "opposite_phase_max": np.radians(np.linspace(3.5, 1.5, points)).tolist(),
         }
         for name, value in (values | changes).items():
             setattr(parameters, name, value)
