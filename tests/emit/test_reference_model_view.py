@@ -17,7 +17,7 @@ from codegen.emit.reference_model_view import (
 from codegen.errors import BuildError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests import builds
-from tests.sil.exact_dynamics import magic_formula
+from tests.sil.checks_reference_model import magic_formula
 
 CONFIG = builds.TRACKING_CONFIG
 SHAPES = [(c, e) for c in (0.5, 1.3, 2.5) for e in (-20.0, -0.5, 0.5, 0.99, 1.0)]

@@ -26,16 +26,10 @@ MODEL_CHANGES: dict[str, dict[str, Any]] = {
 }
 
 
-def controller_of(built: Built, start: float = 0.0, **changes: Any) -> Controller:
-    """With every limit open but the angle's own, no loss of grip, and some parameters changed."""
-    wide = {"rear_rate_max": 1000.0, "grip_shortfall": 20.0, "limiter": open_limiter(built)}
-    return built.software.controller(start, parameters_of(built, {**wide, **changes}))
-
-
 def _running(built: Built, **changes: Any) -> Controller:
-    """Return a controller with its limits open, that has taken a sample straight ahead; grip may be lost."""
-    shortfall = {"grip_shortfall": built.software.parameters().grip_shortfall}
-    controller = controller_of(built, **{**shortfall, **changes})
+    """Return a controller with no limit but the angle's own, that has taken a sample straight ahead; grip may be lost."""
+    wide = {"rear_rate_max": 1000.0, "limiter": open_limiter(built)}
+    controller = built.software.controller(0.0, parameters_of(built, {**wide, **changes}))
     controller.step(Measurement(SPEED, 0.0, 0.0))
     return controller
 

@@ -13,7 +13,7 @@ from codegen.errors import BuildError
 from codegen.sil.cdef import derive_cdef, parsed_ffi
 from codegen.sil.compile import Library
 from codegen.sil.software import bench_sources
-from tests.sil.calibrated import WRITABLE
+from tests.sil.checks_calibration import WRITABLE
 from tests.sil.probe import DECLARATIONS, DEFINITIONS
 
 FLAGS = ("-std=c99", "-O0", "-ffp-contract=off", "-fPIC", "-w", "-ftrivial-auto-var-init=pattern", WRITABLE)

@@ -26,9 +26,7 @@ from tests.sil import (
     checks_reference_model,
     checks_supervision,
     checks_tracking,
-    rough_drives,
 )
-from tests.sil.calibrated import Calibrated
 from tests.sil.case import Case
 from tests.sil.checks_selftest import check_selftest
 from tests.sil.suite_dynamics import check_dynamics
@@ -54,11 +52,11 @@ def _of_units(*checks: Callable[[Any], object]) -> list[Judge]:
     return [Judge(check.__name__, lambda case, check=check: check(case.units)) for check in checks]  # type: ignore[misc]
 
 
-def _of_calibration(*checks: Callable[[Calibrated], None]) -> list[Judge]:
+def _of_calibration(*checks: Callable[[checks_calibration.Calibrated], None]) -> list[Judge]:
     """Judges that write into the calibration and leave it as it was."""
 
-    def run(case: Case, check: Callable[[Calibrated], None]) -> None:
-        calibrated = Calibrated.over(case.built.software.compiled, case.built.total)
+    def run(case: Case, check: Callable[[checks_calibration.Calibrated], None]) -> None:
+        calibrated = checks_calibration.Calibrated.over(case.built.software.compiled, case.built.total)
         try:
             check(calibrated.restored())
         finally:
@@ -119,7 +117,7 @@ def _drives(kind: Kind) -> list[Judge]:
     judges = [_answered(f"model: {name}", lambda case, a=changes, b=index: [drive(case, a, b)], check)  # type: ignore[misc]
               for index, (name, changes) in enumerate(DRIVES[kind].items())]  # fmt: skip
     if kind in ("pi", "tracking"):
-        rough = rough_drives.answers_of_rough
+        rough = answers.answers_of_rough
         judges.append(_answered("model: rough drives", lambda case: list(rough(case.built, case.samples(3000))), check))
     return judges
 

@@ -180,6 +180,21 @@ def test_a_compiler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch, 
     assert command.split()[0].strip("'") in caught.value.what
 
 
+def require_refused(sources: Sources, own_cache: Path, where: str, message: str) -> None:
+    """The sources are refused in one line, and nothing is left in the cache."""
+    with pytest.raises(BuildError, match=message) as caught:
+        compiled(sources, mode="auto")
+    assert caught.value.where == where
+    assert "\n" not in str(caught.value)
+    assert list(own_cache.iterdir()) == []
+
+
+def test_the_first_error_and_its_place(unique: Sources, own_cache: Path) -> None:
+    require_refused({**unique, "src/tiny.c": '#include "absent.h"\n'}, own_cache, "src/tiny.c:1", "absent.h")
+    warned = "int tiny(void)\n{\n    int unused;\n    return 1;\n}\n"  # a warning is an error
+    require_refused({**unique, "src/tiny.c": warned}, own_cache, "src/tiny.c:3", "unused")
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -196,27 +211,6 @@ def test_a_compiler_that_fails_by_itself_is_one_line(
     require_refused(unique, own_cache, "src/tiny.c", message)
 
 
-def require_refused(sources: Sources, own_cache: Path, where: str, message: str) -> None:
-    """The sources are refused in one line, and nothing is left in the cache."""
-    with pytest.raises(BuildError, match=message) as caught:
-        compiled(sources, mode="auto")
-    assert caught.value.where == where
-    assert "\n" not in str(caught.value)
-    assert list(own_cache.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("text", "where", "message"),
-    [
-        ("int tiny(void)\n{\n    return nothing;\n}\n", "src/tiny.c:3", "nothing"),
-        ('#include "absent.h"\n', "src/tiny.c:1", "absent.h"),
-        ("int tiny(void)\n{\n    int unused;\n    return 1;\n}\n", "src/tiny.c:3", "unused"),  # a warning is an error
-    ],
-)
-def test_the_first_error_and_its_place(unique: Sources, own_cache: Path, text: str, where: str, message: str) -> None:
-    require_refused({**unique, "src/tiny.c": text}, own_cache, where, message)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_what_the_linker_and_cffi_refuse(unique: Sources, mode: str) -> None:
     absent = {"src/tiny.c": "int absent(void);\nint tiny(void);\nint tiny(void)\n{\n    return absent();\n}\n"}
@@ -228,13 +222,6 @@ def test_what_the_linker_and_cffi_refuse(unique: Sources, mode: str) -> None:
     odd = {"include/tiny.h": "int tiny(void);\ntypedef struct { int a[sizeof(int)]; } s_t;\n"}
     with pytest.raises(BuildError, match="cffi does not take"):
         compiled({**unique, **odd}, mode=mode)
-
-
-@pytest.mark.parametrize("path", ["/tmp/tiny.c", "src/../../tiny.c", "", 'a".h'])
-def test_a_source_outside_the_folder(tmp_path: Path, path: str) -> None:
-    with pytest.raises(BuildError, match="not a plain relative path"):
-        compile_library("tiny", {path: "int a;\n"}, [])
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_flags_of_a_unit_are_for_it_alone_and_not_for_the_linker() -> None:
@@ -338,14 +325,10 @@ def test_where_nothing_can_be_written_a_private_temporary_folder_serves(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     cache._folder_of_this_process.cache_clear()
     expected = cache_folder()
-    if squatter:
-        expected.rmdir()
     if squatter == "open folder":
-        expected.mkdir()
         expected.chmod(0o777)
     elif squatter == "link":
-        (tmp_path / "elsewhere").mkdir(mode=0o700)
-        expected.symlink_to(tmp_path / "elsewhere")
+        expected.symlink_to(expected.rename(tmp_path / "elsewhere"))
     folder = cache_folder()
     assert (folder == expected) == (not squatter)
     assert folder.parent == tmp_path / "tmp"
