@@ -1,4 +1,4 @@
-"""The closed loop: in C and from Python the same bits; delay, passive car, both modes of loading, both precisions."""
+"""The closed loop: in C and from Python the same bits; delay, passive car, both precisions."""
 
 import math
 from typing import Any
@@ -9,6 +9,7 @@ import pytest
 
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
+from tests import builds
 from tests.builds import Built
 
 FloatArray = npt.NDArray[np.float64]
@@ -62,6 +63,12 @@ def run(built: Built, scenario: FloatArray, **options: Any) -> FloatArray:
     return ClosedLoop(built.software, LoopOptions(**options)).run(scenario)
 
 
+@pytest.fixture(scope="module", params=builds.PRECISIONS)
+def either(request: pytest.FixtureRequest) -> Built:
+    """The paper's build in single and in double precision."""
+    return builds.paper(request.param)
+
+
 @pytest.mark.parametrize(("name", "delay", "controlled"), [("everything at once", 3, True), ("step steer", 0, True),
                                                            ("to the right, fast", 100, False)])  # fmt: skip
 def test_in_c_and_stepped_from_python_the_same_bits(either: Built, name: str, delay: int, controlled: bool) -> None:
@@ -102,10 +109,11 @@ def test_a_command_acts_so_many_whole_samples_late(either: Built, delay: int) ->
     assert np.flatnonzero(angle)[0] == np.flatnonzero(command)[0] + delay + 1
 
 
-def test_an_impossible_delay_and_inputs_of_another_shape_are_refused(paper: Built) -> None:
+def test_an_impossible_delay_and_inputs_of_another_shape_are_refused() -> None:
+    software = builds.paper().software
     for delay in (-1, 101):
         with pytest.raises(ValueError, match="outside 0 to 100"):
-            ClosedLoop(paper.software, LoopOptions(delay_samples=delay))
+            ClosedLoop(software, LoopOptions(delay_samples=delay))
     for shape in ((10, 5), (15, 6), (60,), (10, 6, 1)):
         with pytest.raises(ValueError, match="needed"):
-            ClosedLoop(paper.software).run(np.zeros(shape))
+            ClosedLoop(software).run(np.zeros(shape))
