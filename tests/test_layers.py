@@ -1,8 +1,10 @@
 """The order of the layers, read from the imports in the source."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("codegen", "hil_sim")
@@ -39,13 +41,23 @@ def source_files(root: Path) -> dict[str, Path]:
     return found
 
 
+def statements(*nodes: Any) -> Iterator[ast.AST]:
+    """Yield all statements, and not their expressions, which are ten times as many."""
+    for node in nodes:
+        yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from statements(*getattr(node, part, ()))
+
+
 def imports_of(module: str, path: Path) -> Iterator[tuple[int, str]]:
     """Yield line and target of every import of a file, those inside functions and `import_module("literal")` too.
 
     `from package import name` gives `package.name`, be it a module or not: the layer is the same or the right one.
     """
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text, str(path))
+    for node in ast.walk(tree) if re.search("import_module|__import__", text) else statements(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
