@@ -10,27 +10,21 @@ import pytest
 
 from codegen import config as configuration
 from codegen.cli import cli
-from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS
 
 from .conftest import BUILD, MAP, Run, edit, python
 
 
 def test_from_init_to_a_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run("init", "default").code == 0
-    assert configuration.load(Path("default/ars.toml")) == configuration.preset("recommended")
     assert run("init", "my-car", "--preset", "paper").code == 0
     monkeypatch.chdir("my-car")
     assert configuration.load(Path("ars.toml")) == configuration.preset("paper")
     assert run("solve", "--config", "ars.toml", "--case", "4ws-2", "-o", "4ws2.npz").code == 0
-    shown = run("show", "4ws2.npz", "--plot", "map.png")
-    assert "6582 of 10100 cells feasible" in shown.out
-    assert "front slip + rear slip" in shown.out
+    assert "6582 of 10100 cells feasible" in run("show", "4ws2.npz", "--plot", "map.png").out
     assert run("build", "--map", "4ws2.npz").code == 0
     ran = run("sil", "--build", "generated/4ws2", "--plot", "run.png", "--csv", "run.csv")
     assert "yaw rate, steady [deg/s]" in ran.out
-    for picture in ("map.png", "run.png"):
-        assert Path(picture).read_bytes().startswith(b"\x89PNG")
+    assert Path("map.png").read_bytes()[:4] == Path("run.png").read_bytes()[:4] == b"\x89PNG"
     assert Path("run.csv").read_text(encoding="ascii").splitlines()[0] == ",".join(RECORD_COLUMNS)
     assert {path.name for path in Path().iterdir()} == {"ars.toml", "4ws2.npz", "generated", "map.png", "run.png", "run.csv"}
 
@@ -67,10 +61,6 @@ def test_another_configuration_than_the_one_in_the_map(run: Run, here: Path) -> 
     answer = run("build", "--map", MAP, "-o", "own", "--config", config)
     assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is taken
     assert ".integral_gain = 30.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
-    # This gain ends in a limit cycle, which has no steady value.
-    assert "NO: means only" in run("sil", "--build", "own").out
-    edit(config, ("[vehicle]", "[vehicle]\nmass_kg = 1800.0"))
-    assert "another car" in run("build", "--map", MAP, "-o", "own", "--config", config).err
 
 
 def test_a_run_of_edited_c(run: Run, here: Path) -> None:
@@ -98,15 +88,9 @@ except SystemExit: sys.exit(', '.join({HEAVY} & set(sys.modules)) or None)
 """
 
 
-@pytest.mark.parametrize("words", ["--help", "--version", "solve --case ", "hil --bus s", "show g"])
+@pytest.mark.parametrize("words", ["--help", "solve --case ", "show g"])
 def test_help_and_completion_import_nothing_heavy(words: str) -> None:
     asked = {"_CODEGEN_COMPLETE": "bash_complete", "COMP_WORDS": f"codegen {words}", "COMP_CWORD": "3"}
     options, environment = ([words], {}) if words.startswith("-") else ([], asked)
     result = python(f"from codegen.cli import main\n{QUICK}", *options, **environment)
     assert result.returncode == 0, result.stderr
-
-
-def test_debug_shows_the_traceback_wherever_it_stands(run: Run, here: Path) -> None:
-    for arguments in (("--debug", "show", "missing.npz"), ("show", "missing.npz", "--debug")):
-        with pytest.raises(CodegenError):
-            run(*arguments)

@@ -47,16 +47,12 @@ def offered(shell: str, line: str, monkeypatch: pytest.MonkeyPatch, word: str | 
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("codegen solve --ca", ["--case"]),
         ("codegen solve --case 4", ["4ws-1", "4ws-2"]),
         ("codegen solve --config car.toml --case ", ["mine", "4ws-2"]),
         ("codegen solve --config broken.toml --case f", ["fws"]),
         ("codegen solve --config ", ["broken.toml", "car.toml", "made/", "other/"]),
-        ("codegen solve -o new", ["new.npz"]),
         ("codegen show ", ["4ws2.npz", "a,b.npz", "made/", "my map.npz", "other/"]),
-        ("codegen show nowhere/", []),
         ("codegen sil --build ", ["made/", "other/"]),
-        ("codegen sil --scenario step", ["step-steer"]),
         ("codegen sil -o x.p", ["x.parquet"]),
         ("codegen hil --log trace.", ["trace.blf", "trace.asc", "trace.log", "trace.mf4"]),
         ("codegen report --run name=ru", ["name=run.csv"]),
@@ -72,10 +68,7 @@ def test_bash_gets_the_part_that_it_takes_for_the_word(monkeypatch: pytest.Monke
     monkeypatch.setattr(values, "can_interfaces", lambda: ["can3"])
     assert offered("fish", "codegen hil --bus s", monkeypatch) == ["socketcan:can3", "socketcan:vcan0"]
     assert offered("bash", "codegen hil --bus socketcan:", monkeypatch, ":") == ["can3", "vcan0"]
-    assert offered("bash", "codegen hil --bus socketcan:v", monkeypatch, "v") == ["vcan0"]
     assert offered("bash", "codegen hil --bus=udp", monkeypatch, "udp") == ["udp_multicast:239.74.163.2"]
-    assert offered("bash", "codegen solve --case=", monkeypatch, "=") == ["fws", "4ws-1", "4ws-2"]
-    assert offered("bash", "codegen hil --bus socketcan:vcan0 --ecu n", monkeypatch) == ["native"]
     for shell in ("zsh", "fish"):
         assert offered(shell, "codegen solve --case=4", monkeypatch) == ["--case=4ws-1", "--case=4ws-2"]
 
@@ -90,13 +83,6 @@ def test_names_repeated_for_speed_are_those_of_the_project() -> None:
     assert set(values.log_to_write.endings or ()) == set(log_formats.FORMATS)
 
 
-def test_every_path_on_the_command_line_has_a_type_of_file() -> None:
-    paths = [
-        (name, one) for name, command in cli.commands.items() for one in command.params if isinstance(one.type, click.Path)
-    ]
-    assert [(name, one.opts) for name, one in paths if not isinstance(one.type, values.FileType)] == []
-
-
 def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     printed = {shell: run("completion", shell) for shell in completion.SHELLS}
     assert all(answer.code == 0 and COMPLETION in answer.out for answer in printed.values())
@@ -105,12 +91,5 @@ def test_through_the_entry_point(run: Run, monkeypatch: pytest.MonkeyPatch) -> N
     asked = {COMPLETION: "bash_complete", "COMP_WORDS": "codegen sil --sc", "COMP_CWORD": "2", "COMP_WORD": "--sc"}
     answer = python(MAIN, **asked)
     assert (answer.returncode, answer.stdout, answer.stderr) == (0, "plain,--scenario\n", "")
-
-
-@pytest.mark.parametrize("instruction", ["bash_complete", "nonsense", "tcsh_source"])
-def test_an_instruction_of_no_script_is_answered_with_silence(
-    monkeypatch: pytest.MonkeyPatch, run: Run, instruction: str
-) -> None:
-    monkeypatch.setenv(COMPLETION, instruction)
-    answer = run()
-    assert (answer.code, answer.out, answer.err) == (1, "", "")
+    monkeypatch.setenv(COMPLETION, "nonsense")
+    assert (run().code, run().out, run().err) == (1, "", "")

@@ -4,14 +4,13 @@ import errno
 import json
 import os
 import socket
-import sys
 import tomllib
 from pathlib import Path
 from unittest.mock import Mock, call
 
 import pytest
 
-from codegen.doctor import buses, clock, compiled, packages, programs
+from codegen.doctor import buses, clock, compiled, packages
 from codegen.doctor.finding import Finding, State
 from codegen.doctor.requirements import Requirement, extras_of, parse, requirements
 
@@ -20,30 +19,14 @@ from .conftest import ROOT, Run
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_a_requirement_in_metadata_and_the_versions_that_it_allows() -> None:
-    assert parse('numpy<3,>=2.4; extra == "tools"') == Requirement("numpy", ">=2.4,<3", "tools")
-    assert parse("pyelftools (>=0.33,<1) ; extra == 'verify'") == Requirement("pyelftools", ">=0.33,<1", "verify")
+def test_requirements_are_those_of_the_project() -> None:
     assert parse('x[more]>=1; python_version < "3.12" and extra == "dev"') == Requirement("x", ">=1", "dev")
-    bounds = Requirement("x", ">=3.8,<4")
-    assert [bounds.allows(version) for version in ("3.8", "3.8.0", "3.10.1", "3.9rc1")] == [True] * 4
-    assert [bounds.allows(version) for version in ("3.7.9", "4", "4.0")] == [False] * 3
-    assert parse("plain") == Requirement("plain", "") and parse("plain").allows("0.1")
-
-
-def test_requirements_are_those_of_the_project(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, source = requirements()
     always = [parse(line).name for line in PROJECT["dependencies"]]
     assert (source, [each.name for each in asked if not each.extra]) == ("pyproject.toml", always)
     assert extras_of(asked) == [name for name in PROJECT["optional-dependencies"] if name != "all"]
     assert set(packages.SERVES) == set(always)
     assert set(packages.EXTRAS) >= PROJECT["optional-dependencies"].keys() - {"all"}
-    # Outside of a checkout they are those of the installed package.
-    module = sys.modules["codegen.doctor.requirements"]
-    lines = ["click<9,>=8.5", 'z3-solver<6,>=5.4; extra == "verify"', 'ars-codegen[verify]; extra == "all"']
-    monkeypatch.setattr(module, "PYPROJECT", Path("nowhere"))
-    monkeypatch.setattr(module, "requires", lambda name: lines)
-    installed = (Requirement("click", ">=8.5,<9"), Requirement("z3-solver", ">=5.4,<6", "verify"))
-    assert requirements() == (installed, "the installed package")
 
 
 def versions(monkeypatch: pytest.MonkeyPatch, **changed: str | None) -> None:
@@ -83,27 +66,11 @@ def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None,
     data = json.loads(answer.out)
     found = [(each["state"], each["needed"]) for each in data["needed"] if each["name"] == "casadi"]
     assert (data["ready"], found) == (False, [("bad", True)])
-    monkeypatch.delenv("FORCE_COLOR", raising=False)
     monkeypatch.setenv("CC", "no-such-compiler")
     answer = run("doctor")
-    assert (answer.code, "\x1b" in answer.out) == (1, False)
-    assert "'no-such-compiler' does not exist" in answer.out
-    lines = [line.strip() for line in answer.out.splitlines()]
-    assert lines[0] == "Needed by every command"
-    at = next(number for number, line in enumerate(lines) if line.split()[:2] == ["missing", "verify"])
-    assert lines[at].endswith("without unicorn") and lines[at + 1].startswith("for codegen verify")
-    assert lines[at + 2] == '-> pip install "ars-codegen[verify]"'
-
-
-def test_other_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = tmp_path / "cmake"
-    broken.write_text("#!/bin/sh\nexit 3\n")
-    broken.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    found = {each.name: (each.state, each.what, each.remedy, each.stops) for each in programs.programs()}
-    assert found["qemu-system-arm"][::2] == (State.MISSING, "apt install qemu-system-arm")
-    assert found["cmake"][:2] == (State.BAD, f"{broken} does not tell its version (exit code 3)")
-    assert not any(stops for *_, stops in found.values())
+    assert answer.code == 1
+    for words in ("'no-such-compiler' does not exist", "without unicorn\n", '-> pip install "ars-codegen[verify]"\n'):
+        assert words in answer.out
 
 
 @pytest.fixture
@@ -117,15 +84,16 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-MAKE = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip link set up vcan0"
-
-
 @pytest.mark.parametrize(
     ("number", "modules", "what", "remedy"),
     [
-        (errno.EAFNOSUPPORT, "kernel/net/can/can.ko.xz:\n", "the kernel's module is not loaded", MAKE),
+        (
+            errno.EAFNOSUPPORT,
+            "kernel/net/can/can.ko.xz:\n",
+            "the kernel's module is not loaded",
+            "sudo modprobe vcan",
+        ),
         (errno.EAFNOSUPPORT, "kernel/net/ipv6/ipv6.ko:\n", "this kernel was built without CAN", "udp_multicast"),
-        (errno.EAFNOSUPPORT, "", "this kernel has no CAN, or has not loaded it", f"{MAKE}; where that fails, take --bus udp"),
         (errno.EPERM, "", "this process may not open CAN sockets", "outside of the container"),
     ],
 )
@@ -141,23 +109,20 @@ def test_a_kernel_without_can(
 
 
 @pytest.mark.parametrize(
-    ("flags", "is_lost", "state", "what"),
+    ("names", "state", "what"),
     [
-        (None, False, State.MISSING, "there is no virtual interface; there is can0, on which nothing was tried"),
-        (0x80, False, State.MISSING, "vcan0 is down"),
-        (0xC1, True, State.BAD, "no frame goes through vcan0: nothing came"),
-        (0xC1, False, State.GOOD, "a frame went through vcan0"),
+        (["can0"], State.MISSING, "there is no virtual interface; there is can0, on which nothing was tried"),
+        (["can0", "vcan0"], State.GOOD, "a frame went through vcan0"),
     ],
 )
-def test_a_kernel_with_can(
-    kernel: Path, monkeypatch: pytest.MonkeyPatch, flags: int | None, is_lost: bool, state: State, what: str
+def test_no_frame_goes_out_where_a_car_could_hear_it(
+    kernel: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], state: State, what: str
 ) -> None:
-    for name, kind in {"lo": 772, "can0": 280, **({} if flags is None else {"vcan0": 280})}.items():
+    for name in names:
         (kernel / name).mkdir()
-        (kernel / name / "type").write_text(f"{kind}\n")
-    if flags is not None:
-        (kernel / "vcan0/flags").write_text(f"{flags:#x}\n")
-    monkeypatch.setattr(buses, "exchange", exchange := Mock(side_effect=TimeoutError if is_lost else None))
+        (kernel / name / "type").write_text("280\n")
+        (kernel / name / "flags").write_text("0xc1\n")
+    monkeypatch.setattr(buses, "exchange", exchange := Mock())
     found = buses.socketcan(kernel)
     assert found.state is state and found.what.endswith(what)
-    assert exchange.mock_calls == ([call("vcan0")] if flags == 0xC1 else [])  # no frame goes out where a car could hear it
+    assert exchange.mock_calls == ([call("vcan0")] if "vcan0" in names else [])

@@ -4,9 +4,6 @@ from pathlib import Path
 
 from .conftest import BUILD, MAP, Refused, Run
 
-ALONE = ("--no-simulation",)
-"""Leave out the runs, so that nothing is compiled."""
-
 
 def test_a_map_with_a_run_or_alone(run: Run, refused: Refused, here: Path) -> None:
     answer = run("report", "--map", MAP, "-o", "report.html")
@@ -15,7 +12,7 @@ def test_a_map_with_a_run_or_alone(run: Run, refused: Refused, here: Path) -> No
     assert Path("report.html").read_text(encoding="utf-8").count("name a build with <code>--build</code>") == 2
     assert run("sil", "--build", BUILD, "--csv", "mine.csv").code == 0
     files = ("--run", "one=mine.csv", "--run", "two=mine.csv", "--scenario", "step-steer")
-    assert run("report", "--map", MAP, "--build", BUILD, *files, *ALONE, "-o", "report.html").code == 0
+    assert run("report", "--map", MAP, "--build", BUILD, *files, "--no-simulation", "-o", "report.html").code == 0
     names = '<th scope="col" class="number">one</th><th scope="col" class="number">two</th>'
     assert names in Path("report.html").read_text(encoding="utf-8")
     rows = Path("mine.csv").read_text(encoding="ascii").splitlines()

@@ -25,9 +25,8 @@ sys.meta_path.insert(0, AtImport())
 """
 
 
-@pytest.mark.parametrize("module", ["codegen.cli.entry", "numpy"])
-def test_ctrl_c_while_modules_are_imported(module: str) -> None:
-    ended = python(f"NAME = {module!r}\n{AT_IMPORT}{MAIN}", "show", MAP)
+def test_ctrl_c_while_modules_are_imported() -> None:
+    ended = python(f"NAME = 'numpy'\n{AT_IMPORT}{MAIN}", "show", MAP)
     assert (ended.returncode, ended.stdout, ended.stderr) in ((130, "", QUIET), (-signal.SIGINT, "", QUIET))
 
 
@@ -42,17 +41,12 @@ subprocess.Popen.communicate = communicate
 """
 
 
-@pytest.mark.parametrize(
-    ("command", "number", "code"),
-    [
-        (f"sil --build {BUILD} --csv run.csv", signal.SIGINT, 130),
-        (f"fmu --build {BUILD} --what controller -o controller.fmu", signal.SIGTERM, 143),
-    ],
-)
-def test_a_signal_while_the_compiler_runs(tmp_path: Path, command: str, number: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_the_compiler_runs(tmp_path: Path, number: signal.Signals, code: int) -> None:
     temporary = {"TMPDIR": str(tmp_path / "tmp"), "ARS_CACHE": str(tmp_path / "cache")}
     (tmp_path / "tmp").mkdir()
-    ended = python(f"NUMBER = {int(number)}\n{IN_COMPILER}{MAIN}", *command.split(), folder=tmp_path, **temporary)
+    command = ("fmu", "--build", BUILD, "--what", "controller", "-o", "controller.fmu")
+    ended = python(f"NUMBER = {int(number)}\n{IN_COMPILER}{MAIN}", *command, folder=tmp_path, **temporary)
     assert ended.returncode == code, ended
     assert ended.stderr == (QUIET if number == signal.SIGINT else "")
     assert everything_in(tmp_path) == {"tmp": "folder", "cache": "folder"}
@@ -148,4 +142,3 @@ def test_a_reader_that_went_away_before_the_first_word(tmp_path: Path) -> None:
     ended = python(NO_READER + MAIN, "build", "--map", MAP, "--check", "-o", "nowhere", folder=tmp_path)
     assert ended.returncode == 1
     assert ended.stderr and "Traceback" not in ended.stderr and "Broken" not in ended.stderr
-    assert python(f"{NO_READER}os.dup2(write, 2)\n{MAIN}", "show", "no", folder=tmp_path).returncode == 2

@@ -2,22 +2,19 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import pytest
 
 from codegen import config as configuration
-from codegen.errors import ConfigError
-from hil_sim.suite import candidate, whole
+from hil_sim.suite import whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.tracking import SuiteResult
 from hil_sim.suite.whole import Whole
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, with_table
 
-from .conftest import BUILD, Run, everything_in
+from .conftest import Run, everything_in
 
 PICTURES = {f"{name}.png" for name in ("overview", "steps", "cells", "conditions", "margins", "friction", "price")}
 SMALL_TUNING = {"speed_km_h": [30.0, 60.0], "actuator_lag_s": [0.05], "mass_percent": [0.0]}
@@ -49,7 +46,6 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
     first, *lines = answer.out.splitlines()
     assert first == "suite tracking: the recommended preset, case 4ws-2, solved, tuned and built in memory"
     assert {"What is asked, and what tracking shows", "What was tuned on what"} <= set(lines)
-    assert max(map(len, lines)) <= 120
     assert seen[0].config == configuration.preset("recommended")
     assert everything_in(Path()) == {}
     answer = run("sil", "--suite", "tracking", "--json", "--plot", "overview.png")
@@ -66,18 +62,3 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| 4.25 deg (at most 3.2 deg)"
     assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
-    suite(replace(good, tested="passive").with_outside(whole.Outside()))
-    answer = run("sil", "--suite", "tracking", "--json")
-    assert answer.code == 1
-    assert json.loads(answer.out)["passed"] is False
-    (line,) = answer.err.splitlines()
-    assert " more; see the first table" in line
-    assert "…" not in line
-
-
-def test_a_baseline_that_cannot_be_tuned_is_noted(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    Path("short.toml").write_text('name = "short"\nbase = "step-steer"\nduration_s = 11.0\n', encoding="utf-8")
-    monkeypatch.setattr(candidate, "tuned", Mock(side_effect=ConfigError("no gains meet the demands", where="[tuning]")))
-    answer = run("sil", "--build", BUILD, "--baselines", "--scenario", "short.toml")
-    assert answer.code == 0, answer
-    assert "note: tracking is not shown beside: [tuning]: no gains meet the demands" in answer.err

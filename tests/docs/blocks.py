@@ -1,16 +1,10 @@
-"""The blocks of code in README and guide.
+"""The blocks of code in README and guide: the text between two fences. Its language decides on its use.
 
-A block is the text between two fences. Its language decides on its use:
-
-| language | |
-|---|---|
-| `console` | lines after `$ ` are run; the lines below are their output, with `...` for anything left out |
-| `sh` | every line is run |
-| `python` | is run as a program of its own |
-| `toml`, `c`, ... after `<!-- file: NAME -->` | is written to that file |
-| `toml` after `<!-- into: NAME -->` | its keys are put into that ars.toml, which has to stay valid |
-| `c` | without a mark: each name of the generated C in it has to be in a header |
-| `text` | is not run: the content of a file or a screen |
+- `console`: lines after `$ ` are run; the lines below are their output, with `...` for anything left out.
+- `sh`: every line is run; `python` is run as a program of its own; `text` is the content of a file or a screen.
+- Any language after `<!-- file: NAME -->`: written to that file.
+- `toml` after `<!-- into: NAME -->`: its keys are put into that ars.toml, which has to stay valid.
+- `c` without a mark: each name of the generated C in it has to be in a header.
 
 A fence without a language, in README, is `console` where a line starts with `$ `, else `sh`.
 """
@@ -38,12 +32,10 @@ class Block:
 
     @property
     def place(self) -> str:
-        """Page and line."""
         return f"{self.page}:{self.line}"
 
     @property
     def needs_vcan(self) -> bool:
-        """Whether it names a vcan0, and so runs where there is one."""
         return "vcan0" in self.text and self.language in ("console", "sh", "python")
 
 
@@ -109,9 +101,5 @@ def commands(block: Block) -> list[Command]:
 
 def matches(shown: str, printed: str) -> bool:
     """Whether a page shows the printed text; `...` stands for anything, also lines. Blanks at ends of lines do not count."""
-    parts = [re.escape(part) for part in _trimmed(shown).split("...")]
-    return re.fullmatch(".*?".join(parts), _trimmed(printed), re.DOTALL) is not None
-
-
-def _trimmed(text: str) -> str:
-    return "\n".join(line.rstrip() for line in text.strip().splitlines())
+    shown, printed = ("\n".join(line.rstrip() for line in text.strip().splitlines()) for text in (shown, printed))
+    return re.fullmatch(".*?".join(map(re.escape, shown.split("..."))), printed, re.DOTALL) is not None

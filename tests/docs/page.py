@@ -1,15 +1,18 @@
 """Use of each block of a page: run, written to a file, checked, or left out for a reason in a table here."""
 
+import contextlib
 import os
 import re
 import shutil
+import signal
+import subprocess
+import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from codegen.config import load, preset_text
 from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
-from tests.docs.shell import Shell
 
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'pip install "ars-codegen[verify]"': "needs a package index",
@@ -23,21 +26,17 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
 }
 """Commands that are not run. One that no page has any more is an error."""
 
-INSTEAD: Mapping[str, tuple[str, str]] = {  # command: another one that is run in its place, and the reason
-    "codegen explore --map 4ws2.npz": (
-        "test -e ars.toml || codegen init .",
-        "it serves until it is interrupted, and its button writes ars.toml",
-    ),
-    "make sil": ("codegen paper -o build", "the environment that make sets up is there already; this is what it then runs"),
+INSTEAD: Mapping[str, str] = {  # command: another one that is run in its place
+    "codegen explore --map 4ws2.npz": "test -e ars.toml || codegen init .",  # it does not end; its button writes ars.toml
+    "make sil": "codegen paper -o build",  # the environment that make sets up is there already; this is what it then runs
 }
 
-EXAMPLES: Mapping[str, str] = {  # command: reason not to compare its output with the page
-    "codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf": "in real time: its timing differs",
-}
+EXAMPLES = ("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf",)
+"""Commands whose output differs from that on the page: they run in real time."""
 
-NOT_READ: Mapping[tuple[str, str], str] = {  # page and first line of a block without any use: reason
-    ("docs/taking-over.md", "list(APPEND ZEPHYR_EXTRA_MODULES ${CMAKE_CURRENT_SOURCE_DIR}/4ws2)"): "needs a Zephyr SDK",
-}
+
+def own_configuration(folder: Path) -> None:
+    (folder / "ars.toml").write_text(preset_text("recommended"))
 
 
 def import_examples(folder: Path) -> None:
@@ -54,10 +53,6 @@ def import_examples(folder: Path) -> None:
             write(block, folder)
     for name, data in (("front.tir", "mf61.tir"), ("rear.tir", "pac2002.tir")):
         shutil.copy(ROOT / "tests/importing/data" / data, folder / name)
-
-
-def own_configuration(folder: Path) -> None:
-    (folder / "ars.toml").write_text(preset_text("recommended"))
 
 
 SETUPS: Mapping[str, Callable[[Path], None]] = {
@@ -78,12 +73,63 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = {
 """Programs that a page needs beside a C compiler."""
 
 PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
-NAME_IN_C = re.compile(r"\b(?:ars|ARS)_\w+")
+
+
+END = "\x1e"  # stands around the exit code behind the output of each command
+
+
+class Shell:
+    """bash in `folder`, with `codegen` and `python` of this interpreter; the folder it stands in and its jobs go on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "page"
+        self.folder.mkdir()
+        programs = folder / "bin"
+        programs.mkdir()
+        for name, call in (("codegen", "-m codegen"), ("python", ""), ("python3", "")):
+            program = programs / name
+            program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {call} "$@"\n')
+            program.chmod(0o755)
+        shutil.copytree(ROOT / "generated", self.folder / "generated")
+        own = {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "NO_COLOR": "1"}
+        self._bash = subprocess.Popen(
+            ["bash", "--noprofile", "--norc"],
+            cwd=self.folder,
+            env=os.environ | own | {"COLUMNS": "200", "LC_ALL": "C.UTF-8"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    def close(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._bash.pid, signal.SIGKILL)  # and what it left in the background
+        self._bash.communicate()
+
+    def run(self, command: str) -> tuple[int, str]:
+        """Exit code and output, both streams in the order in which they came."""
+        assert self._bash.stdin is not None and self._bash.stdout is not None
+        whole = subprocess.run(["bash", "-n", "-c", command], capture_output=True, text=True, check=False)
+        assert whole.returncode == 0, f"not a whole command: {command}\n{whole.stderr}"
+        self._bash.stdin.write(f"{{ {command}\n}} </dev/null 2>&1; printf '{END}%d{END}' $?\n".encode())
+        self._bash.stdin.flush()
+        output = b""
+        while output.count(END.encode()) < 2:
+            piece = os.read(self._bash.stdout.fileno(), 65536)
+            assert piece, f"{command}: the shell ended"
+            output += piece
+        text, code, _ = output.decode(errors="replace").split(END)
+        return int(code), text
+
+    def where(self) -> Path:
+        """The folder in which the shell stands."""
+        return Path(self.run("pwd")[1].strip())
 
 
 def run_page(page_blocks: Sequence[Block], folder: Path, setup: Callable[[Path], None] | None = None) -> None:
     """Run the blocks in order, in one folder and one shell. AssertionError with page and line of the first that fails."""
-    with Shell(folder) as shell:
+    with contextlib.closing(Shell(folder)) as shell:
         if setup is not None:
             setup(shell.folder)
         for block in page_blocks:
@@ -104,7 +150,7 @@ def run_command(block: Block, command: Command, shell: Shell) -> None:
     """Run one command, and compare its output with the page."""
     if command.plain in NOT_RUN:
         return
-    text = INSTEAD[command.plain][0] if command.plain in INSTEAD else command.text
+    text = INSTEAD.get(command.plain, command.text)
     code, printed = shell.run(text.replace(GROUP, OWN_GROUP))
     printed = PROGRESS.sub("", printed).replace(OWN_GROUP, GROUP)
     fails = command.shown is not None and re.search(r"^error: ", command.shown, re.MULTILINE) is not None
@@ -142,17 +188,3 @@ def with_keys(text: str, changes: str) -> str:
             own = [k for k in range(first + 1, last) if re.match(rf"{key[1]}\s*=", lines[k])]
             lines[own[0] if own else first + 1 : own[0] + 1 if own else first + 1] = [line]
     return "\n".join(lines) + "\n"
-
-
-def unread(block: Block) -> str | None:
-    """Return a message for a block that is neither run, nor written, nor checked, nor in a table; else None."""
-    is_used = block.language in ("console", "sh", "python", "text", "c") or block.mark is not None
-    if is_used or (block.page, block.text.splitlines()[0]) in NOT_READ:
-        return None
-    return f"{block.place}: nothing is done with a block of {block.language!r}; mark it with <!-- file: NAME --> or the like"
-
-
-def names_in_headers() -> set[str]:
-    """Return the names in the headers of the committed builds."""
-    headers = (ROOT / "generated").glob("*/include/*.h")
-    return {name for header in headers for name in NAME_IN_C.findall(header.read_text(encoding="utf-8"))}

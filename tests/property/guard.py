@@ -10,8 +10,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis.strategies import SearchStrategy
 
-MIB = 2**20
-MEMORY_MAX = 64 * MIB
+MEMORY_MAX = 64 * 2**20
 SECONDS_MAX = 60  # of processor time; a loader takes milliseconds, and one that runs for so long never ends
 
 
@@ -36,7 +35,7 @@ def bounded(memory_max: int = MEMORY_MAX, seconds: float = SECONDS_MAX) -> Itera
         tracemalloc.stop()
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
-    assert peak <= memory_max, f"{peak / MIB:.0f} MiB at a time"
+    assert peak <= memory_max, f"{peak / 2**20:.0f} MiB at a time"
 
 
 def examples(check: Callable[..., None], count: int, **inputs: SearchStrategy[Any]) -> Callable[..., None]:

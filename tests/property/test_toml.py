@@ -90,11 +90,10 @@ class ChangedText(RuleBasedStateMachine):
         at = place % max(len(self.lines), 1)
         self.lines[at : at + removed] = [line]
 
-    @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4), cut=st.integers(0, 60), more=ANYTHING)
-    def repeat(self, place: int, to: int, cut: int, more: str) -> None:
+    @rule(place=st.integers(0, 10**4), to=st.integers(0, 10**4))
+    def repeat(self, place: int, to: int) -> None:
         if self.lines:
-            line = self.lines[place % len(self.lines)]
-            self.lines.insert(to % len(self.lines), line if cut > 40 else line[:cut] + more)
+            self.lines.insert(to % len(self.lines), self.lines[place % len(self.lines)])
 
     @invariant()
     def is_read_or_refused(self) -> None:
@@ -122,24 +121,16 @@ def check_changes(name: str, tmp_path: Path, changes: list[tuple[float, bytes, i
     check(tmp_path / "fuzz.toml", bytes(content), load)
 
 
-def check_anything(name: str, tmp_path: Path, content: bytes) -> None:
-    check(tmp_path / "fuzz.toml", content, LOADERS[name][0])
-
-
 CHANGES = st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=3), st.integers(0, 3))
 CHANGE_INPUTS = {"changes": st.lists(CHANGES, max_size=5)}
-ANY_INPUTS = {"content": st.binary(max_size=300) | st.text(max_size=200).map(str.encode)}
 by_loader = pytest.mark.parametrize("name", sorted(LOADERS))
 test_changed_bytes = by_loader(examples(check_changes, 30, **CHANGE_INPUTS))
-test_anything = by_loader(examples(check_anything, 25, **ANY_INPUTS))
 
 
 LARGE = {  # below the size limit of a file
     "dotted key": "a" + ".a" * 500_000 + " = 1",
-    "nested lists": "a = " + "[" * 400_000,
     "nested tables": "a = " + "{a = " * 200_000,
     "hexadecimal digits of a known key": "[vehicle]\nmass_kg = 0x" + "f" * 5_000,
-    "very many of them": "speed_km_h = 0x" + "f" * 900_000,
     "decimal digits": "speed_km_h = " + "9" * 900_000,
     "text": "name = '" + "x" * 1_000_000 + "'",
 }
