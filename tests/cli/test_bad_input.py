@@ -4,7 +4,6 @@ Messages are tested where they are raised; here is one case for each command and
 """
 
 import importlib.util
-import json
 import os
 import shlex
 import shutil
@@ -125,16 +124,3 @@ def test_the_extra_with_a_missing_package_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.setattr("hil_sim.runs.run", lambda *_, **__: pytest.fail("it ran"))
     assert f'pip install "ars-codegen[{extra}]"' in refused(*command.split())
-
-
-def test_a_build_without_a_can_side(refused: Refused, here: Path) -> None:
-    """An older version made such builds."""
-    shutil.copytree(BUILD, "old")
-    manifest = json.loads(Path("old/manifest.json").read_text(encoding="ascii"))
-    for path in list(manifest["files"]):
-        if any(part in path for part in ("_can.", "_e2e.", "_task.", ".dbc", "linux/")):
-            Path("old", path).unlink()
-            del manifest["files"][path]
-    Path("old/manifest.json").write_text(json.dumps(manifest), encoding="ascii")
-    for command in (("sil",), ("hil", "--bus", "virtual:x", "--ecu", "cffi"), ("faults",)):
-        assert "build it again" in refused(*command, "--build", "old")

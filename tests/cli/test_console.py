@@ -31,7 +31,6 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         (Terminal, {"NO_COLOR": "1"}, False),
         (Terminal, {"TERM": "dumb"}, False),
         (io.StringIO, {"FORCE_COLOR": "1", "NO_COLOR": ""}, True),  # no-color.org: only if it is not empty
-        (io.StringIO, {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
     ],
 )
 def test_use_of_colour(monkeypatch: pytest.MonkeyPatch, stream: Any, environment: dict[str, str], expected: bool) -> None:

@@ -1,6 +1,5 @@
 """`codegen doctor`: its findings where something is there, missing, too old or broken."""
 
-import errno
 import json
 import os
 import socket
@@ -73,41 +72,6 @@ def test_the_needs_of_codegen_sil_decide_on_the_exit_code(run: Run, quick: None,
         assert words in answer.out
 
 
-@pytest.fixture
-def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder of the modules of a kernel and of its network interfaces; CAN sockets exist, and can be opened."""
-    monkeypatch.setattr(socket, "AF_CAN", 29, raising=False)
-    monkeypatch.setattr(socket, "CAN_RAW", 1, raising=False)
-    monkeypatch.setattr(buses.os, "geteuid", lambda: 1000)
-    monkeypatch.setattr(buses, "MODULES", tmp_path)
-    monkeypatch.setattr(buses.socket, "socket", lambda *_: os.fdopen(os.dup(0)))
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("number", "modules", "what", "remedy"),
-    [
-        (
-            errno.EAFNOSUPPORT,
-            "kernel/net/can/can.ko.xz:\n",
-            "the kernel's module is not loaded",
-            "sudo modprobe vcan",
-        ),
-        (errno.EAFNOSUPPORT, "kernel/net/ipv6/ipv6.ko:\n", "this kernel was built without CAN", "udp_multicast"),
-        (errno.EPERM, "", "this process may not open CAN sockets", "outside of the container"),
-    ],
-)
-def test_a_kernel_without_can(
-    kernel: Path, monkeypatch: pytest.MonkeyPatch, number: int, modules: str, what: str, remedy: str
-) -> None:
-    monkeypatch.setattr(buses.socket, "socket", Mock(side_effect=OSError(number, os.strerror(number))))
-    (kernel / buses.platform.release()).mkdir()
-    (kernel / buses.platform.release() / "modules.dep").write_text(modules)
-    found = buses.socketcan()
-    assert (found.state, found.what) == (State.MISSING, what)
-    assert remedy in found.remedy
-
-
 @pytest.mark.parametrize(
     ("names", "state", "what"),
     [
@@ -116,13 +80,16 @@ def test_a_kernel_without_can(
     ],
 )
 def test_no_frame_goes_out_where_a_car_could_hear_it(
-    kernel: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], state: State, what: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], state: State, what: str
 ) -> None:
     for name in names:
-        (kernel / name).mkdir()
-        (kernel / name / "type").write_text("280\n")
-        (kernel / name / "flags").write_text("0xc1\n")
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "type").write_text("280\n")
+        (tmp_path / name / "flags").write_text("0xc1\n")
+    monkeypatch.setattr(socket, "AF_CAN", 29, raising=False)
+    monkeypatch.setattr(socket, "CAN_RAW", 1, raising=False)
+    monkeypatch.setattr(buses.socket, "socket", lambda *_: os.fdopen(os.dup(0)))
     monkeypatch.setattr(buses, "exchange", exchange := Mock())
-    found = buses.socketcan(kernel)
+    found = buses.socketcan(tmp_path)
     assert found.state is state and found.what.endswith(what)
     assert exchange.mock_calls == ([call("vcan0")] if "vcan0" in names else [])

@@ -5,6 +5,7 @@ The same with more examples: tests/evidence/drives/test_properties.py.
 
 import io
 import json
+import re
 import struct
 import zipfile
 from typing import Any
@@ -77,7 +78,9 @@ def check(data: bytes) -> None:
 PLACE = st.floats(0.0, 1.0, exclude_max=True)
 SIGNATURES = (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06", b"\x93NUMPY", b"'descr'", b"'shape'")
 """Starts of the fields that hold sizes."""
-NUMBERS = (0, 1, 2, 0x7FFF, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF)
+SHORT = (0, 1, 2, 0x7FFF, 0xFFFF)
+FIELDS = [struct.pack("<H", one) for one in SHORT]
+FIELDS += [struct.pack("<I", one) for one in (*SHORT, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF)]
 
 
 class ChangedArchive(RuleBasedStateMachine):
@@ -100,18 +103,11 @@ class ChangedArchive(RuleBasedStateMachine):
     def splice(self, other: bytes, place: float) -> None:
         self.data[self.at(place) :] = other[int(place * len(other)) :]
 
-    @rule(
-        signature=st.sampled_from(SIGNATURES),
-        which=st.integers(0, 9),
-        offset=st.integers(0, 46),
-        number=st.sampled_from(NUMBERS),
-        layout=st.sampled_from(["<I", "<H"]),
-    )
-    def change_a_size(self, signature: bytes, which: int, offset: int, number: int, layout: str) -> None:
-        places = [k for k in range(len(self.data)) if self.data.startswith(signature, k)]
+    @rule(start=st.sampled_from(SIGNATURES), which=st.integers(0, 9), offset=st.integers(0, 46), field=st.sampled_from(FIELDS))
+    def change_a_size(self, start: bytes, which: int, offset: int, field: bytes) -> None:
+        places = [found.end() for found in re.finditer(re.escape(start), self.data)]
         if places:
-            field = struct.pack(layout, number & (2 ** (8 * struct.calcsize(layout)) - 1))
-            where = places[which % len(places)] + len(signature) + offset
+            where = places[which % len(places)] + offset
             if where + len(field) <= len(self.data):
                 self.data[where : where + len(field)] = field
 
@@ -121,22 +117,18 @@ class ChangedArchive(RuleBasedStateMachine):
 
 
 TestChangedArchive = ChangedArchive.TestCase
-TestChangedArchive.settings = settings(max_examples=15, stateful_step_count=8, deadline=None)
+TestChangedArchive.settings = settings(max_examples=10, stateful_step_count=8, deadline=None)
 
 
-DESCRIPTIONS = st.sampled_from(
-    [
-        *("'<f8'", "'>f8'", "'<f4'", "'<f2'", "'<i8'", "'|i1'", "'|u1'", "'|b1'", "'<c16'", "'|O'", "'|V8'", "'|S0'", "'<U1'"),
-        *("'<U100000000'", "'<M8[s]'", "'<f16'", "[('a', '<f8')]", "[('a', '|O')]", "('<f8', (2,))", "'f8,f8'", "None", "8"),
-    ]
-)
+TYPES = "<f8 >f8 <f4 <f2 <i8 |i1 |u1 |b1 <c16 |O |V8 |S0 <U1 <U100000000 <M8[s] <f16 f8,f8"
+OTHERS = ("[('a', '<f8')]", "[('a', '|O')]", "('<f8', (2,))", "None", "8")
+DESCRIPTIONS = st.sampled_from([*map(repr, TYPES.split()), *OTHERS])
 SIZES = st.sampled_from([-1, 0, 1, 2, 3, 6, 2**16, 2**31, 2**32, 2**62, 2**63, 2**64])
 HEADERS = st.builds(
     "{{'descr': {}, 'fortran_order': {}, 'shape': {}, {}}}".format,
     DESCRIPTIONS,
     st.sampled_from(["True", "False", "None", "2"]),
-    st.lists(SIZES, max_size=4).map(lambda sizes: str(tuple(sizes)))
-    | st.sampled_from(["[3]", "3", "(3.0,)", "((3,),)", "'x'"]),
+    st.lists(SIZES, max_size=4).map(tuple) | st.sampled_from(["[3]", "3", "(3.0,)", "((3,),)", "'x'"]),
     st.sampled_from(["", "'x': 1", "'shape': (3,)", "(", "'a'*9"]),
 )
 
@@ -155,13 +147,7 @@ HEADER_INPUTS: dict[str, st.SearchStrategy[Any]] = {
     "content": st.sampled_from([b"", SPEED.tobytes(), YAW_RATE.tobytes(), bytes(100)]) | st.binary(max_size=64),
     "compression": st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]),
 }
-test_wrong_headers = examples(check_header, 60, **HEADER_INPUTS)
-
-
-NAMES = st.sampled_from(["vx", "delta_f", "yaw_rate", "vx.npy", "../vx", "/vx", "", "a/b", "v\u00e9"])
-CONTENTS = st.sampled_from([MEMBERS["vx"], MEMBERS["yaw_rate"], b""]) | st.binary(max_size=40)
-MEMBER_INPUTS = {"data": st.dictionaries(NAMES, CONTENTS, max_size=6).map(packed)}
-test_any_members = examples(check, 30, **MEMBER_INPUTS)
+test_wrong_headers = examples(check_header, 40, **HEADER_INPUTS)
 
 
 @pytest.mark.parametrize(("key", "kind"), [("vx", np.int8), ("feasible", np.bool_)])

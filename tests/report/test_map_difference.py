@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,8 @@ from benchmarks.nonlinear_map import nonlinear
 from codegen import config as configuration
 from codegen.errors import MapError
 from codegen.refmap.map import Binding, ReferenceMap, from_arrays
-from codegen.refmap.slip_use import slip_use
 from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
-from codegen.report.map_difference import interpolated, map_difference, on_axes_of, same_car
-from codegen.report.summary import LayerSummary, map_summary
+from codegen.report.map_difference import interpolated, map_difference, on_axes_of
 from tests import shared
 
 CONFIG = configuration.parse(
@@ -67,25 +63,10 @@ def test_the_figures_of_each_map(linear: ReferenceMap, ours: ReferenceMap) -> No
         flags = one.active[one.feasible]
         assert side.binding_cells["front slip"] == (flags & Binding.SLIP_FRONT).astype(bool).sum()
         assert (side.binding_cells["none"], side.unreached_cells) == ((flags == 0).sum(), 0)
-    first, second, used = found.first.front_slip, found.second.front_slip, slip_use(ours)
-    assert first is not None and second is not None and used is not None
+    first, second = found.first.front_slip, found.second.front_slip
+    assert first is not None and second is not None
     assert first.largest_percent > 110.0 and first.cells_above > 20
     assert (second.largest_percent, second.cells_above) == (pytest.approx(100.0, abs=1e-4), 0)
-    i, j = np.argwhere(used.front > 100.0 - 1e-6)[0]  # the first of many that are equal but for rounding
-    at = (second.at.speed_km_h / 3.6, math.radians(second.at.front_angle_deg))
-    assert at == pytest.approx((ours.speed[i], ours.front_angle[j]))
-
-
-def test_points_are_those_of_the_tables(linear: ReferenceMap, ours: ReferenceMap) -> None:
-    """30, 60 and 100 km/h, 2, 5 and 10 deg are breakpoints; 150 km/h is outside."""
-    points = {(point.at.speed_km_h, point.at.front_angle_deg): point for point in map_difference(linear, ours).points}
-    assert {speed for speed, _ in points} == {30.0, 60.0, 100.0}
-    assert (60.0, 10.0) not in points  # infeasible in both
-    point = points[60.0, 2.0]
-    i, j = int(np.argmin(np.abs(linear.speed * 3.6 - 60.0))), int(np.argmin(np.abs(np.degrees(linear.front_angle) - 2.0)))
-    expected = [float(np.degrees(table[i, j])) for one in (linear, ours) for table in (one.yaw_rate, one.rear_angle)]
-    found = [point.first_yaw_rate_deg_s, point.first_rear_angle_deg, point.second_yaw_rate_deg_s, point.second_rear_angle_deg]
-    assert found == expected
 
 
 def test_between_breakpoints_the_second_is_interpolated_where_all_corners_are_feasible(linear: ReferenceMap) -> None:
@@ -128,28 +109,3 @@ def test_a_bare_map_leaves_unknown_figures_out(linear: ReferenceMap) -> None:
         assert data["first"][key] is None and data["second"][key] is not None
     assert {point["first_rear_angle_deg"] for point in data["points"]} == {None}
     assert found.rows[0] == ("tyre of the optimisation", "-", "linear")
-
-
-def test_the_same_car_is_recognised(linear: ReferenceMap, ours: ReferenceMap) -> None:
-    assert same_car(linear, ours) is True
-    heavier = linear.config.vehicle.model_copy(update={"mass_kg": 2000.0})
-    assert same_car(linear, replace(linear, config=linear.config.model_copy(update={"vehicle": heavier}))) is False
-    assert same_car(linear, replace(linear, config=None, case=None, meta={})) is None
-
-
-def test_a_stack_is_summarised_layer_by_layer() -> None:
-    stacked = solve_stack(CONFIG, "4ws-2", (0.3, 0.5, 0.9))
-    summary, maps = map_summary(stacked), [*(layer.map for layer in stacked.layers), stacked]
-    largest = [float(np.nanmax(one.speed[:, np.newaxis] * one.yaw_rate)) for one in maps]
-    cells = [int(one.feasible.sum()) for one in maps]
-    assert (summary.friction, summary.lateral_acceleration_max_m_s2) == (0.9, largest[-1])
-    assert summary.stack == tuple(map(LayerSummary, (0.3, 0.5), cells, largest))
-    assert summary.headline.endswith("; a stack with friction 0.3, 0.5")
-    rows = summary.stack_rows
-    assert [(row[0], int(row[1])) for row in rows] == list(zip(("0.3", "0.5", "0.9 (the map itself)"), cells, strict=True))
-    assert rows[-1][2] == f"{100.0 * stacked.feasible.mean():.1f} %"
-    assert [float(row[3]) for row in rows] == pytest.approx(largest, rel=1e-3)  # four digits are shown
-    data = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
-    assert data["stack"][0] == {"friction": 0.3, "feasible_cells": cells[0], "lateral_acceleration_max_m_s2": largest[0]}
-    alone = map_summary(replace(stacked, layers=(), config=None, case=None, meta={}))
-    assert (alone.friction, alone.stack_rows, "stack" in alone.headline) == (None, [], False)

@@ -14,8 +14,6 @@ pytestmark = pytest.mark.long
 TestChangedArchive = type("TestChangedArchive", (archives.ChangedArchive.TestCase,), {})
 TestChangedArchive.settings = settings(max_examples=240, stateful_step_count=8, deadline=None)
 test_wrong_headers = examples(archives.check_header, 800, **archives.HEADER_INPUTS)
-test_any_members = examples(archives.check, 400, **archives.MEMBER_INPUTS)
-test_changed_bytes = toml.by_loader(examples(toml.check_changes, 480, **toml.CHANGE_INPUTS))
 
 
 def test_changed_texts(tmp_path: Path) -> None:
