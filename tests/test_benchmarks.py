@@ -1,14 +1,11 @@
 """The benchmarks' own checks: the hand-written plant and the one made from CasADi are the same car. No time is asserted."""
 
 import math
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import results
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
@@ -43,19 +40,3 @@ def test_the_plant_written_by_hand_is_that_from_casadi() -> None:
         np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
         for state in PLANT_STATES:
             assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
-
-
-def test_a_section_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
-    path, order = tmp_path / "results.md", ("solve", "batch", "flash")
-    for name, title, machine in (
-        ("flash", "About flash", "a machine"),
-        ("solve", "About solve", "a machine"),
-        ("batch", "Batch", "another machine"),
-        ("solve", "About it anew", "another machine"),
-    ):
-        results.update(path, {name: results.section(name, f"## {title}\n\n- {title}", machine)}, order, "How to read.")
-    text = path.read_text()
-    assert text.count("# Measured") == text.count("How to read.") == 1
-    assert re.findall("^## .*", text, re.MULTILINE) == ["## solve: About it anew", "## batch: Batch", "## flash: About flash"]
-    assert "About solve" not in text
-    assert text.index("another machine") < text.index("a machine")

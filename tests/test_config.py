@@ -154,7 +154,6 @@ def test_a_value_where_a_table_belongs(value: str) -> None:
         ("[controller.inputs]\nfriction_max = 0.89\n", "controller.inputs.friction_max road.friction"),
         ("[tyre.front]\nshape_factor_c = 1.2\n", "tyre.front exactly cornering_stiffness_n_per_rad"),
         ("[tyre.rear]\ncornering_stiffness_n_per_rad = 1e5\nstiffness_factor_b_per_rad = 15.0\n", "tyre.rear exactly one"),
-        # Without its stiffness the tyre is incomplete, but the cause is the misspelt key.
         ("[tyre.front]\ncornering_stifness_n_per_rad = 1e5\n", "tyre.front.cornering_stifness_n_per_rad: unknown key"),
         ('"mass\\u001b[31m\\nkg" = 1\n', "unknown key"),
     ],

@@ -59,9 +59,7 @@ PARTS = ("map", "cut", "step", "margins")
         ("limits.lateral_acceleration_max_g", 0.3, {"map", "cut", "step"}),
         ("road.friction", 0.5, {"map", "cut", "step", "margins"}),
         ("controller.integral_gain", 0.4, {"step", "margins"}),
-        ("controller.proportional_gain_s", 0.1, {"step", "margins"}),
         ("step.speed_km_h", 70.0, {"cut", "step"}),
-        ("step.angle_deg", 45.0, {"cut", "step"}),
         ("step.road_percent", 60.0, {"step"}),
     ],
 )

@@ -334,7 +334,6 @@ def test_messages_for_input_that_cannot_be_drawn(maps: Maps) -> None:
     for expected, draw in (
         (r"run mine: shape \(5, 11\).*\(samples, 12\)", lambda: plots.run_figure({"mine": np.zeros((5, 11))}, "x")),
         ("no runs", lambda: plots.run_figure({}, "x")),
-        ("no maps", lambda: plots.front_angle_cut_figure({}, FOUR_DEGREES)),
         ("no map 4ws-2", lambda: plots.overview_figure(CONFIG, {"fws": maps["fws"]}, RUNS)),
         ("front angles; choose 0\\.5 to 10 deg", lambda: plots.front_angle_cut_figure(maps, math.radians(10.1))),
     ):

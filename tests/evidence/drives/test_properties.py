@@ -20,6 +20,6 @@ def test_changed_texts(tmp_path: Path) -> None:
     toml.check_changed_texts(tmp_path, 240)
 
 
-@toml.by_loader
+@pytest.mark.parametrize("name", toml.LOADERS)
 def test_many_tables(name: str, tmp_path: Path) -> None:
     toml.check(tmp_path / "fuzz.toml", b"[[a]]\n" * 150_000, toml.LOADERS[name][0])
