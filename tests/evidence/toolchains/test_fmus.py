@@ -21,7 +21,6 @@ from tests.export.test_fmu_states import misuse
 RUNS = (
     runs.test_the_loop_is_the_sil_at_the_step_of_the_plant,
     runs.test_the_loop_as_a_simulator_runs_it,
-    runs.test_the_controller_gives_the_commands_of_the_sil,
     runs.test_plant_and_controller_wired_together_are_the_loop,
 )
 
