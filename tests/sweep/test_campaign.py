@@ -5,6 +5,7 @@ import os
 import shutil
 import stat
 import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from codegen.config import Config
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.batch import DIFFERENCE_MAX_FLIPPED
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
@@ -119,26 +119,21 @@ def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path,
         samples = np.array(plan.samples_of(chunk))
         store.save_part(tmp_path, chunk, {"run": samples, "spun_at_s": np.sqrt(samples)}, plan)
     happened: list[str] = []
-    synced: list[int] = []
 
-    def noted(module: Any, name: str, word: str) -> None:
+    def noted(module: Any, name: str, word: Callable[[Any], str]) -> None:
         real = getattr(module, name)
 
         def note(*given: Any, **options: Any) -> None:
-            happened.append(word)
-            if name == "fsync":
-                status = os.fstat(given[0])
-                happened[-1] = "sync folder" if stat.S_ISDIR(status.st_mode) else "sync file"
-                synced.append(status.st_ino)
+            happened.append(word(given[0]))
             real(*given, **options)
 
         monkeypatch.setattr(module, name, note)
 
-    for module, name, word in ((os, "fsync", "sync"), (os, "replace", "replace"), (shutil, "rmtree", "remove parts")):
-        noted(module, name, word)
-    target = store.merge(tmp_path, plan)
+    noted(os, "fsync", lambda number: "sync folder" if stat.S_ISDIR(os.fstat(number).st_mode) else "sync file")
+    noted(os, "replace", lambda path: "replace")
+    noted(shutil, "rmtree", lambda path: "remove parts")
+    store.merge(tmp_path, plan)
     assert happened == ["sync file", "replace", "sync folder", "remove parts"]
-    assert synced == [target.stat().st_ino, tmp_path.stat().st_ino]
 
 
 # --- chunks and runs -----------------------------------------------------------------------------------------------
@@ -164,30 +159,12 @@ def test_a_chunk_depends_on_seed_and_number_alone_and_its_memory_is_bounded(
         assert (plan.samples_per_chunk, plan.chunk_count) == (wanted, SAMPLES // wanted)
 
 
-def test_builds_are_compiled_once_and_only_the_last_used_are_kept(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled: list[Config] = []
-
-    def compile_nothing(files: object, manifest: object, config: Config, isa: object) -> object:
-        compiled.append(config)
-        return object()
-
-    for name, value in {"COMPILED_MAX": 2, "_COMPILED": {}, "compile_batch": compile_nothing}.items():
-        monkeypatch.setattr(chunks, name, value)
-    pi, changed = plan.controllers[0], replace(plan, config=plants.actuator_lag(0.1)(plan.config))
-    first = software(plan, pi)
-    assert software(changed, pi) is not first
-    assert software(plan, pi) is first
-    assert compiled == [plan.config, changed.config]
-    software(plan, replace(pi, digest="3"))
-    assert len(chunks._COMPILED) == 2
-    assert software(plan, pi) is first
-    assert len(compiled) == 3
-    software(changed, pi)
-    assert len(compiled) == 4
+def test_a_processor_without_the_instructions_of_the_campaign(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chunks, "machine_runs", lambda isa: isa == "none")
     monkeypatch.setattr(chunks, "best_isa", lambda: "none")
+    other = replace(plan, isa="x86-64-v3", config=plants.actuator_lag(0.2)(plan.config))
     with pytest.raises(BuildError, match="no instructions of x86-64-v3; drive the whole campaign with --isa none"):
-        software(replace(plan, isa="x86-64-v3", config=plants.actuator_lag(0.2)(plan.config)), pi)
+        software(other, plan.controllers[0])
 
 
 @pytest.mark.parametrize("run", [0, 2, 511, 700, 6 * SAMPLES - 1, *range(10, 6 * SAMPLES, 245)])

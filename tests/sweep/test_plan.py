@@ -81,9 +81,3 @@ def test_an_estimate_of_a_scenario_needs_its_own_friction(tmp_path: Path) -> Non
         planning.read(edited(tmp_path, own))
     planning.read(edited(tmp_path, own, ("[factors]", "[factors]\nfriction_estimate_error = 0.0")))
     planning.read(edited(tmp_path, own, ("friction = {", "tyre_peak_percent = {"), ("0.4, 1.0", "-20, 10")))
-
-
-def test_the_guide_gives_the_size_of_a_chunk(tmp_path: Path) -> None:
-    assert f"make up to {planning.RUNS_PER_CHUNK} runs" in (ROOT / "docs/sweep.md").read_text(encoding="utf-8")
-    most = planning.RUNS_PER_CHUNK // 6
-    assert [planning.read(write_spec(tmp_path, samples=samples)).chunk_count for samples in (most, most + 1)] == [1, 2]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.report.html.blocks import Table, Text
-from codegen.report.html.robust import DRIVEN_HEADER, region_blocks
+from codegen.report.html.blocks import Text
+from codegen.report.html.robust import region_blocks
 from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
 from tests import builds
 
@@ -72,15 +72,6 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     assert replace(other, driven=wrong.driven).contradicted.sum() > 20
 
 
-def test_the_report_counts_what_was_driven(driven: Region, linear: Region) -> None:
-    tables = [block for one in (driven, linear) for block in region_blocks({"pi": one}) if isinstance(block, Table)]
-    (cells, margins), not_driven = (table.rows for table in tables if table.header == DRIVEN_HEADER)
-    assert (int(cells[2]), int(cells[3]) + int(cells[4]), int(cells[5])) == (driven.stable.size, driven.stable.size, 0)
-    assert margins[1] == "gain margin, at 0.9 and 1.1 times"
-    assert [int(cell) for cell in margins[2:]] == [driven.margin_sample.sum(), 0, driven.margin_sample.sum(), 0]
-    assert ("pi", "not driven", "0", "-", "-", "-") in not_driven
-
-
 def test_kinds_without_feedback_are_reported_as_the_car_alone(linear: Region) -> None:
     """An oversteering car has a critical speed."""
     assert region(builds.FEEDFORWARD_CONFIG) is None
@@ -91,10 +82,3 @@ def test_kinds_without_feedback_are_reported_as_the_car_alone(linear: Region) ->
     assert (~alone.without).any()
     blocks = list(region_blocks({"pi": alone}))
     assert any("(feedforward, proportional)" in block.text for block in blocks if isinstance(block, Text))
-    rows = next(block for block in blocks if isinstance(block, Table)).rows
-    count = len(MASSES_PERCENT)
-    assert [row[0] for row in rows] == ["pi"] * count + ["without feedback"] * count
-    for mass, row in enumerate(rows[count:]):
-        for stable, cell in zip(alone.without[mass, ::2], row[2:], strict=True):
-            first = next((speed for speed, ok in zip(SPEEDS_KM_H, stable, strict=True) if not ok), None)
-            assert cell == ("not up to 380" if first is None else f"{first:g}")
