@@ -73,12 +73,9 @@ def test_version_4_and_the_other_byte_order() -> None:
     assert {name: array.tolist() for name, array in found.items()} == {"v": [[2.5]]}
 
 
-@pytest.mark.parametrize("form", ["packed in a struct", "announced"])
-def test_a_file_that_unpacks_to_too_much_is_rejected(form: str) -> None:
-    """`announced`: the size stands at the beginning, and the numbers are not there."""
-    big = np.broadcast_to(np.uint8(0), (65, 2**20))
-    data = saved({"m": {"v": big}} if "struct" in form else {"v": big}, do_compression=form != "announced")[: 2**20 - 1]
-    assert "over 64 MiB unpacked" in message(data)
+def test_a_file_that_unpacks_to_too_much_is_rejected() -> None:
+    data = saved({"m": {"v": np.broadcast_to(np.uint8(0), (65, 2**20))}}, do_compression=True)
+    assert "over 64 MiB unpacked" in message(data[: 2**20 - 1])
 
 
 def test_version_7_3_is_rejected_with_the_remedy() -> None:
@@ -105,12 +102,11 @@ def test_a_damaged_file_gives_one_line(data: bytes) -> None:
     assert message(data).startswith(DAMAGED)
 
 
-@pytest.mark.parametrize("number", range(3))
-def test_random_damage_is_read_or_rejected(number: int) -> None:
-    source = random.Random(number)
-    data = bytearray((WHOLE, PACKED, VERSION_4)[number])
-    for _ in range(source.randrange(1, 4)):
-        data[source.randrange(0 if number == 2 else 124, len(data))] = source.randrange(256)
+@pytest.mark.parametrize("whole", [WHOLE, PACKED, VERSION_4], ids=["whole", "packed", "4"])
+def test_random_damage_is_read_or_rejected(whole: bytes) -> None:
+    source, data = random.Random(1), bytearray(whole)
+    for _ in range(3):
+        data[source.randrange(0 if whole is VERSION_4 else 124, len(data))] = source.randrange(256)
     with contextlib.suppress(ImportFault):
         read(bytes(data))
 
@@ -128,10 +124,8 @@ BOUND = f"import runpy; runpy.run_path({mat_child.__file__!r})['_bound_process']
         (python("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"), DAMAGED),
         (python("import threading; threading.Event().wait()"), "x.mat: not read within 0.5 s: damaged?; save it in MATLAB"),
         (python("import no_such_scipy"), f"{NOT_RUN} (ModuleNotFoundError: No module named 'no_such_"),
-        (python("import sys; sys.exit(3)"), f"{NOT_RUN} (exit code 3)"),
         (python("print('a word of sitecustomize')"), f"{NOT_RUN} (no answer that can be read)"),
         (python(f"{BOUND}; bytes(2**29); bytes(5 * 2**28)"), "MemoryError" if sys.platform == "linux" else "no answer"),
-        (("/no/such/python",), f"{NOT_RUN} (No such file or directory)"),
     ],
 )
 def test_every_end_of_the_process_gives_one_line(
@@ -143,7 +137,6 @@ def test_every_end_of_the_process_gives_one_line(
 
 
 def test_modules_in_the_current_folder_are_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("scipy", "numpy", "io", "resource", "codegen"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit(99)", encoding="utf-8")
+    (tmp_path / "scipy.py").write_text("raise SystemExit(99)", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     assert list(read(WHOLE)) == ["vx", "yaw_rate", "m.vx"]
