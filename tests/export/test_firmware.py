@@ -1,7 +1,6 @@
 """The firmware project: its files, its recorded drive, and `codegen firmware`; tests/evidence/toolchains runs its image."""
 
 import functools
-import json
 import re
 import shutil
 import subprocess
@@ -13,15 +12,9 @@ import pytest
 from codegen.emit.folder import read_manifest
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
-from codegen.errors import CodegenError
 from codegen.export.firmware import image
 from codegen.export.firmware.project import Project, project
 from codegen.sil.software import load
-from hil_sim.bench import run_in_process
-from hil_sim.frames import Frame
-from hil_sim.plant_node import PlantNode
-from hil_sim.runs import run_through_can
-from hil_sim.scenarios import find
 from tests.cli.conftest import Answer, everything_in, refused, run
 
 __all__ = ["refused", "run"]  # fixtures
@@ -57,29 +50,10 @@ def test_the_expected_frames_are_those_of_the_task_fed_with_the_trace(name: str)
     assert task.counters()["lost_samples"] == 0
 
 
-def test_the_drive_is_the_whole_step_steer_run() -> None:
-    """Every frame on the bus, the car's and the controller's, is that of `codegen sil --can`."""
-    software = load(BUILD)
-    scenario = find("step-steer", software.config)
-    sent: list[Frame] = []
-
-    class Log:
-        def write(self, frame: Frame, *, received: bool) -> None:
-            if received:
-                sent.append(frame)
-
-    result = run_in_process(PlantNode(software.config, scenario), software, log=Log())  # type: ignore[arg-type]
-    assert [f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in sent] == list(made().sent)
-    assert (result.record == run_through_can(software, scenario).record).all()
-    assert len(sent) * software.config.controller.sampling_time_s == scenario.duration
-
-
 def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path) -> None:
     again = project(BUILD).folder
     assert again.content() == made().folder.content()
-    for path, content in again.files.items():
-        assert str(GENERATED).encode() not in content, path
-        assert str(Path.home()).encode() + b"/" not in content, path
+    assert not [path for path, content in again.files.items() if str(GENERATED).encode() in content]
     write_folder(again, tmp_path / "fw")
     manifest, source = read_manifest(tmp_path / "fw"), read_manifest(BUILD)
     assert (manifest["what"], manifest["name"], manifest["build"]["id"]) == ("firmware", "4ws2", source["build_id"])
@@ -87,33 +61,21 @@ def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path
     assert source["build_id"] in readme and manifest["build"]["manifest_sha256"] in readme
 
 
-FAULT = "fault: exception=6 cfsr=0x00010000 hfsr=0x00000000 pc=0x12"
-
-
-def end(ticks: int = 2, fpu: int = 1) -> str:
-    return f"end: cycles=2 ticks={ticks} lost_samples=1 fpu={fpu} stack=96"
-
-
 @pytest.mark.parametrize(
     ("lines", "code", "verdict"),
     [
-        (["201#AA", "201#BB", end()], 0, (True, 0, 0)),
-        (["201#AA", "201#BB", end(ticks=3)], 0, (False, 0, 0)),
-        (["201#AA", "201#BB", end(fpu=0)], 0, (False, 0, 0)),
-        (["201#AA", "201#BB", end()], 1, (False, 0, 0)),
-        (["201#AA", "201#BC", "201#DD", end()], 0, (False, 2, 0)),
-        (["201#AA", FAULT], 2, (False, 1, 1)),
+        (["201#AA", "201#BB", "{end}"], 0, (True, 0, 0)),
+        (["201#AA", "201#BB", "{end}"], 1, (False, 0, 0)),
+        (["201#AA", "201#BC", "201#DD", "{end}"], 0, (False, 2, 0)),
+        (["201#AA", "fault: exception=6 cfsr=0x00010000 hfsr=0x00000000 pc=0x12"], 2, (False, 1, 1)),
         (["201#AA"], -9, (False, 1, 1)),
     ],
 )
 def test_the_verdict_on_a_run(lines: list[str], code: int, verdict: tuple[bool, int, int]) -> None:
-    ended = subprocess.CompletedProcess([], code, "\n".join(lines), "killed")
+    output = "\n".join(lines).format(end="end: cycles=2 ticks=2 lost_samples=1 fpu=1 stack=96")
+    ended = subprocess.CompletedProcess([], code, output, "killed")
     found = image._judged(ended, ["201#AA", "201#BB"], "gcc", image.Sizes(1, 1))
     assert (found.passed, found.different, found.faults) == verdict
-    assert (found.cycles, found.stack) == ((2, 96) if lines[-1].startswith("end") else (0, 0))
-    assert found.message == (lines[-1] if len(lines) > 1 else "killed")
-    with pytest.raises(CodegenError, match="unsupported machine type"):  # of the emulator
-        image._judged(subprocess.CompletedProcess([], 1, "", "unsupported machine type\n"), [], "gcc", image.Sizes(1, 1))
     if found.different == 2:
         assert found.first_difference == "cycle 1: 201#BC sent, 201#BB expected"
 
@@ -122,9 +84,7 @@ def test_the_verdict_on_a_run(lines: list[str], code: int, verdict: tuple[bool, 
 
 
 def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Path) -> None:
-    first = run("firmware", "--build", BUILD, "-o", tmp_path / "fw")
-    assert (first.code, first.err) == (0, "")
-    assert "start with" in first.out
+    assert run("firmware", "--build", BUILD, "-o", tmp_path / "fw").code == 0
     before = everything_in(tmp_path)
     assert "(unchanged)" in run("firmware", "--build", BUILD, "-o", tmp_path / "fw").out
     assert everything_in(tmp_path) == before
@@ -133,9 +93,6 @@ def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Pa
     answer = run("firmware", "--build", changed, "-o", tmp_path / "fw")
     assert answer.err == f"note: {changed / 'README.md'} was changed after the build; the firmware takes it as it is\n"
     assert "| changed after the build | `README.md` |" in (tmp_path / "fw" / "README.md").read_text()
-    facts = json.loads(run("firmware", "--build", changed, "-o", tmp_path / "fw", "--json").out)
-    assert (facts["changed"], facts["run"]) == (False, None)
-    assert "controller/src/ars_reference_model.c" in facts["files"]
 
 
 def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) -> None:
@@ -150,13 +107,10 @@ def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) ->
 def test_work_of_the_user_in_the_project(refused: Refused, tmp_path: Path) -> None:
     fw = tmp_path / "fw"
     write_folder(made().folder, fw)
-    assert "not a build" in refused("firmware", "--build", fw, "-o", tmp_path / "other")
     board = fw / "src" / "board_mps2_an386.c"
     kept = board.read_bytes()
     command = ("firmware", "--build", GENERATED / "4ws2-tracking", "-o", fw)
     board.write_bytes(kept + b"/* my chip */\n")
-    assert "src/board_mps2_an386.c was changed since it was written" in refused(*command)
-    board.unlink()
     assert "src/board_mps2_an386.c was changed since it was written" in refused(*command)
     board.write_bytes(kept)
     (fw / "build").mkdir()
@@ -165,15 +119,12 @@ def test_work_of_the_user_in_the_project(refused: Refused, tmp_path: Path) -> No
 
 
 def test_tools_that_are_missing(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw")
-    assert "it is of --run" in refused(*command, "--toolchain", "zig")
+    command = ("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run")
     found = {"make", image.QEMU}
     monkeypatch.setattr(image.shutil, "which", lambda name: name if name in found else None)
     monkeypatch.setattr(image.importlib.util, "find_spec", lambda name: None)
-    assert "arm-none-eabi-gcc: it is not installed" in refused(*command, "--run")
-    assert "arm-none-eabi-gcc: it is not installed" in refused(*command, "--run", "--toolchain", "gcc")
-    assert "ziglang: it is not installed; pip install ziglang" in refused(*command, "--run", "--toolchain", "zig")
+    assert "arm-none-eabi-gcc: it is not installed" in refused(*command)
+    assert "ziglang: it is not installed; pip install ziglang" in refused(*command, "--toolchain", "zig")
     monkeypatch.setattr(image.importlib.util, "find_spec", lambda name: name)
-    assert image.choose_toolchain(None) == image.choose_toolchain("zig") == "zig"
     found.remove(image.QEMU)
-    assert "qemu-system-arm: it is not installed" in refused(*command, "--run")
+    assert "qemu-system-arm: it is not installed" in refused(*command)
