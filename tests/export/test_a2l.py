@@ -12,14 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.write import write_folder
 from codegen.errors import BuildError
 from codegen.export.a2l.elf import Elf
 from codegen.export.a2l.fill import Filled, fill
 from codegen.refmap import map as refmap
 from codegen.sil.toolchain import compiler_command
-from tests import builds
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 BUILD = GENERATED / "4ws2-tracking"
@@ -30,13 +27,13 @@ REFERENCES = ("REF_CHARACTERISTIC", "REF_MEASUREMENT")
 MAIN = """
 #include <stdio.h>
 
-#include "PREFIX_task.h"
-#include "PREFIX_controller.h"
-#include "PREFIX_map.h"
+#include "ars_task.h"
+#include "ars_controller.h"
+#include "ars_map.h"
 
 typedef struct {
     int before;
-    PREFIX_task_t task;
+    ars_task_t task;
 } ecu_t;
 
 static ecu_t ecu;
@@ -55,7 +52,7 @@ static void show(const char *name, const void *at, size_t size)
 
 int main(void)
 {
-    PREFIX_task_init(&ecu.task, &PREFIX_parameters_default);
+    ars_task_init(&ecu.task, &ars_parameters_default);
 SHOWN
     return 0;
 }
@@ -75,10 +72,8 @@ def objects(text: str) -> dict[str, tuple[str, str, int]]:
 
 @dataclass(frozen=True)
 class Linked:
-    """A build, a program that it is linked into, and the A2L of the two."""
+    """A program that the build is linked into, and the A2L of the two."""
 
-    build: Path
-    prefix: str
     program: Path
     elf: Elf
     filled: Filled
@@ -99,62 +94,45 @@ def compiled(build_path: Path, folder: Path, main: str, *flags: str) -> Path:
     return program
 
 
-def linked(build_path: Path, prefix: str, folder: Path) -> Linked:
-    names = objects((build_path / f"{prefix}.a2l").read_text(encoding="ascii"))
-    links = {name: link.replace(f"{prefix}_task.", "ecu.task.") for name, (_, link, _) in names.items()}
-    shown = "\n".join(f'    show("{name}", &({link}), sizeof({link}));' for name, link in links.items())
-    program = compiled(build_path, folder, MAIN.replace("PREFIX", prefix).replace("SHOWN", shown))
-    elf = Elf.read(program)
-    return Linked(build_path, prefix, program, elf, fill(build_path, elf))
-
-
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory: pytest.TempPathFactory) -> Linked:
-    return linked(BUILD, "ars", tmp_path_factory.mktemp("tracking"))
+    names = objects((BUILD / "ars.a2l").read_text(encoding="ascii"))
+    links = {name: link.replace("ars_task.", "ecu.task.") for name, (_, link, _) in names.items()}
+    shown = "\n".join(f'    show("{name}", &({link}), sizeof({link}));' for name, link in links.items())
+    program = compiled(BUILD, tmp_path_factory.mktemp("tracking"), MAIN.replace("SHOWN", shown))
+    elf = Elf.read(program)
+    return Linked(program, elf, fill(BUILD, elf))
 
 
-@pytest.fixture(scope="module")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Linked:
-    folder, inputs = tmp_path_factory.mktemp("stack"), BuildInputs("stack.npz", "0" * 64, "preset")
-    made = build(builds.MAPS["rough stack"](), builds.CONFIG, BuildOptions("stack", prefix="rear"), inputs)
-    write_folder(made, folder / "stack")
-    return linked(folder / "stack", "rear", folder)
-
-
-@pytest.fixture(params=["tracking", "stack"])
-def program(request: pytest.FixtureRequest) -> Linked:
-    return request.getfixturevalue(request.param)
-
-
-def test_every_address_and_its_bytes_are_those_of_the_program(program: Linked) -> None:
+def test_every_address_and_its_bytes_are_those_of_the_program(tracking: Linked) -> None:
     """The program itself prints, for each object, its address and what stands there; the ELF holds the same bytes."""
-    printed = subprocess.run([program.program], check=True, capture_output=True, text=True).stdout
+    printed = subprocess.run([tracking.program], check=True, capture_output=True, text=True).stdout
     read = {name: (int(address, 16), bytes.fromhex(content)) for name, address, content in map(str.split, printed.splitlines())}
-    assert read.keys() == program.objects.keys() and len(read) > 40
-    for name, (kind, _, address) in program.objects.items():
+    assert read.keys() == tracking.objects.keys() and len(read) > 40
+    for name, (kind, _, address) in tracking.objects.items():
         assert address == read[name][0], name
-        assert program.filled.places[name].bytes == len(read[name][1]), name
+        assert tracking.filled.places[name].bytes == len(read[name][1]), name
         if kind != "MEASUREMENT":
-            assert program.elf.bytes_at(address, len(read[name][1])) == read[name][1], name
-    assert not program.filled.left_out
-    assert program.filled.instance == "ecu.task"
-    first, size = program.filled.segment
-    inside = {name for name, (_, _, address) in program.objects.items() if first <= address < first + size}
-    assert inside == {name for name, (kind, _, _) in program.objects.items() if kind != "MEASUREMENT"}
-    assert f"0x{first:08X} 0x{size:X}" in program.filled.text
+            assert tracking.elf.bytes_at(address, len(read[name][1])) == read[name][1], name
+    assert not tracking.filled.left_out
+    assert tracking.filled.instance == "ecu.task"
+    first, size = tracking.filled.segment
+    inside = {name for name, (_, _, address) in tracking.objects.items() if first <= address < first + size}
+    assert inside == {name for name, (kind, _, _) in tracking.objects.items() if kind != "MEASUREMENT"}
+    assert f"0x{first:08X} 0x{size:X}" in tracking.filled.text
 
 
-def test_independent_readers_see_the_same_objects(program: Linked, tmp_path: Path) -> None:
+def test_independent_readers_see_the_same_objects(tracking: Linked, tmp_path: Path) -> None:
     """a2ltool finds no fault, also in the build's own A2L. pya2l: every object is in a group, has its address and its unit."""
-    read_strictly(program.filled.text, tmp_path)
-    read_strictly((program.build / f"{program.prefix}.a2l").read_text(encoding="ascii"), tmp_path)
+    read_strictly(tracking.filled.text, tmp_path)
+    read_strictly((BUILD / "ars.a2l").read_text(encoding="ascii"), tmp_path)
     filled, read = tmp_path / "filled.a2l", tmp_path / "read.json"
-    filled.write_text(program.filled.text, encoding="ascii")
+    filled.write_text(tracking.filled.text, encoding="ascii")
     subprocess.run(["pya2l", str(filled), "to_json", "-o", str(read)], check=True, capture_output=True, env=tools())
     module = json.loads(read.read_text())["PROJECT"]["MODULE"][0]
     found = {each["Name"]["Value"]: each for kind in KINDS for each in module[kind]}
-    assert found.keys() == program.objects.keys()
-    for name, (kind, link, address) in program.objects.items():
+    assert found.keys() == tracking.objects.keys()
+    for name, (kind, link, address) in tracking.objects.items():
         assert found[name]["SYMBOL_LINK"]["SymbolName"]["Value"] == link
         place = found[name]["ECU_ADDRESS"]["Address"] if kind == "MEASUREMENT" else found[name]["Address"]
         assert int(place["Value"]) == address
@@ -162,7 +140,7 @@ def test_independent_readers_see_the_same_objects(program: Linked, tmp_path: Pat
     assert sorted(each["Value"] for names in lists for each in names) == sorted(found)
     units = {each["Name"]["Value"]: each.get("Unit", {}).get("Value", "") for each in module["COMPU_METHOD"]}
     for name, unit in {"parameters.rear_angle_max": "rad", "limiter.rear_rate_max": "rad/s"}.items():
-        assert units[found[f"{program.prefix}.{name}"]["Conversion"]["Value"]] == unit
+        assert units[found[f"ars.{name}"]["Conversion"]["Value"]] == unit
 
 
 def tools() -> dict[str, str]:

@@ -146,18 +146,6 @@ def test_the_sources_compile_alone(version: Version, tmp_path: Path) -> None:
     assert np.array_equal(driven, ClosedLoop(fmus.software("tracking")).run(rows)[:, RECORD_ORDER])
 
 
-@each_version
-def test_the_sources_are_clean_c99(version: Version) -> None:
-    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wno-strict-prototypes", "-Werror"]
-    for what in WHATS:
-        known = made(what, version)
-        own = [name for name in listed_sources(known) if not name.startswith(("ars_", "plant"))]
-        assert {"model.c", "instance.c", "variables.c", f"fmi{version}.c"} <= set(own)
-        command = [*compiler_command(), *strict, "-fsyntax-only", *own]
-        answer = subprocess.run(command, cwd=known.folder / "sources", capture_output=True, text=True, check=False)
-        assert answer.returncode == 0, answer.stderr
-
-
 # ---- the command ----
 
 
