@@ -90,9 +90,8 @@ class Made:
 def made(what: What, version: Version, kind: str = "tracking") -> Made:
     """The FMU of a committed build, compiled once for all workers."""
     name = f"{kind}-{what}-{version}"
-    fmu: Fmu = shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version))
     with shared.alone(f"unpacked fmu {name}") as folder:
-        return unpacked(folder, name, fmu)
+        return unpacked(folder, name, shared.once(f"fmu {name}", lambda: make_fmu(BUILDS[kind], what, version)))
 
 
 def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
@@ -105,16 +104,14 @@ def unpacked(folder: Path, name: str, fmu: Fmu) -> Made:
     return Made(fmu, path, place, fmpy.read_model_description(str(path)))
 
 
-def text_of(made: Made, path: str = "modelDescription.xml") -> str:
+def text_of(made: Made, path: str) -> str:
     return (made.folder / path).read_text(encoding="utf-8")
 
 
 def listed_sources(made: Made) -> list[str]:
     """The C files that the FMU lists for a simulator to compile."""
-    if made.version == "2":
-        return [element.attrib["name"] for element in ET.fromstring(text_of(made)).iter("File")]
-    description = ET.fromstring(text_of(made, "sources/buildDescription.xml"))
-    return [element.attrib["name"] for element in description.iter("SourceFile")]
+    path, tag = ("modelDescription.xml", "File") if made.version == "2" else ("sources/buildDescription.xml", "SourceFile")
+    return [element.attrib["name"] for element in ET.fromstring(text_of(made, path)).iter(tag)]
 
 
 class Slave:
@@ -159,9 +156,8 @@ class Slave:
         return self
 
     def _access(self, direction: str, kind: str) -> Any:
-        if kind == "Enumeration":
-            kind = "Integer" if self.made.version == "2" else "Int64"
-        return getattr(self.fmu, direction + kind)
+        enumeration = "Integer" if self.made.version == "2" else "Int64"
+        return getattr(self.fmu, direction + (enumeration if kind == "Enumeration" else kind))
 
     def set(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
@@ -180,18 +176,9 @@ class Slave:
         self.fmu.doStep(self.time, size)
         self.time += size
 
-    def state(self) -> Any:
-        return self.fmu.getFMUState()
-
     def restore(self, state: Any, time: float) -> None:
         self.fmu.setFMUState(state)
         self.time = time
-
-    def to_bytes(self, state: Any) -> bytes:
-        return bytes(self.fmu.serializeFMUState(state))
-
-    def from_bytes(self, content: bytes) -> Any:
-        return self.fmu.deserializeFMUState(content)
 
 
 def drive(slave: Slave, rows: np.ndarray, size: float, names: Iterable[str] = OUTPUTS) -> np.ndarray:

@@ -46,7 +46,6 @@ def test_the_archive_holds_no_time_or_place_and_what_the_standard_asks_for(versi
     with zipfile.ZipFile(known.path) as archive:
         entries = archive.infolist()
         assert {entry.date_time for entry in entries} == {(1980, 1, 1, 0, 0, 0)}
-        assert entries[0].filename == "modelDescription.xml"
         for entry in entries:
             content = archive.read(entry)
             for word in (b"/home", b"/tmp", b"/usr", b"generationDate", str(fmus.ROOT).encode()):
@@ -119,11 +118,10 @@ def test_the_plant_says_what_follows_at_once(version: Version) -> None:
     # No output follows the rear command or the steering wheel without a step in between: no algebraic loop with a controller.
     assert set().union(*structure.values()) == {"speed_m_s", "friction"}
     slave = Slave(made("plant", version)).start({"speed_m_s": 20.0, "steering_wheel_command_rad": 0.8})
-    for _ in range(30):
-        slave.step(0.01)
+    slave.step(0.3)
     for name in ("speed_m_s", "steering_wheel_command_rad", "friction", "yaw_moment_n_m", "rear_angle_command_rad"):
-        before, value = slave.row(structure), slave.get(name)
-        slave.set({name: value + 0.05})
+        before = slave.row(structure)
+        slave.set({name: slave.get(name) + 0.05})
         moved = {output for output, old, new in zip(structure, before, slave.row(structure), strict=True) if old != new}
         assert moved == {output for output, depends in structure.items() if name in depends}
 

@@ -59,15 +59,15 @@ def test_a_run_continues_from_a_saved_state_with_the_same_bits(what: What, name:
 
     slave = Slave(made(what, version)).start({"speed_m_s": 20.0})
     drive(slave, MIDDLE)
-    state, time = slave.state(), slave.time
-    content = slave.to_bytes(state)
+    state, time = slave.fmu.getFMUState(), slave.time
+    content = bytes(slave.fmu.serializeFMUState(state))
     first = drive(slave, 150)
     slave.restore(state, time)
     assert slave.get("time_s") == MIDDLE * step
-    assert slave.to_bytes(slave.state()) == content == slave.to_bytes(state)
+    assert bytes(slave.fmu.serializeFMUState(slave.fmu.getFMUState())) == content
     assert drive(slave, 150) == first
     other = Slave(made(what, version), "other")
-    other.restore(other.from_bytes(content), time)  # the initialization is behind it with the state
+    other.restore(other.fmu.deserializeFMUState(content), time)  # the initialization is behind it with the state
     assert drive(other, 150) == first
 
 
@@ -75,11 +75,11 @@ def test_a_run_continues_from_a_saved_state_with_the_same_bits(what: What, name:
 def test_a_state_that_is_none_is_refused(version: Version) -> None:
     slave, plant = (Slave(made(what, version)).start() for what in ("loop", "plant"))
     slave.step(STEP)
-    content, foreign = (each.to_bytes(each.state()) for each in (slave, plant))
+    content, foreign = (bytes(each.fmu.serializeFMUState(each.fmu.getFMUState())) for each in (slave, plant))
     before = slave.row()
     bad = [content[:-1], content + b"\0", b"", content[:200] + bytes([content[200] ^ 1]) + content[201:], foreign]
     for damaged in bad:
-        assert "the bytes are no state of this FMU" in refused(slave, slave.from_bytes, damaged)
+        assert "the bytes are no state of this FMU" in refused(slave, slave.fmu.deserializeFMUState, damaged)
         slave.messages.clear()
     assert slave.row() == before
 
@@ -139,7 +139,7 @@ INVALID = {
 @each_version
 def test_parameters_that_are_not_valid_stop_the_step(version: Version, what: What) -> None:
     slave = Slave(made(what, version)).start({"speed_m_s": 20.0})
-    state = slave.state()
+    state = slave.fmu.getFMUState()
     for message, changes in INVALID.items():
         found = refused(slave, lambda changes=changes: (slave.set(changes), slave.step(SAMPLE)))
         assert message in found and "\n" not in found
