@@ -222,26 +222,6 @@ def test_a_damaged_program_is_one_line(tracking: Linked) -> None:
     assert refused > 20
 
 
-def test_what_else_is_in_a_program_does_not_matter(tracking: Linked, tmp_path: Path) -> None:
-    """Arrays without a length, a large array of structs, a task inside a function and in a union."""
-    main = """
-#include "ars_task.h"
-struct item { int count; void *items[]; };
-typedef struct { int number; void *next; } node_t;
-struct item item;
-node_t nodes[100000];
-int main(void)
-{
-    static union { ars_task_t task; int other; } inner;
-    return nodes[0].number + item.count + (int)inner.task.cycles;
-}
-"""
-    filled = filled_with(tmp_path, main, "-gdwarf-2")
-    assert filled.instance == "inner.task"
-    assert not filled.left_out and len(filled.places) == len(tracking.objects)
-    read_strictly(filled.text, tmp_path)
-
-
 def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
     elf = Elf.read(compiled(BUILD, tmp_path, TASKS))
     with pytest.raises(BuildError, match=r"several objects of ars_task_t: one, two\[0\], two\[1\]"):

@@ -3,7 +3,6 @@
 import functools
 import re
 import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,25 +58,6 @@ def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path
     assert (manifest["what"], manifest["name"], manifest["build"]["id"]) == ("firmware", "4ws2", source["build_id"])
     readme = (tmp_path / "fw" / "README.md").read_text()
     assert source["build_id"] in readme and manifest["build"]["manifest_sha256"] in readme
-
-
-@pytest.mark.parametrize(
-    ("lines", "code", "verdict"),
-    [
-        (["201#AA", "201#BB", "{end}"], 0, (True, 0, 0)),
-        (["201#AA", "201#BB", "{end}"], 1, (False, 0, 0)),
-        (["201#AA", "201#BC", "201#DD", "{end}"], 0, (False, 2, 0)),
-        (["201#AA", "fault: exception=6 cfsr=0x00010000 hfsr=0x00000000 pc=0x12"], 2, (False, 1, 1)),
-        (["201#AA"], -9, (False, 1, 1)),
-    ],
-)
-def test_the_verdict_on_a_run(lines: list[str], code: int, verdict: tuple[bool, int, int]) -> None:
-    output = "\n".join(lines).format(end="end: cycles=2 ticks=2 lost_samples=1 fpu=1 stack=96")
-    ended = subprocess.CompletedProcess([], code, output, "killed")
-    found = image._judged(ended, ["201#AA", "201#BB"], "gcc", image.Sizes(1, 1))
-    assert (found.passed, found.different, found.faults) == verdict
-    if found.different == 2:
-        assert found.first_difference == "cycle 1: 201#BC sent, 201#BB expected"
 
 
 # --- the command ----------------------------------------------------------------------------------------------------

@@ -18,7 +18,6 @@ from scipy.io import savemat
 from codegen.errors import CodegenError
 from codegen.importing import mat
 from codegen.importing.maps import Choices, import_map
-from codegen.importing.quantities import take_apart
 from codegen.importing.source import MIB, ImportFault, Source, read
 from codegen.importing.table import read_table
 from codegen.refmap import map as npz
@@ -176,12 +175,6 @@ def test_arbitrary_bytes_are_read_or_rejected(data: bytes) -> None:
         read_table(Source(Path("x.csv"), data), {}, None)
 
 
-def test_a_name_splits_into_quantity_and_unit() -> None:
-    names = {"Map.Delta_f [deg]": "deltaf deg", "V [kph]": "v km/h", "vx_mph": "vx mph", "yaw_rate_in_deg_s": "yawrate deg/s"}
-    names |= {"delta_f [°]": "deltaf deg", "v in km/h": "v km/h", "v{km/h}": "v km/h", "r": "r None", "deg": "deg None"}
-    assert {name: f"{take_apart(name).base} {take_apart(name).unit}" for name in names} == names
-
-
 SPELLINGS = {
     "# vx_m_s delta_f_rad yaw_rate_rad_s\n5 0.1 0.1\n5 0.2 0.2\n9 0.1 0.2\n9 0.2 0.3\n": UNITS,  # numpy.savetxt
     "m/s\\rad\\rad/s,0.1,0.2\n5,0.1,0.2\n9,0.2,0.3\n": UNITS,
@@ -257,13 +250,6 @@ def test_an_implausible_unit_is_rejected_with_the_likely_one(table: Callable[[st
     for (of_v, of_d, of_r), units, expected, guess in IMPLAUSIBLE:
         line = message(table(long_text(V * of_v, D * of_d, R * of_r, "vx,delta_f,yaw_rate")), units)
         assert expected in line and guess in line
-
-
-def test_steering_wheel_angles_lead_to_no_guessed_unit(table: Callable[[str], Path]) -> None:
-    """In m/s there would be no slow turn to judge by; the steering ratio is 16."""
-    path = table("v [km/h],steering wheel [deg],r [deg/s]\n20,16,2.0\n20,32,4.0\n60,16,5.1\n60,32,10.1\n")
-    line = message(path, delta_f="steering wheel")
-    assert "a wheelbase of 45.6 m" in line and "would fit" not in line and line.endswith(WHEEL)
 
 
 # --- MATLAB --------------------------------------------------------------------------------------------------------------
