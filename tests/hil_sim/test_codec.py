@@ -147,22 +147,6 @@ def test_edge_values_are_encoded_as_the_oracle_does(spec: str, role: str) -> Non
             one.check_encoding(dataclasses.replace(nothing, **{name: value}))
 
 
-VALUES = st.one_of(st.floats(-300.0, 300.0), st.floats(-3.0, 3.0), st.floats(width=32))
-OTHERS = {
-    "vehicle_motion": {},
-    "vehicle_conditions": {"inhibit": st.booleans()},
-    "rear_steer_command": {"status": st.integers(0, 7), "diagnostics": st.integers(0, 0xFFFF)},
-}
-
-
-@each_message
-@given(st.data())
-def test_random_values_are_encoded_as_the_oracle_does(spec: str, role: str, data: st.DataObject) -> None:
-    one = variant(spec, role)
-    values = {name: float(one.real(data.draw(VALUES))) for name in one.reals}
-    one.check_encoding(one.payload(**values, **{name: data.draw(other) for name, other in OTHERS[role].items()}))
-
-
 @each_message
 @given(frame=st.binary(min_size=8, max_size=8))
 def test_random_frames_are_decoded_as_the_oracle_does_and_come_back(spec: str, role: str, frame: bytes) -> None:

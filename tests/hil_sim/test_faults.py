@@ -12,10 +12,9 @@ from codegen.can_sections import Can
 from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
-from hil_sim import fault_catalogue
 from hil_sim.bench import BenchResult
 from hil_sim.e2e import protect
-from hil_sim.fault_catalogue import FaultCase, catalogue, judge, run_all, scenario
+from hil_sim.fault_catalogue import catalogue, judge, scenario
 from hil_sim.faults import FRAME_BITS_MAX, Fault, FaultKind, Injector
 from hil_sim.frames import Frame
 from hil_sim.metrics import column
@@ -181,15 +180,3 @@ def test_a_violation_is_found(
     record[:, index] = change(record[:, index])
     found = "; ".join(judge(CASES["drop-50"], replace(loss, record=record), builds.CONFIG).violations)
     assert all(word in found for word in words)
-
-
-def test_a_controller_that_holds_for_too_long(software: Software, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Six lost samples are tolerated where three are defined: in the C's own parameters."""
-    tolerant, original = replace(software), software.parameters
-    object.__setattr__(tolerant, "parameters", lambda **changes: original(degraded_samples_max=6, **changes))
-    chosen: tuple[FaultCase, ...] = tuple(CASES[name] for name in ("drop-3", "drop-4", "corrupt-50"))
-    monkeypatch.setattr(fault_catalogue, "catalogue", lambda *_: chosen)
-    steps: list[tuple[int, int]] = []
-    outcomes = run_all(software.config, lambda run: run_through_can(tolerant, run), lambda *step: steps.append(step))
-    assert [outcome.case.name for outcome in outcomes if outcome.violations] == ["drop-4", "corrupt-50"]
-    assert steps == [(1, 3), (2, 3), (3, 3)]

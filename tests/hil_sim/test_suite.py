@@ -19,11 +19,9 @@ from codegen.refmap.problem import SteadyTurnProblem
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
-from hil_sim import second_plant
 from hil_sim.metrics import column
-from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import conditions as known
-from hil_sim.suite import plants, tracking
+from hil_sim.suite import plants
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
@@ -32,8 +30,6 @@ from hil_sim.suite.requirements import Measured, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
 from hil_sim.suite.summary import summarise
-from hil_sim.suite.third_party import third_party_cells
-from hil_sim.suite.tracking import SuiteResult, run_suite
 from tests import builds
 from tests.hil_sim.made import record, spun
 
@@ -316,41 +312,11 @@ def test_road_and_estimate_reach_plant_and_controller(pi: Subject) -> None:
     assert largest[1] < 0.4 * 9.81 < largest[0]
 
 
-CHOSEN = tuple(each for each in CONDITIONS if each.name in ("nominal", "friction-60"))
-
-
-@pytest.fixture(scope="module")
-def suite(pi: Subject) -> SuiteResult:
-    """The paper's PI and the passive car in three cells under two conditions."""
-    seen: list[tuple[str, int, int]] = []
-    three = [cell for cell in cells(CONFIG, CASE) if (cell.speed_km_h, cell.share) in ((25.0, 1.0), (60.0, 0.75), (120.0, 1.0))]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tracking, "cells", lambda config, case: tuple(three))
-        found = run_suite(pi, [], CASE, chosen=CHOSEN, progress=lambda *step: seen.append(step))
-    assert [(done, total) for _, done, total in seen] == [(k, 4) for k in range(4)]
-    with pytest.raises(ValueError, match="two subjects have one name: pi, pi"):
-        run_suite(pi, [replace(pi)], CASE, chosen=[])
-    return found
-
-
-def test_the_papers_pi(suite: SuiteResult) -> None:
+def test_the_papers_pi(pi: Subject) -> None:
     """The overshoot on the paper's step is 15, 17 and 19 %; a prototype of the same loop gave 15, 17 and 18 %."""
-    overshoots = [suite.c1["pi"][lag.name].overshoot_percent for lag in LAGS]
-    assert overshoots == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
-    assert [suite.c1["pi"][lag.name].share_of_reference for lag in LAGS] == pytest.approx([1.0] * 3, abs=1e-4)
-    assert suite.c1["passive"]["lag-50"].overshoot_percent < 0.01
-    # Its worst cell of all: the prototype gave 174 %.
-    worst = suite.summary("pi", "nominal").overshoot_percent
-    assert worst is not None
-    assert worst.value == pytest.approx(139.7, abs=3.0)
-    assert (worst.cell.speed_km_h, worst.cell.share) == (120.0, 1.0)
-    assert suite.summary("pi", "friction-60").spins
-    times = [row.mean_s for row in suite.rise_times["pi"]]
-    assert times == sorted(times, reverse=True)
-    assert not suite.passed
-    found = {passed: {row.subject_matter for row in suite.requirements if row.passed is passed} for passed in (False, None)}
-    assert {"C1, actuator lag 50 ms", "all cells, as configured", "margins over the family"} <= found[False]
-    assert {"all cells, mass +20 %", "third party's plant", "Cortex-M4F"} <= found[None]
+    found = [run_cell(pi, lag, c1(CONFIG)) for lag in LAGS]
+    assert [one.overshoot_percent for one in found] == pytest.approx([15.3, 17.3, 18.8], abs=0.1)
+    assert [one.share_of_reference for one in found] == pytest.approx([1.0] * 3, abs=1e-4)
 
 
 def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none() -> None:
@@ -392,25 +358,3 @@ def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:
         # little (measured: up to 0.07 % and 0.5 deg).
         assert row.gain_of_steady == pytest.approx(abs(response(row.frequency_hz)) / lowest, rel=1e-3)
         assert row.phase_deg == pytest.approx(math.degrees(np.angle(response(row.frequency_hz))), abs=0.6)
-
-
-@pytest.mark.parametrize("controlled", [True, False])
-def test_third_partys_cells_are_judged_by_the_same_figures(
-    pi: Subject, controlled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its driving has tests of its own; here a recording made by hand stands in for it."""
-    driven: list[tuple[bool, float, int]] = []
-
-    def run(software: Any, config: Config, scenario: Any, *, delay_samples: int) -> np.ndarray:
-        driven.append((software is not None, scenario.settings.speed_km_h, delay_samples))
-        made = ramp_with_peak()
-        made[:, 0] += SECOND_STEER_TIME - STEER_TIME
-        return made
-
-    monkeypatch.setattr(second_plant, "run", run)
-    rows = third_party_cells(builds.paper_map(), CONFIG, software_of(pi, NOMINAL), controlled=controlled)
-    assert driven == [(controlled, speed, 1) for speed in (40.0, 70.0, 100.0) for _ in range(3)]
-    assert [row.cell.share for row in rows[:3]] == [0.3, 0.6, 0.9]
-    for row in rows:
-        assert (row.overshoot_percent, row.rise_time_s) == pytest.approx((20.0, 0.38))
-        assert row.share_of_reference == pytest.approx(0.5 / map_yaw_rate(pi, NOMINAL, row.cell), rel=1e-6)

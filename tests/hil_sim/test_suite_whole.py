@@ -5,10 +5,7 @@ The whole suite, driven, is in `tests/evidence/drives/test_suite_drives.py`.
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,17 +14,15 @@ import pytest
 from codegen import config as configuration
 from codegen.config import Config, Kind
 from codegen.emit.write import write_folder
-from codegen.errors import BuildError, CodegenError, ConfigError
+from codegen.errors import BuildError, ConfigError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
 from hil_sim import second_plant
-from hil_sim.suite import candidate, third_party, whole
+from hil_sim.suite import candidate, third_party
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, LineUp, of_folder, recommended
+from hil_sim.suite.candidate import Candidate, of_folder, recommended
 from hil_sim.suite.plants import changed
-from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
-from hil_sim.suite.tracking import SuiteResult
-from hil_sim.suite.whole import run_whole
+from hil_sim.suite.subjects import PASSIVE, baseline_configs, recommended_config
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
@@ -148,49 +143,3 @@ def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Ki
     assert list(jobs) == [kind, PASSIVE]
     assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
     assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
-
-
-class AtOnce(nullcontext):
-    """Stands in for Background: calls in this process, at `get`."""
-
-    def __enter__(self) -> "AtOnce":
-        return self
-
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        return SimpleNamespace(get=lambda: function(*arguments))
-
-
-@pytest.mark.parametrize("installed", [True, False])
-def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed: bool) -> None:
-    """A figure that cannot be measured leaves a note; here a result without drives stands in for those of the suite."""
-
-    def refuse(*given: Any) -> Any:
-        raise CodegenError("not installed", where="ziglang", remedy="install it")
-
-    tested = of_config("pi", builds.paper_map(), PAPER)
-    bare = SuiteResult("pi", ("pi",), (), (), "", {"pi": {}}, {"pi": {}}, (), {}, {}, {})
-    monkeypatch.setattr(Candidate, "line_up", lambda self, steps: LineUp(tested, (), PAPER.case("4ws-2"), ("a note",)))
-    monkeypatch.setattr(whole, "Background", AtOnce)
-    monkeypatch.setattr(whole, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
-    monkeypatch.setattr(third_party, "available", lambda: installed)
-    monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})
-    stages: dict[str, list[tuple[int, int]]] = {}
-
-    @contextmanager
-    def stage(title: str) -> Iterator[Callable[[int, int], None]]:
-        yield lambda done, total: stages.setdefault(title, []).append((done, total))
-
-    count = refuse if installed else (lambda files, manifest: len(files))
-    found = run_whole(Candidate("x", PAPER, "4ws-2", (0.9,)), count, stage)
-    assert found.edited == ()
-    assert stages["driving"] == [(1, 1)]
-    last = stages["third party's plant and instructions"]
-    if installed:
-        missing = "ziglang: not installed; install it"
-        driven = f"pi was not driven on the third party's plant: {missing}"
-        assert found.notes == ("a note", driven, f"the instructions of a step were not counted: {missing}")
-        assert (found.result.third_party, found.result.instructions, last) == ({}, None, [(1, 2), (2, 2)])
-    else:
-        assert found.notes == ("a note", whole.THIRD_PARTY_MISSING)
-        assert found.result.requirements[-1].measured == found.result.instructions > 10
-        assert last == [(1, 1)]
