@@ -120,10 +120,6 @@ def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
     found = figures("step-steer", made, steer_time=2.0)
     check(found, slip_front_steady_deg=-0.5 * math.degrees(tyres.front_slip_bound))
     check(found, slip_front_steady_of_bound_percent=50.0, slip_rear_steady_of_bound_percent=125.0)
-    # Tyres without a slip bound have it in degrees alone.
-    soft = {"limits": {"slip_departure_percent": 50.0}, "tyre": {"rear": {"cornering_stiffness_n_per_rad": 5_000.0}}}
-    unbounded = figures("step-steer", made, changed(CONFIG, soft), steer_time=2.0)
-    check(unbounded, slip_rear_steady_deg=found["slip_rear_steady_deg"], slip_rear_steady_of_bound_percent=None)
 
 
 @signs

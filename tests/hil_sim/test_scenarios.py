@@ -87,13 +87,6 @@ def test_speed_ramp_passes_the_thresholds_of_the_controller() -> None:
         assert (speed.min(), speed.max(), speed[0], speed[-1]) == pytest.approx((low, high, low, low))
 
 
-@pytest.mark.parametrize(("name", "estimate"), [("low-friction", math.nan), ("low-friction-estimated", 0.5)])
-def test_low_friction_gives_the_controller_no_estimate_or_the_right_one(name: str, estimate: float) -> None:
-    assert column(name, "friction")[0] == 0.5
-    np.testing.assert_equal(column(name, "friction_estimate")[0], estimate)
-    assert column(name, "steering_wheel_command")[-1] / CONFIG.steering.ratio == pytest.approx(2.0 * DEGREE)
-
-
 def test_split_friction_is_the_difference_of_the_front_wheels(software: Software) -> None:
     """Worked out by hand: a front wheel carries 2335.07 * 9.81 * 1.566 / (2 * 3.14) = 5712 N, a rear one 5741 N."""
     braking = manoeuvres.split_braking(CONFIG)
@@ -113,18 +106,12 @@ def test_what_cannot_be_driven_is_refused(software: Software) -> None:
     lost = find("ecu-loss")
     assert len(run(software, lost, controlled=False)) == 1400
     tail_heavy = changed(CONFIG, {"vehicle": {"cg_to_front_axle_m": 2.0, "cg_to_rear_axle_m": 1.0}})
-    beyond_critical = manoeuvres.Settings(speed_km_h=3.6 * SingleTrack.from_config(tail_heavy).critical_speed + 1.0)
-    assert beyond_critical.speed_km_h < 200.0
-    fast = replace(find("sine-sweep"), settings=beyond_critical)
-    given = replace(fast, settings=replace(beyond_critical, steering_wheel_angle_deg=5.0))
-    assert given.inputs(tail_heavy)[:, 1].max() == pytest.approx(5.0 * DEGREE, rel=1e-2)
+    fast = replace(find("sine-sweep"), settings=manoeuvres.Settings(speed_km_h=200.0))
     slow = replace(find("sine-with-dwell"), settings=manoeuvres.Settings(speed_km_h=10.0))
-    fine = changed(CONFIG, {"plant": {"sampling_time_s": 1e-5}})
     for refused, words in (
         (lambda: run(software, lost), r"^scenario ecu-loss: .*\(ecu-restart\), and this run has no bus; .*`codegen hil`"),
         (lambda: fast.inputs(tail_heavy), "unstable at"),
         (lambda: slow.inputs(CONFIG), r"beyond steering\.front_angle_stop_deg"),
-        (lambda: replace(find("step-steer"), duration=101.0).inputs(fine), "more than 10000000"),
     ):
         with pytest.raises(CodegenError, match=words):
             refused()

@@ -22,7 +22,7 @@ from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column
 from hil_sim.suite import conditions as known
 from hil_sim.suite import plants
-from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
+from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, Cell, c1, cells
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
@@ -59,20 +59,9 @@ def test_cells_are_six_speeds_by_four_amplitudes_on_the_grid() -> None:
         assert solution.feasible[0].tolist() == [True, False]
     assert [cell.front_angle_deg / largest[-1].front_angle_deg for cell in found[-4:]] == pytest.approx(SHARES, rel=1e-12)
     assert (c1(CONFIG).speed_km_h, c1(CONFIG).front_angle_deg) == (42.5, pytest.approx(6.75))
-    slow = plants.changed(CONFIG, {"grid": {"speed_max_km_h": 70.0}})
-    assert {cell.speed_km_h for cell in cells(slow, CASE)} == {25.0, 42.5, 60.0}
     slower = plants.changed(CONFIG, {"grid": {"speed_min_km_h": 10.0, "speed_max_km_h": 24.0}})
     with pytest.raises(CodegenError, match="ends at 24 km/h"):
         cells(slower, CASE)
-
-
-def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
-    inputs = Cell(80.0, 3.0).scenario(CONFIG, 0.6, 0.8).inputs(CONFIG)
-    assert len(inputs) == round(DURATION / 1e-3)
-    before, after = inputs[round(STEER_TIME / 1e-3) - 1], inputs[round(STEER_TIME / 1e-3)]
-    assert after == pytest.approx([80.0 * KM_H, math.radians(40.0), 0.6, 0.8, 0.0, 0.0])  # 3 deg at the wheels: 40 at the hands
-    assert before[1] == 0.0
-    assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
 
 
 @pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
@@ -117,32 +106,23 @@ def test_a_plant_differs_in_what_is_varied(
         plants.mass(-95.0)(base)
 
 
-def ramp_with_peak(sign: float = 1.0) -> np.ndarray:
-    """Up to 0.6 rad/s in half a second, back to 0.5 in another."""
-    return record(
-        DURATION,
-        yaw_rate_rad_s=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.6, 0.5]),
-        sideslip_rad=lambda t: sign * np.interp(t, [1.0, 1.5, 2.0], [0.0, -0.03, 0.01]),
-    )
-
-
 def test_figures_of_a_run_made_by_hand() -> None:
-    found = judge(ramp_with_peak(-1.0), Cell(42.5, 5.0), "x", -0.4)
+    made = record(
+        DURATION,
+        yaw_rate_rad_s=lambda t: -np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.6, 0.5]),
+        sideslip_rad=lambda t: np.interp(t, [1.0, 1.5, 2.0], [0.0, 0.03, -0.01]),
+    )
+    found = judge(made, Cell(42.5, 5.0), "x", -0.4)
     # See the step response of test_metrics.
-    times = (found.overshoot_percent, found.rise_time_s, found.settling_time_s)
-    assert times == pytest.approx((20.0, 0.38, 0.95))
+    figures = (found.overshoot_percent, found.rise_time_s, found.settling_time_s, found.share_of_reference)
+    assert figures == pytest.approx((20.0, 0.38, 0.95, 1.25))
+    assert (found.sideslip_max_deg, found.yaw_rate_steady_deg_s) == pytest.approx((math.degrees(0.03), -math.degrees(0.5)))
     assert found.settled and not found.spun
-    assert found.sideslip_max_deg == pytest.approx(math.degrees(0.03))
-    assert found.yaw_rate_steady_deg_s == pytest.approx(-math.degrees(0.5))
-    assert found.share_of_reference == pytest.approx(1.25)
-    assert judge(ramp_with_peak(), Cell(42.5, 5.0), "x").share_of_reference is None
     creeping = record(DURATION, yaw_rate_rad_s=lambda t: 0.5 * (1.0 - np.exp(-4.0 * np.clip(t - 1.0, 0.0, None))))
     overshoot = judge(creeping, Cell(42.5, 5.0), "x").overshoot_percent
     assert overshoot == pytest.approx(0.0, abs=1e-6) and overshoot >= 0.0
-    found = judge(spun(ramp_with_peak(), 5.0), Cell(42.5, 5.0), "x", 0.4)
-    assert found.spun and found.spun_at_s == pytest.approx(4.0)
-    figures = found.to_dict()
-    assert {figures[name] for name in set(figures) - {"cell", "condition", "spun_at_s", "settled"}} == {None}
+    found = judge(spun(made, 5.0), Cell(42.5, 5.0), "x", 0.4)
+    assert found.spun and found.spun_at_s == pytest.approx(4.0) and found.overshoot_percent is None
 
 
 def result(share: float, **figures: Any) -> CellResult:
@@ -268,10 +248,7 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     assert {row.note for row in requirements(replace(good(), margins=lost)) if row.passed is False} == {"an unstable loop"}
     # JSON has no infinity. A PI without integral part may never cross unit gain.
     loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
-    row = next(row for row in requirements(replace(good(), margins=loop)) if row.figure == "phase margin")
-    assert (row.measured, row.passed) == (math.inf, True)
-    text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
-    assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
+    assert json.loads(json.dumps(loop.to_dict(), allow_nan=False))["points"][0]["phase_margin_deg"] is None
 
 
 def test_a_subject_keeps_its_controller_on_every_plant(pi: Subject, build_folder: Any) -> None:
@@ -328,8 +305,6 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert [point.phase_margin_deg for point in found.points] == pytest.approx([82.0, 43.0, 24.0], abs=0.6)
     assert [point.gain_margin_db for point in found.points] == pytest.approx([30.0, 12.0, 7.8], abs=0.6)
     assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
-    own, worst = ([point.phase_margin_deg for point in points] for points in (found.configured, found.points))
-    assert own == pytest.approx(worst, rel=1e-9)  # a family of one
     assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
 
 

@@ -6,7 +6,6 @@ The whole suite, driven, is in `tests/evidence/drives/test_suite_drives.py`.
 import math
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +16,11 @@ from codegen.emit.write import write_folder
 from codegen.errors import BuildError, ConfigError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
-from hil_sim import second_plant
-from hil_sim.suite import candidate, third_party
+from hil_sim.suite import candidate
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, of_folder, recommended
+from hil_sim.suite.candidate import Candidate, of_folder
 from hil_sim.suite.plants import changed
-from hil_sim.suite.subjects import PASSIVE, baseline_configs, recommended_config
+from hil_sim.suite.subjects import baseline_configs, recommended_config
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
@@ -39,14 +37,6 @@ def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
     return at / "sample"
 
 
-@pytest.fixture
-def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fixed schedule stands in for the design of gains."""
-    tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
-    for module in (candidate, third_party):
-        monkeypatch.setattr(module, "tuned", lambda config, steps=None: changed(config, tracking))
-
-
 def test_each_candidate_has_its_baselines() -> None:
     own = changed(PAPER, {"controller": {"integral_gain": 0.3}})
     for config, names in (
@@ -60,10 +50,6 @@ def test_each_candidate_has_its_baselines() -> None:
         assert next(iter(contenders.values())) == config
     best = Candidate("x", PAPER, "4ws-2", (0.9,)).contenders()["tracking"]
     assert (best.controller, best.limiter, best.vehicle) == (BEST.controller, BEST.limiter, PAPER.vehicle)
-    contenders = Candidate("x", own, "4ws-2", (0.9,)).contenders()
-    assert (contenders["pi"].controller.integral_gain, contenders["pi (paper)"].controller.integral_gain) == (0.3, 1.0)
-    found = recommended()
-    assert (found.name, found.case, found.frictions, found.folder, found.config) == ("tracking", "4ws-2", (0.9,), None, BEST)
 
 
 def test_baselines_keep_the_users_sampling_time() -> None:
@@ -73,15 +59,6 @@ def test_baselines_keep_the_users_sampling_time() -> None:
     for config in (*baseline_configs(quick).values(), recommended_config(quick)):
         assert config.controller.sampling_time_s == 0.005
         assert configuration.parse(config.model_dump(), "test") == config  # and are consistent as a whole
-
-
-@pytest.mark.usefixtures("tuned")
-def test_line_up_tunes_each_contender_with_a_schedule() -> None:
-    found = Candidate("x", changed(BEST, {"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).line_up()
-    assert [each.name for each in found.baselines] == ["pi", "feedforward", "proportional"]
-    assert found.tested.config.controller.tracking.schedule is not None
-    assert (found.notes, found.build) == ((), found.tested.around)
-    assert found.build.generated.manifest["options"]["kind"] == "tracking"
 
 
 def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,24 +99,3 @@ def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_p
         workers = background.processes
         assert workers
     assert not any(worker.is_alive() for worker in workers)
-
-
-@pytest.mark.usefixtures("tuned")
-@pytest.mark.parametrize("kind", ["tracking", "pi"])
-def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
-    """Solved, tuned and built for the third party's car; here the paper's with more mass stands in for it."""
-    heavy = changed(of_kind(SMALL, kind), {"vehicle": {"mass_kg": 2500.0}})
-    monkeypatch.setattr(second_plant, "published", lambda: "parameters")
-    monkeypatch.setattr(second_plant, "car_of", lambda parameters, base: heavy if parameters == "parameters" else base)
-    monkeypatch.setattr("hil_sim.suite.subjects.compile_build", lambda files, manifest, plant, edited: plant)
-    seen: list[Any] = []
-
-    def drive(reference_map: ReferenceMap, config: Config, software: Any, *, controlled: bool) -> tuple[Any, ...]:
-        seen.append((reference_map.config, config.controller.kind, software == config, controlled))
-        return ("driven",)
-
-    monkeypatch.setattr(third_party, "third_party_cells", drive)
-    jobs = third_party.jobs({kind: of_kind(BEST, kind)}, "4ws-2")
-    assert list(jobs) == [kind, PASSIVE]
-    assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
-    assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
