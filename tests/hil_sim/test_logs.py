@@ -237,7 +237,7 @@ def test_a_full_disk_is_one_error_and_the_old_file_stays(
     path.write_text("old content")
     with pytest.raises(CodegenError, match=words):
         # Where the run has an error: more than 2 kB, and no more than buffers hold until the end.
-        write(path, some_frames(100 if error else 2000), error)
+        write(path, some_frames(150 if error else 2000), error)
     assert path.read_text() == "old content"
     assert list(tmp_path.iterdir()) == [path]
 
