@@ -23,7 +23,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
@@ -40,6 +41,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # From the kernel's headers: linux/sched.h, linux/prctl.h.
 CLONE_NEWUSER, CLONE_NEWNET = 0x10000000, 0x40000000
 PR_SET_PDEATHSIG = 1
+
+_start = partial(subprocess.Popen, stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 def main() -> int:
@@ -81,11 +84,11 @@ def _run_native(command: Sequence[str]) -> int:
         raise Unavailable("this kernel has no SocketCAN")
     environment = os.environ | {"VCAN_RUN": "native"}
     try:
-        process = _start(command, environment, _enter_own_network)
+        process = _start(command, env=environment, preexec_fn=_enter_own_network)
     except subprocess.SubprocessError as error:  # _enter_own_network failed
         if not is_up(INTERFACE):
             raise Unavailable(f"no right to a network of one's own, and there is no {INTERFACE}") from error
-        process = _start(command, environment)
+        process = _start(command, env=environment)
     code = _finish(process)
     return code if code >= 0 else 128 - code
 
@@ -110,7 +113,7 @@ def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool
     try:
         uml.write_job(folder, command, [Path.cwd(), *writable])
         try:
-            process = _start(uml.kernel_command(folder), uml.kernel_environment(steady=steady))
+            process = _start(uml.kernel_command(folder), env=uml.kernel_environment(steady=steady))
         except OSError as error:
             raise Unavailable(str(error)) from error
         code = _finish(process)
@@ -122,12 +125,6 @@ def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool
         return DIED
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _start(
-    command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None
-) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=prepare)
 
 
 def _finish(process: subprocess.Popen[bytes]) -> int:
