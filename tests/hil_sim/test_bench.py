@@ -16,7 +16,6 @@ from codegen.sil.software import Software, Status
 from hil_sim import bench, manoeuvres, session
 from hil_sim.bench import run_in_lock_step, run_in_process, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
-from hil_sim.ecu_node import EcuNode
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.frames import Frame
@@ -139,16 +138,6 @@ def test_late_cycles_are_counted_not_made_up_for_and_without_an_ecu_the_actuator
     assert column(result.record, "status").tolist() == [Status.DEGRADED] * 3 + [Status.FAIL_SAFE] * 47
 
 
-def test_an_echo_counts_for_nothing(software: Software, channel: BusAddress) -> None:
-    """The ECU's own command comes back to it, the car's frames to the car: as on interfaces that echo."""
-    node = PlantNode(software.config, short())
-    assert not any(node.receive(frame) for frame in node.outgoing(0))
-    with Bus(channel) as bus:
-        ecu = EcuNode(software, bus)
-        assert not ecu._take(Frame(*ecu.task.run()))
-        assert not ecu.task.is_complete
-
-
 def test_two_ecus_in_lock_step(software: Software, channel: BusAddress) -> None:
     with (
         EcuThread(software, channel, lock_step=True),
@@ -157,15 +146,6 @@ def test_two_ecus_in_lock_step(software: Software, channel: BusAddress) -> None:
         pytest.raises(CodegenError, match="another node sends 0x201 here"),
     ):
         run_in_lock_step(PlantNode(software.config, short()), bus)
-
-
-def test_combinations_without_meaning(software: Software, channel: BusAddress) -> None:
-    for kind, words in (
-        ("external", "an external ECU has a clock of its own"),
-        ("native", "ECU speaks SocketCAN on Linux, not"),
-    ):
-        with pytest.raises(CodegenError, match=words):
-            run_hil(Setup(software.config, short(), channel, lock_step=True), Path("unused"), kind)
 
 
 @pytest.mark.parametrize(

@@ -167,15 +167,6 @@ def test_mf4_gives_physical_signals_by_the_database_inside(tmp_path: Path) -> No
         assert one.samples.tolist() == pytest.approx([0.5 * cycle for cycle in range(100)], abs=1e-12)
 
 
-def test_mf4_is_sorted(tmp_path: Path) -> None:
-    frames = [(Frame(number, b"", 0.01 * (number % 3)), True) for number in range(300)]
-    with asammdf.MDF(write(tmp_path / "run.mf4", frames)) as log:
-        frame = log.get("CAN_DataFrame")
-        assert frame.timestamps.tolist() == [0.0] * 100 + [0.01] * 100 + [0.02] * 100
-        identifiers = [identifier for first in range(3) for identifier in range(first, 300, 3)]  # of one time: as they came
-        assert frame.samples["CAN_DataFrame.ID"].tolist() == identifiers
-
-
 @pytest.mark.usefixtures("auckland")
 @formats
 def test_without_a_wall_clock_logs_repeat(tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,6 @@ import pytest
 from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software
-from codegen.vehicle.tyre import AxleTyres
 from hil_sim import manoeuvres
 from hil_sim.faults import Fault
 from hil_sim.metrics import Run, RunMetrics, evaluate, frequency, others, sine_with_dwell, spin_time, step_metrics
@@ -105,21 +104,6 @@ def test_settling_is_to_the_last_time_outside(wave: object, settling_time: float
     found = step_metrics(record(6.0, yaw_rate_rad_s=lambda t: np.where(t < 1.2, 0.0, wave(t))), 1.0)
     assert found.settling_time_s == (None if settling_time is None else pytest.approx(settling_time))
     assert found.settled == (settling_time is not None)
-
-
-def test_steady_slip_stands_beside_the_bound_of_the_axle() -> None:
-    """Only the last second counts: the transient before is larger."""
-    tyres = AxleTyres.from_config(CONFIG)
-    made = record(
-        6.0,
-        yaw_rate_rad_s=0.3,
-        front_angle_rad=0.05,
-        slip_front_rad=lambda t: np.where(t < 4.9, -2.0, -0.5) * tyres.front_slip_bound,
-        slip_rear_rad=lambda t: np.where(t < 4.9, 0.5, 1.25) * tyres.rear_slip_bound,
-    )
-    found = figures("step-steer", made, steer_time=2.0)
-    check(found, slip_front_steady_deg=-0.5 * math.degrees(tyres.front_slip_bound))
-    check(found, slip_front_steady_of_bound_percent=50.0, slip_rear_steady_of_bound_percent=125.0)
 
 
 @signs
@@ -255,18 +239,6 @@ def test_control_begins_and_ends_at_the_thresholds(software: Software) -> None:
     assert found["control_ends_km_h"] == pytest.approx(12.0, abs=0.05)
     without = evaluate(scenario, CONFIG, {"passive": record(6.0, status=2.0)})
     assert not any("control" in title for title, _, _ in without.rows)  # figures that no car has are left out
-
-
-def test_a_recording_shows_how_well_the_reference_is_followed() -> None:
-    made = record(
-        10.0,
-        yaw_rate_rad_s=0.1,
-        yaw_rate_reference_rad_s=lambda t: np.where(t < 5.0, 0.11, 5.0),
-        status=lambda t: np.where(t < 2.5, 1.0, np.where(t < 5.0, 0.0, 4.0)),
-    )
-    found = figures("step-steer", made, kind="recording")
-    check(found, yaw_rate_error_rms_deg_s=math.degrees(0.01))  # nothing of the fail-safe
-    check(found, controlled_percent=50.0, limited_percent=25.0, speed_max_km_h=72.0)
 
 
 def test_a_car_at_rest_has_figures_and_no_recording_has_none() -> None:

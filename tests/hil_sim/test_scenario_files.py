@@ -41,9 +41,7 @@ def refusal(name: str) -> str:
     with pytest.raises(CodegenError) as caught:
         find(name, CONFIG).inputs(CONFIG)
     line = str(caught.value)
-    assert "\n" not in line and Path(name.partition("\0")[0]).name in line
-    assert caught.value.exit_code == 2
-    assert caught.value.remedy
+    assert "\n" not in line and Path(name.partition("\0")[0]).name in line and caught.value.remedy
     return line
 
 
@@ -70,13 +68,6 @@ def test_values_between_rows_are_linear_and_flags_are_held() -> None:
     assert inhibit.tolist() == [0.0] * 100 + [1.0] * 200 + [0.0] * 100
     assert np.isnan(estimate[:300]).all()
     assert estimate[300] == pytest.approx(0.6)
-
-
-def test_front_angle_is_turned_into_that_of_the_steering_wheel() -> None:
-    inputs = find(written("time_s,speed_m_s,front_angle_rad\n0,10,0.1\n0.2,10,0.1\n")).inputs(CONFIG)
-    assert inputs[0, 1:3] == pytest.approx([0.1 * CONFIG.steering.ratio, CONFIG.road.friction])
-    both = "time_s,speed_m_s,front_angle_rad,steering_wheel_angle_rad\n0,10,0.1,0.7\n0.2,10,0.1,0.7\n"
-    assert find(written(both)).inputs(CONFIG)[0, 1] == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(
@@ -114,8 +105,6 @@ def test_file_that_is_none_or_too_long() -> None:
         ("huge.csv", "over 64 MiB"),
     ):
         assert words in refusal(name)
-    hour = f"{HEADER}\n0,10,0\n1800,10,0\n3600,10,0\n"
-    assert find(written(hour)).duration == pytest.approx(3600.1)
 
 
 def fault(kind: str, *lines: str) -> str:

@@ -80,13 +80,6 @@ def test_sweep_starts_and_ends_at_rest_and_covers_its_band() -> None:
     assert (np.diff(frequency[1:-1]) > -0.02).all()
 
 
-def test_speed_ramp_passes_the_thresholds_of_the_controller() -> None:
-    config = changed(CONFIG, {"controller": {"enable_speed_km_h": 40.0, "disable_speed_km_h": 30.0}})
-    for chosen, low, high in ((CONFIG, 6.0, 30.0), (config, 15.0, 80.0)):
-        speed = 3.6 * column("speed-ramp", "speed", chosen)
-        assert (speed.min(), speed.max(), speed[0], speed[-1]) == pytest.approx((low, high, low, low))
-
-
 def test_split_friction_is_the_difference_of_the_front_wheels(software: Software) -> None:
     """Worked out by hand: a front wheel carries 2335.07 * 9.81 * 1.566 / (2 * 3.14) = 5712 N, a rear one 5741 N."""
     braking = manoeuvres.split_braking(CONFIG)

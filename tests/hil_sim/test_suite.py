@@ -27,8 +27,8 @@ from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
-from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
+from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell
+from hil_sim.suite.subjects import Subject, around, passive_of
 from hil_sim.suite.summary import summarise
 from tests import builds
 from tests.hil_sim.made import record, spun
@@ -249,17 +249,6 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     # JSON has no infinity. A PI without integral part may never cross unit gain.
     loop = FamilyMargins((MarginPoint(20.0, math.inf, math.inf, 1.0, True),))
     assert json.loads(json.dumps(loop.to_dict(), allow_nan=False))["points"][0]["phase_margin_deg"] is None
-
-
-def test_a_subject_keeps_its_controller_on_every_plant(pi: Subject, build_folder: Any) -> None:
-    """The C is the same in every library, and whether it is rendered in memory or read from a folder."""
-    nominal, slow = software_of(pi, NOMINAL), software_of(pi, LAGS[2])
-    assert software_of(pi, NOMINAL) is nominal
-    assert slow.config.rear_actuator.lag_s > nominal.config.rear_actuator.lag_s
-    assert len({software.parameters().rear_angle_error_max for software in (nominal, slow)}) == 1
-    assert nominal.map_yaw_rate(20.0, 0.05) == slow.map_yaw_rate(20.0, 0.05)
-    loaded = Subject("folder", CONFIG, around_folder(build_folder))
-    assert np.array_equal(drive(loaded, NOMINAL, c1(CONFIG)), drive(pi, NOMINAL, c1(CONFIG)))
 
 
 def test_parameters_and_one_sample_of_delay_reach_the_controller(pi: Subject) -> None:

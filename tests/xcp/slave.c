@@ -24,8 +24,6 @@
 extern uint8_t __start_ars_calibration[];
 extern uint8_t __stop_ars_calibration[];
 
-enum { CALIBRATION_ADDRESS = 0x10000000, MEASUREMENTS_ADDRESS = 0x20000000 };
-
 static ars_xcp_t *slave;
 static ars_xcp_setup_t setup;
 static ars_xcp_packet_t *answer;
@@ -48,9 +46,9 @@ static bool is_valid(void)
 }
 
 /* Exactly so many bytes: the sanitizer sees the next. */
-static uint8_t *block(size_t size)
+static void *block(size_t size)
 {
-    uint8_t *const result = malloc((size > 0u) ? size : 1u);
+    void *const result = malloc((size > 0u) ? size : 1u);
 
     if (result == NULL) {
         exit(3);
@@ -62,9 +60,8 @@ static uint8_t *block(size_t size)
 static kept_t keep(uint8_t *now, size_t size)
 {
     const kept_t result = { now, block(size), size };
-    size_t k;
 
-    for (k = 0u; k < size; k++) {
+    for (size_t k = 0u; k < size; k++) {
         result.before[k] = now[k];
     }
     return result;
@@ -72,12 +69,10 @@ static kept_t keep(uint8_t *now, size_t size)
 
 static bool is_same(const uint8_t *now, const kept_t *kept, size_t from, size_t to)
 {
-    size_t k;
-
-    for (k = from; (k < to) && (now[k] == kept->before[k]); k++) {
-        /* on */
+    while ((from < to) && (now[from] == kept->before[from])) {
+        from++;
     }
-    return k >= to;
+    return from >= to;
 }
 
 static void set_up(void)
@@ -85,31 +80,24 @@ static void set_up(void)
     const size_t size = (size_t)(__stop_ars_calibration - __start_ars_calibration);
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     const uintptr_t before = (uintptr_t)__start_ars_calibration % page;
-    size_t k;
+    uint8_t *const first = __start_ars_calibration - before;
+    const size_t pages = (size_t)(((before + size + page - 1u) / page) * page);
+    uint8_t *const measured = block(sizeof(ars_task_t));
 
-    around.now = __start_ars_calibration - before;
-    around.size = (size_t)(((before + size + page - 1u) / page) * page);
-    if (mprotect(around.now, around.size, PROT_READ | PROT_WRITE) != 0) {
+    if (mprotect(first, pages, PROT_READ | PROT_WRITE) != 0) {
         exit(3);
     }
-    around = keep(around.now, around.size);
-    measurements.now = block(sizeof(ars_task_t));
-    for (k = 0u; k < sizeof(ars_task_t); k++) {
-        measurements.now[k] = (uint8_t)((7u * k) + 3u);
+    around = keep(first, pages);
+    for (size_t k = 0u; k < sizeof(ars_task_t); k++) {
+        measured[k] = (uint8_t)((7u * k) + 3u);
     }
-    measurements = keep(measurements.now, sizeof(ars_task_t));
-    setup.calibration = __start_ars_calibration;
-    setup.working = block(size);
-    setup.reference = block(size);
-    setup.measurements = measurements.now;
-    setup.calibration_address = CALIBRATION_ADDRESS;
-    setup.calibration_size = (uint32_t)size;
-    setup.measurements_address = MEASUREMENTS_ADDRESS;
-    setup.measurements_size = (uint32_t)sizeof(ars_task_t);
-    setup.is_valid = is_valid;
-    slave = (ars_xcp_t *)block(sizeof *slave);
-    answer = (ars_xcp_packet_t *)block(sizeof *answer);
-    packets = (ars_xcp_packet_t *)block((size_t)ARS_XCP_ODT_MAX * sizeof *packets);
+    measurements = keep(measured, sizeof(ars_task_t));
+    setup = (ars_xcp_setup_t) { .calibration = __start_ars_calibration, .working = block(size), .reference = block(size),
+        .measurements = measured, .calibration_address = 0x10000000, .calibration_size = (uint32_t)size,
+        .measurements_address = 0x20000000, .measurements_size = (uint32_t)sizeof(ars_task_t), .is_valid = is_valid };
+    slave = block(sizeof *slave);
+    answer = block(sizeof *answer);
+    packets = block((size_t)ARS_XCP_ODT_MAX * sizeof *packets);
     ars_xcp_init(slave, &setup);
     reference = keep(setup.reference, size);
 }
@@ -120,16 +108,12 @@ static unsigned int broken(void)
 {
     const size_t size = setup.calibration_size;
     const size_t before = (size_t)(__start_ars_calibration - around.now);
-    unsigned int result = 0u;
+    const bool is_kept = is_same(around.now, &around, 0u, before) && is_same(around.now, &around, before + size, around.size);
+    const bool on_reference = slave->ecu_page == (uint8_t)ARS_XCP_PAGE_REFERENCE;
 
-    result |= is_same(around.now, &around, 0u, before) && is_same(around.now, &around, before + size, around.size) ? 0u : 1u;
-    result |= is_same(setup.reference, &reference, 0u, size) ? 0u : 2u;
-    result |= is_same(measurements.now, &measurements, 0u, measurements.size) ? 0u : 4u;
-    result |= is_valid() ? 0u : 8u;
-    if (slave->ecu_page == (uint8_t)ARS_XCP_PAGE_REFERENCE) {
-        result |= is_same(setup.calibration, &reference, 0u, size) ? 0u : 16u;
-    }
-    return result;
+    return (is_kept ? 0u : 1u) | (is_same(setup.reference, &reference, 0u, size) ? 0u : 2u)
+        | (is_same(measurements.now, &measurements, 0u, measurements.size) ? 0u : 4u) | (is_valid() ? 0u : 8u)
+        | ((on_reference && !is_same(setup.calibration, &reference, 0u, size)) ? 16u : 0u);
 }
 
 static void put_packet(const ars_xcp_packet_t *packet)
@@ -142,13 +126,11 @@ static void on_command(void)
 {
     const int length = getchar();
     uint8_t *const in = block((size_t)length);
-    bool answered;
 
     if (fread(in, 1u, (size_t)length, stdin) != (size_t)length) {
         exit(3);
     }
-    answered = ars_xcp_command(slave, in, (uint8_t)length, answer);
-    (void)putchar(answered ? 1 : 0);
+    (void)putchar(ars_xcp_command(slave, in, (uint8_t)length, answer) ? 1 : 0);
     put_packet(answer);
     free(in);
 }
@@ -156,13 +138,12 @@ static void on_command(void)
 static void on_event(void)
 {
     uint8_t count;
-    uint8_t k;
 
     measurements.now[0]++;
     measurements.before[0]++;
     count = ars_xcp_event(slave, packets);
     (void)putchar(count);
-    for (k = 0u; k < count; k++) {
+    for (uint8_t k = 0u; k < count; k++) {
         put_packet(&packets[k]);
     }
 }
@@ -174,15 +155,13 @@ static size_t offset_of(const void *object)
 
 int main(void)
 {
-    int record;
-
     set_up();
-    (void)printf("size=%zu parameters=%zu rear_angle_max=%zu enable_speed=%zu speeds=%zu table=%zu measurements=%zu\n",
-        (size_t)setup.calibration_size, offset_of(&ars_parameters_default), offset_of(&ars_parameters_default.rear_angle_max),
+    (void)printf("size=%zu rear_angle_max=%zu enable_speed=%zu speeds=%zu table=%zu measurements=%zu\n",
+        (size_t)setup.calibration_size, offset_of(&ars_parameters_default.rear_angle_max),
         offset_of(&ars_parameters_default.enable_speed), offset_of(ars_map_speed_breakpoints),
         offset_of(ars_map_yaw_rate_table), sizeof(ars_task_t));
     (void)fflush(stdout);
-    for (record = getchar(); record != EOF; record = getchar()) {
+    for (int record = getchar(); record != EOF; record = getchar()) {
         if (record == 'C') {
             on_command();
         } else {

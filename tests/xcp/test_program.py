@@ -12,7 +12,6 @@ import pytest
 from codegen.config import parse
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError, CodegenError, ConfigError
-from codegen.export.a2l.elf import Elf
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
 from hil_sim.session import check_xcp
@@ -24,10 +23,7 @@ from tests.xcp.slave import BUILD, COMMANDS, ERRORS
     ("can", "message"),
     [
         ({"xcp_receive_id": 0x6A1}, "xcp_receive_id and xcp_transmit_id are the same, 0x6A1"),
-        ({"xcp_receive_id": 0x101}, "xcp_receive_id is the id of VehicleMotion, 0x101"),
         ({"xcp_transmit_id": 0x201}, "xcp_transmit_id is the id of RearSteerCommand, 0x201"),
-        ({"vehicle_conditions": {"id": 0x6A0}}, "xcp_receive_id is the id of VehicleConditions, 0x6A0"),
-        ({"xcp_receive_id": 0x800}, "xcp_receive_id"),
     ],
 )
 def test_identifiers_that_clash_are_refused(can: dict[str, object], message: str) -> None:
@@ -48,12 +44,6 @@ def test_identifiers_and_the_period_in_the_program(period: float, ticks: int, mo
     view = xcp_view(parse({**tables, "can": {"xcp_receive_id": 0x7A, "xcp_transmit_id": 0x7B}}, "car.toml"))
     assert (view.timestamp_ticks, view.timestamp_mode, view.event_cycle, view.event_unit) == (ticks, mode, cycle, unit)
     assert (view.receive_id, view.transmit_id) == ("0x07A", "0x07B")
-
-
-@pytest.mark.parametrize("name", ["ars_parameters_default.proportional_gain", "ecu.task.controller.integral"])
-def test_addresses_fit(name: str) -> None:
-    place = Elf.read(native.compile_ecu(BUILD)).place(name)
-    assert place is not None and 0 < place.address < 2**32
 
 
 @pytest.mark.parametrize(
@@ -79,11 +69,8 @@ def test_builds_and_ecus_without_a_slave_are_refused(tmp_path: Path) -> None:
     (folder / "linux" / "ars_xcp.c").rename(folder / "linux" / "other.c")
     with pytest.raises(BuildError, match=r"the build has no linux/ars_xcp\.c; build again"):
         native.command(folder, "vcan0", xcp=True)
-    check_xcp("native", xcp=True)
-    check_xcp("cffi", xcp=False)
-    for kind in ("cffi", "external"):
-        with pytest.raises(CodegenError, match=f"^--xcp: only the native ECU has XCP, not {kind}; take --ecu native$"):
-            check_xcp(kind, xcp=True)
+    with pytest.raises(CodegenError, match=r"^--xcp: only the native ECU has XCP, not cffi; take --ecu native$"):
+        check_xcp("cffi", xcp=True)
 
 
 def test_no_crash_no_write_outside_and_nothing_invalid(program: Path) -> None:

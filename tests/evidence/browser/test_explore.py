@@ -8,51 +8,28 @@ from typing import Any
 import pytest
 
 from codegen import config as configuration
-from codegen.cli.explore_command import _leading_to
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target, preset_bases
 from codegen.report.html.charts import scale_of
 from tests.explore.conftest import KINDS, explorer_of
 
-from .conftest import TIMEOUT_MS, Watch
+from .conftest import Watch
 
 CHARTS = ("map", "step", "cut", "margins")
 LAMBDA, ACCELERATION = "lambda", "limits.lateral_acceleration_max_g"
-
-COUNT_REQUESTS = """
-let underWay = 0;
-const came = (more) => { document.documentElement.dataset.underWay = String(underWay += more); };
-const ask = window.fetch;
-window.fetch = async (...what) => {
-    came(1);
-    const answer = await ask(...what);
-    const read = answer.json.bind(answer);
-    answer.json = async () => {
-        const data = await read();
-        // After the code that waits for this answer has continued.
-        const channel = new MessageChannel();
-        channel.port1.onmessage = () => came(-1);
-        channel.port2.postMessage(null);
-        return data;
-    };
-    return answer;
-};
-"""
-"""Script that shows in the page how many requests are under way."""
 
 
 class Page:
     """A server for an explorer, and its page."""
 
-    def __init__(self, chromium: Any, explorer: Explorer, folder: Path, width: int = 1440, scheme: str = "light") -> None:
+    def __init__(self, chromium: Any, explorer: Explorer, folder: Path, width: int = 1440) -> None:
         self.explorer, self.folder = explorer, folder
         self.server = ExploreServer(explorer, Target(folder / "ars.toml", preset_bases()))
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.01})
         self.thread.start()
-        self.page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme)
+        self.page = chromium.new_page(viewport={"width": width, "height": 1000}, color_scheme="light")
         self.watch = Watch(self.page)
-        self.page.add_init_script(COUNT_REQUESTS)
         self.page.goto(self.server.address)
         self.page.wait_for_selector("#pictures[data-drawn]")
 
@@ -74,10 +51,6 @@ class Page:
         """Wait for the margins of the family, which arrive last, of the newest settings."""
         newest = self.page.get_attribute("#pictures", "data-wanted")
         self.page.wait_for_selector(f'#margins[data-family="{newest}"]')
-
-    def answered(self) -> None:
-        """Wait until no request is under way."""
-        self.page.wait_for_selector('html[data-under-way="0"]')
 
     def chart(self, name: str) -> list[dict[str, Any]]:
         """Return the traces of a chart as Plotly holds them."""
@@ -135,7 +108,7 @@ def opened(chromium: Any, explorers: dict[str, Explorer], tmp_path: Path) -> Ite
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_charts_are_drawn_described_and_reachable_at_every_width(opened: Open, kind: str) -> None:
+def test_charts_are_drawn_and_described_at_every_width(opened: Open, kind: str) -> None:
     page = opened(kind)
     page.settle()
     heat, step = page.chart("map"), page.chart("step")
@@ -159,12 +132,6 @@ def test_charts_are_drawn_described_and_reachable_at_every_width(opened: Open, k
         label = f"{control.label} ({control.unit})" if control.unit else control.label
         assert page.page.get_by_role("spinbutton", name=label, exact=True).count() == 1, label
         assert page.page.get_by_role("slider", name=control.label, exact=True).count() == 1, label
-    page.page.locator("body").press("Tab")
-    reached, active = set(), "document.activeElement.closest('[data-key]')?.dataset.key ?? document.activeElement.id"
-    for _ in range(2 * len(page.explorer.controls) + 12):
-        reached.add(page.page.evaluate(active))
-        page.page.keyboard.press("Tab")
-    assert {control.key for control in page.explorer.controls} | {"write", "theme", "quantity"} <= reached
     page.check_quiet()
     for width in (390, 820):
         narrow = opened(kind, width=width)
@@ -172,7 +139,6 @@ def test_charts_are_drawn_described_and_reachable_at_every_width(opened: Open, k
         for name in CHARTS:
             box = narrow.page.locator(f"#{name} .main-svg").first.bounding_box()
             assert box["x"] >= 0.0 and box["x"] + box["width"] <= width and box["width"] > 250.0
-        assert narrow.page.locator("#write").is_visible()
 
 
 @pytest.mark.long
@@ -228,47 +194,16 @@ def test_settings_without_a_map_keep_the_last_charts(opened: Open, explorers: di
     grid = start.grid.model_copy(update={"front_angle_min_deg": 4.0, "speed_min_km_h": 60.0})
     page = opened(Explorer(start.model_copy(update={"grid": grid}), "4ws-2", "coarse"))
     page.settle()
-
-    def families() -> int:
-        return sum(address.endswith("/api/family") for address in page.watch.requests)
-
-    before, count = page.charts(), families()
-    page.page.clock.install()  # the timers of the page wait for the test
+    before = page.charts()
     page.number(ACCELERATION).fill("0.05")
     page.page.wait_for_selector("#status.bad")
     assert "no operating point of the grid is feasible" in page.status()
-    assert "Traceback" not in page.page.inner_text("body")
-    # Another gain would have another family of margins; settings that are refused have none.
-    page.number("controller.integral_gain").fill("0.4")
-    page.answered()
-    page.page.clock.run_for(10_000)
-    page.answered()
-    assert (families(), page.charts()) == (count, before)
-    page.page.clock.resume()
+    assert page.charts() == before
     page.fill(ACCELERATION, "0.8")
     assert "Up to date" in page.status()
     page.settle()
     assert page.charts()["margins"] != before["margins"]
     page.check_quiet(allowed="422")  # Chromium itself writes the refused request to the console
-
-
-def test_only_the_last_of_many_values_is_computed(opened: Open) -> None:
-    page = opened()
-    page.page.evaluate(
-        """() => {
-            const slider = document.querySelector('[data-key="lambda"] input[type=range]');
-            for (let place = 0; place <= 200; place++) {
-                slider.value = place;
-                slider.dispatchEvent(new Event("input"));
-            }
-        }"""
-    )
-    value = float(page.number(LAMBDA).input_value())
-    page.settle()
-    shown = next(trace for trace in page.chart("step") if trace["name"] == "these settings")
-    assert shown["y"] == page.explorer.picture({LAMBDA: value})["step"]["runs"]["now"]["yaw_rate_deg_s"]
-    assert page.drawn() <= 5  # one under way and one behind it, not two hundred
-    page.check_quiet()
 
 
 def test_every_table_of_the_map_has_its_colours(opened: Open) -> None:
@@ -309,33 +244,3 @@ def test_the_button_writes_a_file_and_replaces_one_only_on_confirmation(opened: 
     page.page.wait_for_selector("#status:has-text('is written')")
     assert configuration.load(path) == config
     page.check_quiet(allowed="409")
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_themes_change_ground_and_ink(opened: Open, scheme: str) -> None:
-    page = opened(scheme=scheme)
-
-    def is_light() -> tuple[bool, bool]:
-        colours = page.page.evaluate(
-            "[getComputedStyle(document.body).backgroundColor,"
-            " getComputedStyle(document.querySelector('#step .xtick text')).fill]"
-        )
-        ground, ink = (sum(float(part) for part in colour.strip("rgba()").split(",")[:3]) / 3.0 for colour in colours)
-        return ground > 200.0, ink < 100.0
-
-    assert is_light() == (scheme == "light",) * 2
-    page.page.click("#theme")
-    assert is_light() == (scheme != "light",) * 2
-    page.check_quiet()
-
-
-def test_the_page_that_leads_to_it_and_a_server_that_has_ended(opened: Open, chromium: Any, tmp_path: Path) -> None:
-    page, other = opened(), chromium.new_page()
-    other.set_default_timeout(TIMEOUT_MS)
-    other.goto(_leading_to(page.server.address, tmp_path).as_uri())
-    other.wait_for_selector("#pictures[data-drawn]")
-    page.settle()
-    page.end()
-    page.page.route("**/*", lambda route: route.abort())  # a connection that is still open would be answered
-    page.number(LAMBDA).fill("750")
-    page.page.wait_for_selector("#status:has-text('still running')")

@@ -70,10 +70,7 @@ def test_every_chart_is_drawn_without_errors_or_requests(page: Any, report: tupl
     # Pictures for paper are blobs of the page itself.
     assert {request.partition(":")[0] for request in page.watch.requests} <= {"file", "blob", "data"}
     assert sum(request.startswith("file:") for request in page.watch.requests) == 1
-    # Plotly has buttons that upload a chart.
-    assert page.locator(".modebar-btn").count() == 0
-    addresses = page.evaluate("names => names.map(n => document.getElementById(n)._context.plotlyServerURL)", report[1])
-    assert set(addresses) == {""}
+    assert page.locator(".modebar-btn").count() == 0  # Plotly has buttons that upload a chart
 
 
 @pytest.mark.parametrize(("slider", "moved", "other"), [("cut-speed", *reversed(CUTS)), ("cut-angle", *CUTS)])
@@ -110,8 +107,6 @@ def test_values_shown_are_those_of_the_map(page: Any) -> None:
     label.wait_for()
     assert re.search(r"Yaw rate r: \d+\.\d+ deg/s", label.text_content())
     page.mouse.move(0, 0)
-    texts = page.evaluate("document.getElementById('chart-map-binding').data[0].text.flat()")
-    assert {"none", "front slip + rear slip", "rear angle"} <= set(texts)
 
 
 def test_names_of_runs_are_no_words_of_the_script(chromium: Any, tmp_path: Path) -> None:
