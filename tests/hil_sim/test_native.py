@@ -9,19 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from codegen.config import parse
-from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.write import write_folder
 from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
 from hil_sim.ecu_process import EcuProcess
 from tests import builds
-
-WARNINGS = (
-    "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-equal -Wshadow -Wundef "
-    "-Wmissing-prototypes -Wcast-qual -Wformat=2 -Werror -O2"
-)
 
 
 def run(*command: str | Path) -> tuple[int, str, str]:
@@ -41,20 +33,6 @@ def replace_once(file: Path, old: str, new: str) -> None:
     text = file.read_text()
     assert text.count(old) == 1
     file.write_text(text.replace(old, new))
-
-
-def test_other_names_and_periods_compile_without_a_warning(tmp_path: Path) -> None:
-    """Another precision, and a sampling time that is no whole number of milliseconds."""
-    controller = {"kind": "pi", "sampling_time_s": 0.0125}
-    config = parse({"controller": controller, "plant": {"sampling_time_s": 0.0005}}, "test")
-    options, inputs = BuildOptions("sample", "rws_2", "double"), BuildInputs("sample.npz", "0" * 64, "preset")
-    write_folder(build(builds.paper_map(), config, options, inputs), tmp_path / "build")
-    source = tmp_path / "build" / "linux" / "rws_2_ecu.c"
-    include, target = tmp_path / "build" / "include", tmp_path / "ecu.o"
-    assert run(*compiler_command(), *WARNINGS.split(), "-I", include, "-c", source, "-o", target) == (0, "", "")
-    text = source.read_text("ascii")
-    assert "period = INT64_C(12500000);" in text
-    assert "= rws_2_task_12500us(&self->task, frame.data);" in text
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,6 @@ from codegen.config import KM_H, Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap import exact
 from codegen.refmap.problem import SteadyTurnProblem
-from codegen.vehicle.dynamics import single_track
-from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import column
 from hil_sim.suite import conditions as known
@@ -25,7 +23,7 @@ from hil_sim.suite import plants
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, Cell, c1, cells
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
-from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
+from hil_sim.suite.price import compare_rise, rise_times
 from hil_sim.suite.requirements import Measured, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell
 from hil_sim.suite.subjects import Subject, around, passive_of
@@ -295,30 +293,3 @@ def test_margins_of_the_pi_fall_with_speed_and_a_law_without_feedback_has_none()
     assert [point.gain_margin_db for point in found.points] == pytest.approx([30.0, 12.0, 7.8], abs=0.6)
     assert (found.gain_margin_db, found.speed_of("gain_margin_db")) == (found.points[-1].gain_margin_db, 120.0)
     assert margins_of(plants.changed(CONFIG, {"controller": {"kind": "feedforward"}})) is None
-
-
-def test_sine_of_the_passive_car_is_that_of_linear_theory(pi: Subject) -> None:
-    passive, largest, speed = passive_of(pi), cells(CONFIG, CASE)[19], 100.0 * KM_H
-    a, b = (np.array(matrix) for matrix in single_track(CONFIG, "linear").jacobian([0, 0], [speed, 0, 0, 0.9]))
-
-    def response(frequency: float) -> complex:
-        """Yaw rate over front angle of the linear passive car, over its steady value."""
-        dynamic = np.linalg.solve(2j * math.pi * frequency * np.eye(2) - a, b[:, 1])
-        return complex(dynamic[1] / np.linalg.solve(-a, b[:, 1])[1])
-
-    def lag(frequency: float) -> complex:
-        return 1.0 + 2j * math.pi * frequency * CONFIG.steering.lag_s
-
-    lowest = abs(response(0.2) / lag(0.2))
-    rows = sine_tracking(passive, [largest, Cell(100.0, 1.2, 0.25), Cell(60.0, 6.0, 1.0)])
-    assert [(row.speed_km_h, row.frequency_hz) for row in rows] == [(100.0, f) for f in (0.5, 1.0, 1.5)]
-    # The passive car turns more than the map at 100 km/h by the ratio of their steady gains.
-    small = Cell(100.0, 0.1 * largest.front_angle_deg)
-    gain = float(SingleTrack.from_config(CONFIG).yaw_gain(speed))
-    of_map = map_yaw_rate(passive, NOMINAL, small) / math.radians(small.front_angle_deg)
-    assert rows[0].gain_of_map == pytest.approx(rows[0].gain_of_steady * lowest * gain / of_map, rel=1e-2)
-    for row in rows:
-        # The front angle of the recording is behind the steering's lag already. Tyres at a tenth of the largest angle bend a
-        # little (measured: up to 0.07 % and 0.5 deg).
-        assert row.gain_of_steady == pytest.approx(abs(response(row.frequency_hz)) / lowest, rel=1e-3)
-        assert row.phase_deg == pytest.approx(math.degrees(np.angle(response(row.frequency_hz))), abs=0.6)
