@@ -24,10 +24,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from codegen.errors import CodegenError
 from codegen.sil.cache import cache_folder
@@ -41,8 +40,6 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # From the kernel's headers: linux/sched.h, linux/prctl.h.
 CLONE_NEWUSER, CLONE_NEWNET = 0x10000000, 0x40000000
 PR_SET_PDEATHSIG = 1
-
-_start = partial(subprocess.Popen, stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 def main() -> int:
@@ -125,6 +122,10 @@ def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool
         return DIED
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, **options)
 
 
 def _finish(process: subprocess.Popen[bytes]) -> int:
