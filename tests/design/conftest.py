@@ -6,17 +6,10 @@ from typing import Any
 import pytest
 
 from codegen.config import Config, Schedule, parse
-from codegen.design.tune import Design, design
 from codegen.refmap.map import load
-from tests import shared
 
-SMALL_FAMILY = {
-    "actuator_lag_s": [0.05],
-    "mass_percent": [0.0],
-    "stiffness_percent": [-20.0, 15.0],
-    "relaxation_length_m": [0.0, 0.6],
-    "speed_km_h": [15.0, 42.5, 80.0, 120.0],
-}
+SMALL_FAMILY = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [-20.0, 15.0]}
+SMALL_FAMILY |= {"relaxation_length_m": [0.0, 0.6], "speed_km_h": [15.0, 42.5, 80.0, 120.0]}
 
 
 def small_config(other: dict[str, Any] | None = None, /, **tuning: Any) -> Config:
@@ -30,10 +23,3 @@ def committed() -> Schedule:
     config = load(Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz").config
     assert config is not None and config.controller.tracking.schedule is not None
     return config.controller.tracking.schedule
-
-
-@pytest.fixture(scope="session")
-def small_design() -> Design:
-    """The design for the small family."""
-    made: Design = shared.once("small design", lambda: design(small_config()))
-    return made

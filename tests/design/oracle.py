@@ -23,9 +23,8 @@ def sampled_car(config: Config, member: Member, speed: float, delay: int) -> con
         [[1.0, lf / speed], [1.0, -lr / speed], [0.0, 1.0]],
         np.zeros((3, 2)),
     )
-    stiffness = np.diag(
-        [car.front_stiffness * member.front_stiffness_factor, car.rear_stiffness * member.rear_stiffness_factor]
-    )
+    factors = [member.front_stiffness_factor, member.rear_stiffness_factor]
+    stiffness = np.diag(factors) * [car.front_stiffness, car.rear_stiffness]
     sigma = member.relaxation_length
     if sigma > 0.0:
         pace = speed / sigma

@@ -10,7 +10,7 @@ from codegen.design.family import Member, members, nominal
 from codegen.design.margins import gains_of, loop_margins, nominal_margins, weakest
 from codegen.design.sampled import frequency_grid, sample
 from codegen.design.search import Cars, Demands, Shortfall, best_gains
-from codegen.design.tune import BETWEEN, STEP_BEYOND, Design, breakpoints, design, round_down, tune
+from codegen.design.tune import BETWEEN, STEP_BEYOND, breakpoints, design, tune
 from codegen.errors import ConfigError
 
 from .conftest import small_config
@@ -29,31 +29,19 @@ def worst(config: Config, family: list[Member], schedule: Schedule, speed_km_h: 
     return found.gain_margin_db.min(), found.phase_margin_deg.min(), found.sensitivity.max()
 
 
-def check_demands(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float) -> None:
-    """Require that a family keeps the demands of its configuration at one speed."""
+def check_demands(config: Config, family: list[Member], schedule: Schedule, speed_km_h: float, slack: float = 0.0) -> None:
+    """Require that a family keeps the demands of its configuration at one speed; `slack` in dB, 10 deg and a fifth of one."""
     gain, phase, peak = worst(config, family, schedule, speed_km_h)
-    assert gain >= config.tuning.gain_margin_db
-    assert phase >= config.tuning.phase_margin_deg
-    assert peak <= config.tuning.sensitivity_max
-
-
-def car_inside(rng: np.random.Generator, config: Config) -> Member:
-    """A car anywhere between the ends of the family."""
-    tuning = config.tuning
-    percent = (tuning.mass_percent, tuning.stiffness_percent, tuning.stiffness_percent)
-    lag, relaxation, *others = (
-        float(rng.uniform(min(values), max(values))) for values in (tuning.actuator_lag_s, tuning.relaxation_length_m, *percent)
-    )
-    return Member(lag, *(1.0 + 0.01 * value for value in others), relaxation)
+    assert gain >= config.tuning.gain_margin_db - slack
+    assert phase >= config.tuning.phase_margin_deg - 10.0 * slack
+    assert peak <= config.tuning.sensitivity_max + 0.2 * slack
 
 
 def test_the_family_and_cars_inside_it_keep_the_demands_at_other_speeds(committed: Schedule) -> None:
-    """Speeds up to the grid's last, which the design did not use, and the speed at which the controller switches off.
-
-    Among the listed deviations are the ends and the middle; in between nothing is worse than these.
-    """
+    """Speeds up to the grid's last, which the design did not use, and the speed at which the controller switches off."""
     config, rng = Config(), np.random.default_rng(4)
-    family = [*members(config), *(car_inside(rng, config) for _ in range(100))]
+    ends = [0.02, 0.8, 0.8, 0.8, 0.0], [0.1, 1.2, 1.15, 1.15, 0.6]  # of the default family
+    family = [*members(config), *(Member(*rng.uniform(*ends)) for _ in range(100))]
     for speed in (config.controller.disable_speed_km_h, *rng.uniform(12.0, 120.0, 5)):
         check_demands(config, family, committed, float(speed))
     least = weakest(config, gains_of(committed))
@@ -66,22 +54,6 @@ def test_cars_that_are_stable_on_their_own_keep_the_demands_beyond_the_grid(comm
         sampled = sample(config, members(config), [speed * KM_H])
         family = [member for member, stable in zip(members(config), sampled.open_loop_stable()[:, 0], strict=True) if stable]
         check_demands(config, family, committed, float(speed))
-
-
-def test_the_written_margins_are_those_of_the_written_gains(committed: Schedule, small_design: Design) -> None:
-    """To two decimals, and 0.02 dB, 0.01 deg, 0.006 for the grid of frequencies. Gains have four digits."""
-    small, large = small_config(), Config()
-    for config, schedule, picked in ((small, small_design.schedule, slice(0, 4)), (large, committed, slice(0, 8, 7))):
-        written = list(
-            zip(schedule.speed_km_h, schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
-        )
-        for speed, *margins in written[picked]:
-            found = worst(config, list(members(config)), schedule, speed)
-            for value, reported, tolerance in zip(found, margins, (0.025, 0.015, 0.011), strict=True):
-                assert reported == pytest.approx(value, abs=tolerance) and reported == round(reported, 2)
-            check_demands(config, list(members(config)), schedule, speed)
-        for gain in (*schedule.proportional_gain_s, *schedule.integral_gain):
-            assert gain == float(f"{gain:.4g}")
 
 
 def cars_at(config: Config, speed_km_h: float) -> Cars:
@@ -103,34 +75,6 @@ def test_no_other_gains_have_a_larger_ki(speed_km_h: float) -> None:
     others = np.linspace(0.0, max(4.0 * kp, 0.3), 400)
     margins = cars.margins(others[:, np.newaxis], 1.02 * ki)
     assert not demands.met(margins).all(axis=-1).any()
-    # Cars that bound an earlier search do not change the result: Ki to 0.1 %, Kp as flat as its top is.
-    assert best_gains(cars, demands, list(members(config))) == pytest.approx(found, rel=0.02)
-
-
-def test_gains_are_rounded_down_to_four_digits() -> None:
-    rounded = {0.0: 0.0, 0.123456: 0.1234, 0.12345: 0.1234, 1.9999: 1.999, 0.09: 0.09, 5e-5: 5e-5}
-    assert {value: round_down(value) for value in rounded} == rounded
-
-
-SMALL_GAINS = {
-    15.0: (0.0, 1.982),
-    42.5: (0.08158, 1.302),
-    80.0: (0.1215, 0.9469),
-    120.0: (0.1395, 0.6594),
-    400.0: (0.1091, 0.4577),
-}
-"""Recorded gains by speed (km/h): a change of them must be deliberate."""
-
-
-def test_the_design_of_the_small_family(small_design: Design) -> None:
-    """To 2e-3: a gain has four digits, and another machine's linear algebra may change the last one."""
-    schedule = small_design.schedule
-    gains = dict(zip(schedule.speed_km_h, zip(schedule.proportional_gain_s, schedule.integral_gain, strict=True), strict=True))
-    for speed, expected in SMALL_GAINS.items():
-        assert gains[speed] == pytest.approx(expected, rel=2e-3)
-    assert small_design.family_size == small_design.counted[0] == 9
-    for speed, counted in list(zip(schedule.speed_km_h, small_design.counted, strict=True))[4:]:
-        assert counted == sample(small_config(), members(small_config()), [speed * KM_H]).open_loop_stable().sum()
 
 
 def test_between_far_breakpoints_the_demands_hold_too() -> None:
@@ -141,13 +85,10 @@ def test_between_far_breakpoints_the_demands_hold_too() -> None:
     assert not isinstance(alone, Shortfall)
     assert schedule.integral_gain[-1] < 0.98 * alone[1]
     for speed in np.linspace(15.0, 120.0, 5 * (BETWEEN + 1) + 1):
-        gain, phase, peak = worst(config, list(members(config)), schedule, float(speed))
-        assert gain >= config.tuning.gain_margin_db - 0.05  # between the checked speeds, a fifth of the range apart
-        assert phase >= config.tuning.phase_margin_deg - 0.5
-        assert peak <= config.tuning.sensitivity_max + 0.01
+        check_demands(config, list(members(config)), schedule, float(speed), 0.05)  # between the speeds that are checked
 
 
-def test_the_held_gains_below_the_first_breakpoint_keep_stricter_demands_with_more_delay() -> None:
+def test_held_gains_below_the_first_breakpoint_keep_stricter_demands_and_are_written_with_their_margins() -> None:
     """Gains for 80 km/h alone would leave too little at 12 km/h."""
     demands = {"gain_margin_db": 10.0, "phase_margin_deg": 55.0, "sensitivity_max": 1.6, "delay_samples": 2}
     config = small_config(TO_120, speed_km_h=[80.0, 120.0], actuator_lag_s=[0.02, 0.1], mass_percent=[-20.0, 20.0], **demands)
@@ -155,12 +96,19 @@ def test_the_held_gains_below_the_first_breakpoint_keep_stricter_demands_with_mo
     for speed in np.linspace(12.0, 80.0, 12):
         check_demands(config, list(members(config)), schedule, float(speed))
     assert min(schedule.gain_margin_db) < 11.0  # the demands bind
+    # Written are the margins of the written gains, which have four digits, and 0.02 dB, 0.01 deg, 0.006 are for the grid.
+    written = zip(schedule.gain_margin_db, schedule.phase_margin_deg, schedule.sensitivity, strict=True)
+    for speed, margins in zip(schedule.speed_km_h, written, strict=True):
+        found = worst(config, list(members(config)), schedule, speed)
+        for value, reported, tolerance in zip(found, margins, (0.025, 0.015, 0.011), strict=True):
+            assert reported == pytest.approx(value, abs=tolerance) and reported == round(reported, 2)
+    for gain in (*schedule.proportional_gain_s, *schedule.integral_gain):
+        assert gain == float(f"{gain:.4g}")
 
 
 @pytest.mark.parametrize(
     ("grid", "top", "listed", "inside", "last"),
     [
-        ({"speed_max_km_h": 100.0}, 400.0, [15.0, 100.0, 120.0], [15.0, 100.0], 400.0),
         ({"speed_max_km_h": 110.0}, 400.0, [15.0, 100.0, 120.0], [15.0, 100.0, 110.0], 400.0),
         ({"speed_max_km_h": 200.0}, 90.0, [15.0, 80.0, 120.0], [15.0, 80.0, 90.0], 90.0),
         ({"speed_max_km_h": 120.0}, 120.0, [150.0, 200.0], [12.0, 120.0], 120.0),
@@ -197,15 +145,6 @@ def test_where_no_gains_or_no_straight_lines_meet_the_demands_it_is_said_where(m
     assert str(refused.value).startswith(start)
 
 
-def test_beyond_the_grid_fewer_count_where_straight_lines_cannot_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("codegen.design.tune.RESERVES_MAX", 1)
-    grid = {"speed_min_km_h": 10.0, "speed_max_km_h": 16.0}
-    made = design(small_config({"grid": grid, "controller": {"inputs": {"speed_max_km_h": 60.0}}}, speed_km_h=[15.0, 16.0]))
-    assert made.counted[:2] == (9, 9)
-    assert 1 in made.counted
-    assert 0 not in made.counted  # the configured car alone always counts here
-
-
 def test_beyond_the_grid_the_gains_hold_where_they_suit_no_car() -> None:
     """An oversteering car, late in everything: near the largest speed no gains give it the margins."""
     rear = {"cornering_stiffness_n_per_rad": 100_000.0}
@@ -216,10 +155,8 @@ def test_beyond_the_grid_the_gains_hold_where_they_suit_no_car() -> None:
         actuator_lag_s=[0.1],
         delay_samples=5,
     )
-    calls: list[tuple[int, int]] = []
-    made = design(config, lambda done, total: calls.append((done, total)))
-    schedule, total = made.schedule, calls[0][1]
-    assert calls == [(k, total) for k in range(1, total + 1)]
+    made = design(config)
+    schedule = made.schedule
     assert made.counted[0] == made.family_size == 2
     assert made.counted[-1] == 0
     assert schedule.proportional_gain_s[-1] == schedule.proportional_gain_s[-2]

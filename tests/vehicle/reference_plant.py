@@ -1,10 +1,9 @@
 """An independent car, written from the physics in words, as the oracle of the plant. It imports nothing of the project.
 
 A rigid body moves in the plane at a given forward speed, on four wheels. At each wheel the side force follows from the slip
-angle (direction of travel less steering angle) by the Magic Formula at that wheel's load; it acts across the wheel. The
-lateral acceleration vx r moves load from the inner to the outer wheels, each axle its share, until the inner wheel lifts.
-Steering and rear actuator are first-order lags with a rate limit. Where the tyres have a relaxation length, the four slip
-angles that the forces follow from are states too.
+angle by the Magic Formula at that wheel's load; it acts across the wheel. The lateral acceleration vx r moves load from the
+inner to the outer wheels, each axle its share, until the inner wheel lifts. With a relaxation length, the four slip angles
+that the forces follow from are states too.
 """
 
 import math
@@ -34,7 +33,7 @@ class TyreData:
 
 @dataclass(frozen=True)
 class Lag:
-    """First-order lag with a rate limit: time constant in s, limit in units of the angle for each second."""
+    """First-order lag with a rate limit: s, and units of the angle for each second."""
 
     time_constant: float
     rate_limit: float
@@ -126,13 +125,10 @@ class Car:
             slip_rates = (slip - held) * rolling / self.relaxation_length
         acceleration, yaw_acceleration = self.body_rates(speed, yaw_rate, held, steer, friction, yaw_moment)
         drift = complex(speed, lateral) * complex(math.cos(heading), math.sin(heading))
-        actuators = self.steering.rate(wheel_command - wheel), self.rear_actuator.rate(self.within_stop(rear_command) - rear)
+        followed = min(max(rear_command, -self.rear_angle_max), self.rear_angle_max)
+        actuators = self.steering.rate(wheel_command - wheel), self.rear_actuator.rate(followed - rear)
         rates = [acceleration - speed * yaw_rate, yaw_acceleration, *actuators, drift.real, drift.imag, yaw_rate, *slip_rates]
         return np.array(rates)
-
-    def within_stop(self, rear_command: float) -> float:
-        """The rear command that the actuator can follow."""
-        return min(max(rear_command, -self.rear_angle_max), self.rear_angle_max)
 
     def outputs(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Sideslip angle, lateral acceleration, front angle, slip angles at the middle of the front and of the rear axle."""
@@ -195,16 +191,8 @@ def simulate(car: Car, holds: Sequence[tuple[float, np.ndarray]], period: float)
     rows = [np.zeros(11 if car.relaxation_length else 7)]
     for duration, inputs in holds:
         for _ in range(round(duration / period)):
-            solution = solve_ivp(
-                lambda _, x, u: car.derivative(x, u),
-                (0.0, period),
-                rows[-1],
-                "DOP853",
-                args=(inputs,),
-                rtol=1e-11,
-                atol=1e-13,
-                first_step=period,
-            )
+            how = {"rtol": 1e-11, "atol": 1e-13, "first_step": period}
+            solution = solve_ivp(lambda _, x, u: car.derivative(x, u), (0.0, period), rows[-1], "DOP853", args=(inputs,), **how)
             assert solution.success, solution.message
             rows.append(solution.y[:, -1])
     return np.array(rows)

@@ -3,19 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from codegen.config import parse
-from codegen.vehicle.dynamics import (
-    Model,
-    TyreModel,
-    single_track,
-    single_track_from_shapes,
-    two_track,
-)
-from codegen.vehicle.tyre import AxleTyres
+from codegen.vehicle.dynamics import Model, TyreModel, single_track, two_track
 from tests.vehicle.reference_plant import OTHER, tables
 
 CONFIG = parse(tables(OTHER), "test")
@@ -63,23 +55,14 @@ def test_jacobians_are_the_slopes_of_the_derivative(model: Model) -> None:
         assert np.all(np.abs(dfdx @ dx + dfdu @ du - slope) <= 1e-8 * scale + 1e-12)
 
 
-def single_track_points(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    rng = np.random.default_rng(6)
-    return [
-        (
-            rng.normal(size=2) * [0.1, 0.6],
-            np.array([rng.uniform(1.0, 60.0), *rng.normal(size=2) * 0.1, rng.uniform(0.1, 1.2)]),
-        )
-        for _ in range(count)
-    ]
-
-
 @pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
 def test_single_track_is_that_of_the_independent_car(tyre_model: TyreModel) -> None:
     """The axle forces of the independent car at static loads."""
     model, car, loads = single_track(CONFIG, tyre_model), OTHER, OTHER.static_loads()
-    for x, u in single_track_points(100):
-        (beta, yaw_rate), (speed, front, rear, friction) = x, u
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        x = beta, yaw_rate = rng.normal(size=2) * [0.1, 0.6]
+        u = speed, front, rear, friction = [rng.uniform(1.0, 60.0), *rng.normal(size=2) * 0.1, rng.uniform(0.1, 1.2)]
         slips = beta + car.to_front * yaw_rate / speed - front, beta - car.to_rear * yaw_rate / speed - rear
         forces = [-2.0 * car.tyre_force(wheel, slip, loads[wheel], friction) for wheel, slip in zip((0, 2), slips, strict=True)]
         if tyre_model == "linear":
@@ -88,18 +71,3 @@ def test_single_track_is_that_of_the_independent_car(tyre_model: TyreModel) -> N
         expected = [sum(forces) / (car.mass * speed) - yaw_rate, torque / car.inertia]
         # Forces of 1e5 N over 1e3 kg, a dozen roundings each.
         assert evaluate(model.derivative, x, u) == pytest.approx(expected, rel=1e-12, abs=1e-12)
-
-
-def test_single_track_in_two_parts_is_the_whole() -> None:
-    """Bit for bit, with the curve evaluated by the same machine between the parts."""
-    whole, parts, tyres = single_track(CONFIG, "magic-formula"), single_track_from_shapes(CONFIG), AxleTyres.from_config(CONFIG)
-    argument = ca.SX.sym("X")
-    curves = [
-        ca.Function("curve", [argument], [ca.sin(t.shape_factor * ca.atan(bent))])
-        for t in (tyres.front, tyres.rear)
-        for bent in [argument - t.curvature_factor * (argument - ca.atan(argument))]
-    ]
-    for x, u in single_track_points(100):
-        arguments = evaluate(parts.arguments, x, u)
-        shapes = [float(curve(value)) for curve, value in zip(curves, arguments, strict=True)]
-        assert np.array_equal(evaluate(parts.derivative, x, u, shapes), evaluate(whole.derivative, x, u))

@@ -63,12 +63,6 @@ def test_closed_forms_solve_the_linear_model() -> None:
     assert 12 < oversteering < 38
 
 
-def test_neutral_car_has_no_critical_speed() -> None:
-    car = SingleTrack(mass=1_000.0, yaw_inertia=1_500.0, front_arm=1.2, rear_arm=1.2, front_stiffness=1e5, rear_stiffness=1e5)
-    assert (car.understeer_coefficient, car.critical_speed) == (0.0, math.inf)
-    assert car.yaw_gain(np.array([[12.0], [24.0]])) == pytest.approx(np.array([[5.0], [10.0]]), rel=1e-15)  # vx/L
-
-
 def test_published_numbers() -> None:
     """The paper's front-steered car at 4 degrees, published as 15.35 deg/s and 1.101 deg at "43.9 km/h".
 
