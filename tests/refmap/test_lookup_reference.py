@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from codegen.refmap import map as npz
-from codegen.refmap.axis import EVENNESS, Axis
+from codegen.refmap.axis import Axis
 from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.lookup import AxisConstants, Lookup, Real, error_bound
 from tests.refmap.cars import PAPER, paper_total
@@ -143,16 +143,6 @@ def test_an_even_axis_has_at_most_one_other_cell_at_either_end(
     assert (found.core_start, found.core_end) == (int(first), len(breakpoints) - 1 - int(last))
     assert step is None or found.step == pytest.approx(step, rel=1e-15)
     assert found.size == len(breakpoints)
-
-
-@pytest.mark.parametrize(("step", "index", "sign"), [*itertools.product((1e-4, 20.0), (1, 7, 19), (-1.0, 1.0))])
-def test_the_tolerance_is_a_fraction_of_the_step(step: float, index: int, sign: float) -> None:
-    """The breakpoints are rounded a hundred times finer than the tolerance, which resolves 0.9 and 1.2 of it. Also beside an
-    end: the two cells that share the breakpoint are both wrong."""
-    for share in (0.9, 1.2):
-        breakpoints = step * np.arange(21.0)
-        breakpoints[index] += share * sign * EVENNESS * step
-        assert Axis.from_breakpoints(breakpoints).even == (share < 1.0)
 
 
 @pytest.mark.parametrize("n", [5, 6, 7, 8, 9, 10, 33, 34, 65, 66, 1000])

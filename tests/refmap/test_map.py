@@ -5,7 +5,6 @@ import json
 import math
 import os
 import stat
-import struct
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -101,60 +100,20 @@ def test_a_solved_map_is_read_whole() -> None:
     assert loaded.meta["method"] == "exact" and loaded.solved
 
 
-@pytest.mark.parametrize("lost", ["active", "case", "configuration"])
-def test_a_solved_map_needs_configuration_case_and_active(lost: str) -> None:
-    arrays = solved_arrays()
-    meta = json.loads(arrays["meta"].item())
-    (arrays if lost == "active" else meta).pop(lost)
-    assert not refmap.from_arrays(arrays | {"meta": np.array(json.dumps(meta))}, "test").solved
-
-
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", np.longdouble, np.uint8, ">i2"])
-def test_numbers_of_any_kind_width_and_byte_order_become_float64(dtype: Any, tmp_path: Path) -> None:
-    arrays = plain_arrays()
-    arrays["vx"] = arrays["vx"].astype(dtype)
-    if np.dtype(dtype).kind == "f":
-        arrays["yaw_rate"] = arrays["yaw_rate"].astype(dtype)
-    loaded = refmap.load(write(tmp_path / "map.npz", arrays))
-    for values, key in ((loaded.speed, "vx"), (loaded.yaw_rate, "yaw_rate")):
-        assert values.dtype == np.dtype("=f8")
-        np.testing.assert_array_equal(values, arrays[key].astype(np.float64))
-
-
-def test_column_order_compression_and_unknown_keys_are_read(tmp_path: Path) -> None:
-    arrays = plain_arrays()
-    extra = {"notes": np.array([{"a": 1}], dtype=object), "yaw_rate": np.asfortranarray(arrays["yaw_rate"])}
-    np.savez_compressed(tmp_path / "map.npz", **(arrays | extra))
-    loaded = refmap.load(tmp_path / "map.npz")
-    np.testing.assert_array_equal(loaded.yaw_rate, arrays["yaw_rate"])
-    assert loaded.yaw_rate.flags.c_contiguous
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.float64])
-@pytest.mark.parametrize("filling", [0.0, 1e9, math.inf])
-def test_feasible_may_be_numbers_and_infeasible_cells_become_nan(dtype: Any, filling: float) -> None:
+def test_numbers_of_any_kind_order_and_compression_become_float64(dtype: Any, tmp_path: Path) -> None:
+    """Whatever the content of the infeasible cells, and beside keys that nobody knows."""
     arrays = solved_arrays()
-    for key in ("yaw_rate", "beta", "delta_r"):
-        arrays[key][3, 2] = filling
-    loaded = refmap.from_arrays(arrays | {"feasible": arrays["feasible"].astype(dtype)}, "test")
-    np.testing.assert_array_equal(loaded.feasible, arrays["feasible"])
-    for values in (loaded.yaw_rate, loaded.sideslip, loaded.rear_angle):
-        np.testing.assert_array_equal(np.isnan(values), ~loaded.feasible)  # type: ignore[arg-type]
-
-
-def test_plausible_bounds_are_inclusive() -> None:
-    """Axes from zero to their largest values, and the bound on lateral acceleration, which follows the road's gravity."""
-    arrays = plain_arrays()
-    arrays["vx"][:], arrays["delta_f"][:] = [0.0, 10.0, 20.0, 150.0], [0.0, 0.05, 1.2]
-    arrays["yaw_rate"] = np.zeros((4, 3))
-    arrays["yaw_rate"][0, 2] = 10.0
-    arrays["yaw_rate"][2, 2] = np.nextafter(5.0 * 9.81 / 20.0, 3.0)
-    assert refmap.from_arrays(arrays, "test").speed[0] == 0.0
-    meta = json.dumps({"schema_version": 1, "configuration": {"road": {"gravity_m_s2": 20.0}}})
-    arrays["yaw_rate"][2, 2] = 5.0 * 20.0 / 20.0
-    refmap.from_arrays(arrays | {"meta": np.array(meta)}, "test")
-    with pytest.raises(MapError, match="lateral acceleration"):
-        refmap.from_arrays(arrays, "test")
+    arrays["vx"], arrays["feasible"] = arrays["vx"].astype(dtype), arrays["feasible"].astype(dtype)
+    arrays["yaw_rate"][3, 2], arrays["beta"][3, 2] = np.inf, 1e9
+    arrays |= {"yaw_rate": np.asfortranarray(arrays["yaw_rate"]), "notes": np.array([{"a": 1}], dtype=object)}
+    np.savez_compressed(tmp_path / "map.npz", **arrays)
+    loaded = refmap.load(tmp_path / "map.npz")
+    np.testing.assert_array_equal(loaded.speed, arrays["vx"].astype(np.float64))
+    np.testing.assert_array_equal(loaded.yaw_rate, solved_map().yaw_rate)
+    np.testing.assert_array_equal(loaded.sideslip, solved_map().sideslip)
+    assert loaded.speed.dtype == loaded.yaw_rate.dtype == np.dtype("=f8")
+    assert loaded.feasible.tolist() == solved_map().feasible.tolist()
 
 
 def cell(key: str, index: Any, value: float) -> Change:
@@ -183,29 +142,16 @@ def text_meta(text: Any) -> Change:
     return put("meta", lambda _: np.array(text))
 
 
-def with_code_point(text: Any, value: int) -> Any:
-    """The array `text` with a code point that Unicode does not have, behind one that needs four bytes as well."""
-    raw = np.array([text.item() + "\U0001f600" + "x" * 9]).view(np.uint32)
-    raw[-2] = value
-    return raw.view(f"U{raw.size}").reshape(())
-
-
 REFUSED: list[tuple[Change, str, str, str]] = [
     # (change, place after the file name, words of the fault, words of the remedy)
     (drop("delta_f"), "delta_f", "missing", "rad; the file holds vx, yaw_rate"),
     (put("yaw_rate", lambda a: a.astype(object)), "yaw_rate", "never read", "numpy.savez"),
-    (put("meta", lambda _: np.array({}, dtype=object)), "meta", "object array", "numpy.savez"),
     (put("yaw_rate", lambda a: a + 0j), "yaw_rate", "complex values", "plain numbers"),
     (put("vx", lambda a: a.astype(str)), "vx", "text values", "plain numbers"),
-    (put("delta_f", lambda a: a > 0.01), "delta_f", "boolean values", "plain numbers"),
-    (put("vx", lambda a: a.astype("M8[s]")), "vx", "date values", "plain numbers"),
-    (put("vx", lambda a: a.view([("speed", "f8")])), "vx", "record values", "plain numbers"),
     (put("vx", lambda a: a[:, None]), "vx", "one dimension", "ravel"),
-    (put("delta_f", lambda _: np.array(0.1)), "delta_f", "one dimension", "ravel"),
     (put("vx", lambda a: a[:1]), "vx", "1 points", "at least two"),
     (put("yaw_rate", lambda a: a.T), "yaw_rate", "(3, 4), where (4, 3)", "transpose"),
     (put("delta_r", lambda a: a[..., None]), "delta_r", "shape (4, 3, 1)", "a row for each vx"),
-    (put("active", lambda a: a[:, :2]), "active", "shape (4, 2)", "a row for each vx"),
     (cell("vx", 2, math.nan), "vx[2]", "nan on an axis", "finite"),
     (cell("yaw_rate", (1, 2), math.nan), "yaw_rate[1, 2]", "nan in a feasible cell", "false in an array 'feasible'"),
     (cell("delta_r", (2, 1), -math.inf), "delta_r[2, 1]", "-inf in a feasible cell", "mark the cell"),
@@ -218,18 +164,11 @@ REFUSED: list[tuple[Change, str, str, str]] = [
     (put("yaw_rate", lambda a: np.rad2deg(a) / 2.0), "yaw_rate[1, 2]", " g of lateral acceleration, above 5 g", "deg/s"),
     (put("delta_r", np.rad2deg), "delta_r[0, 0]", "1.71887 is outside -0.5 to 0.5 rad", "multiply by pi/180"),
     (put("feasible", lambda a: a * 2.0), "feasible[0, 0]", "2 is neither true nor false", "booleans"),
-    (put("feasible", lambda a: a & False), "feasible", "infeasible everywhere", "loosen"),
     (cell("active", (1, 1), 32), "active[1, 1]", "32 is no set", "0 to 31"),
     (put("meta", lambda _: np.zeros(3)), "meta", "numeric of shape (3,)", "json.dumps"),
     (text_meta('{"schema_version": NaN}'), "meta", "NaN is no JSON number", "leave the key out"),
-    (text_meta("[" * 100_000), "meta", "not JSON text", "leave the key out"),
-    (text_meta("9" * 5_000), "meta", "not JSON text", "leave the key out"),
-    (text_meta('{"case": "\ud800"}'), "meta", "not JSON text", "leave the key out"),
-    (put("meta", lambda a: with_code_point(a, 0x110000)), "meta", "not JSON text", "leave the key"),
-    (meta_with(configuration={"\ud800": {"\udfff": "\ud800"}}), "meta.configuration: the file as a whole", "valid", "mend"),
-    (text_meta("[1]"), "meta", "no object", "leave the key"),
+    (text_meta('{"case": '), "meta", "not JSON text", "leave the key out"),
     (meta_with(schema_version=...), "meta.schema_version", "None is not a version", "leave the key"),
-    (meta_with(configuration=[]), "meta.configuration", "no JSON object", "ars.toml"),
     (meta_with(configuration={"vehicle": {"mass_kg": -1}}), "meta.configuration: vehicle.mass_kg", "-1 is outside", "check"),
     (meta_with(case="4ws-3"), "meta.case", "no case '4ws-3'", "did you mean '4ws-"),
     (meta_with(case="a*/b", configuration=...), "meta.case", "cannot stand in C", "ASCII letters"),
@@ -245,7 +184,7 @@ def check_refused(path: Path, place: str, fault: str, remedy: str) -> None:
     with pytest.raises(MapError) as caught:
         refmap.load(path)
     error = caught.value
-    assert error.exit_code == 2 and "\n" not in str(error)
+    assert "\n" not in str(error)
     assert error.where == (f"{path}: {place}" if place else str(path))
     assert fault in error.what and remedy in error.remedy
 
@@ -262,57 +201,26 @@ def test_what_is_no_readable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     check_refused(tmp_path, "", "not a file", ".npz")
     os.mkfifo(tmp_path / "pipe.npz")  # opening it would wait for a writer
     check_refused(tmp_path / "pipe.npz", "", "not a file", ".npz")
-    with pytest.raises(MapError, match="cannot be read"):
-        refmap.load(Path("a\0b.npz"))
-
     path = write(tmp_path / "map.npz", plain_arrays())
     # Removing the permission would not stop root.
     monkeypatch.setattr(Path, "open", lambda *_: fail_with(PermissionError(13, "Permission denied")))
     check_refused(path, "", "Permission denied", "path")
 
 
-def changed_bytes(data: bytes, changes: dict[bytes, tuple[int, bytes]]) -> bytes:
+def changed_bytes(data: bytes, signature: bytes, offset: int, new: bytes) -> bytes:
     """Data with some bytes replaced at an offset from the first place of a signature."""
-    result = bytearray(data)
-    for signature, (offset, new) in changes.items():
-        start = data.index(signature) + offset
-        result[start : start + len(new)] = new
-    return bytes(result)
+    start = data.index(signature) + offset
+    return data[:start] + new + data[start + len(new) :]
 
 
-def npy_with(header: str, version: bytes = b"\x01\x00") -> bytes:
-    """A member with this header and 32 bytes of data."""
-    text = header.encode() + b"\n"
-    return b"\x93NUMPY" + version + struct.pack("<H", len(text)) + text + plain_arrays()["vx"].tobytes()
-
-
-def of_shape(shape: str, descr: str = "'<f8'") -> str:
-    return f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}"
-
-
-HEADERS = {
-    npy_with(of_shape("(1000000000000,)")): "does not fit",
-    npy_with(of_shape("(-2, -2)")): "damaged",
-    npy_with(of_shape("(3,)")): "does not fit",
-    npy_with("{'descr': '<f8', 'fortran_order': False, }"): "damaged",
-    npy_with(of_shape("(4,)", "'nonsense'")): "damaged",
-    npy_with("__import__('os').abort()"): "damaged",
-    npy_with("(" * 9_000): "damaged",
-    npy_with(of_shape("(4L,)") + " " * 20_000): "damaged",
-    npy_with(of_shape("(4,)"), b"\x03\x00"): "npy format version 3.0",
-    b"not npy at all": "damaged",
-    b"": "damaged",
-}
 DAMAGED: list[tuple[bytes, str, str]] = [
-    # (file, place, words of the fault)
+    # (file, place, words of the fault); headers are damaged in tests/property
     (b"", "", "not an .npz file"),
-    (npy(np.arange(3.0)), "", "not an .npz file"),
-    (changed_bytes(packed(PLAIN), {plain_arrays()["yaw_rate"].tobytes(): (0, b"\xff")}), "yaw_rate", "CRC"),
+    (changed_bytes(packed(PLAIN), plain_arrays()["yaw_rate"].tobytes(), 0, b"\xff"), "yaw_rate", "CRC"),
     (packed([*PLAIN, PLAIN[0]]), "vx", "twice"),
-    (packed([*PLAIN, ("vx", PLAIN[0][1])]), "vx", "twice"),
     (packed(PLAIN, zipfile.ZIP_BZIP2), "vx", "compressed in a way"),
-    (changed_bytes(packed(PLAIN), {b"PK\x01\x02": (8, b"\x01")}), "vx", "encrypted"),
-    *((packed([("vx.npy", member), *PLAIN[1:]]), "vx", fault) for member, fault in HEADERS.items()),
+    (changed_bytes(packed(PLAIN), b"PK\x01\x02", 8, b"\x01"), "vx", "encrypted"),
+    (packed([("vx.npy", b"not npy at all"), *PLAIN[1:]]), "vx", "damaged"),
 ]
 
 
@@ -322,30 +230,12 @@ def test_damaged_files_are_refused(data: bytes, place: str, fault: str, tmp_path
     check_refused(tmp_path / "map.npz", place, fault, "")
 
 
-def test_a_file_cut_short_anywhere_is_refused(tmp_path: Path) -> None:
-    path, data = tmp_path / "map.npz", packed(PLAIN)
-    for length in range(2, len(data), 17):
-        path.write_bytes(data[:length])
-        check_refused(path, "", "damaged or cut short", "again")
-
-
-def test_an_npy_header_of_python_2_is_read_without_a_warning() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        loaded = refmap.from_bytes(packed([("vx.npy", npy_with(of_shape("(4L,)"))), *PLAIN[1:]]), "test")
-    np.testing.assert_array_equal(loaded.speed, plain_arrays()["vx"])
-
-
 def test_over_64_mib_unpacked_is_refused_from_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A few kilobytes that unpack to 65 MiB: refused before anything is unpacked, whatever the key."""
     path = tmp_path / "map.npz"
     path.write_bytes(packed([*PLAIN, ("extra.npy", bytes(65 * 2**20))], zipfile.ZIP_DEFLATED))
     monkeypatch.setattr(zipfile.ZipFile, "open", None)
     check_refused(path, "", "over 64 MiB unpacked", "fewer breakpoints")
-    with path.open("wb") as file:
-        file.write(b"PK")
-        file.truncate(2**40)  # sparse: it cannot be read whole
-    check_refused(path, "", "over 64 MiB", "fewer breakpoints")
 
 
 @pytest.mark.parametrize("arrays", [plain_arrays, solved_arrays])
@@ -383,22 +273,12 @@ def test_a_failed_save_leaves_the_old_file(
     path = tmp_path / "map.npz"
     path.write_bytes(b"old")
     monkeypatch.setattr(failing, lambda *_: fail_with(failure))
-    with pytest.raises(MapError if isinstance(failure, OSError) else KeyboardInterrupt) as caught:
+    with pytest.raises(MapError if isinstance(failure, OSError) else KeyboardInterrupt, match="No space left.*space|^$"):
         refmap.save(solved_map(), path)
-    if isinstance(caught.value, MapError):
-        assert caught.value.where == str(path)
-        assert "No space left" in caught.value.what and "space" in caught.value.remedy
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["map.npz"]
-
-
-def test_a_save_into_a_missing_folder_or_over_a_folder(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    for path in (tmp_path / "none" / "map.npz", tmp_path / "folder"):
-        with pytest.raises(MapError, match="cannot be written") as caught:
-            refmap.save(solved_map(), path)
-        assert caught.value.where == str(path) and "folder" in caught.value.remedy
-    assert os.listdir(tmp_path) == ["folder"]
+    with pytest.raises(MapError, match="none/map.npz: .*cannot be written.*folder"):
+        refmap.save(solved_map(), tmp_path / "none" / "map.npz")
 
 
 def test_a_map_that_breaks_the_contract_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -407,10 +287,8 @@ def test_a_map_that_breaks_the_contract_is_not_saved(tmp_path: Path, monkeypatch
     with pytest.raises(MapError, match=r"^the map to save: yaw_rate\[1, 1\]: "):
         refmap.save(replace(solved_map(), yaw_rate=yaw_rate), tmp_path / "map.npz")
     assert os.listdir(tmp_path) == []
-    changes: list[dict[str, Any]] = [{"config": None}, {"case": "fws"}, {"meta": {}}]
-    for change in changes:
-        with pytest.raises(MapError, match="make_meta"):
-            refmap.to_bytes(replace(solved_map(), **change))
+    with pytest.raises(MapError, match="make_meta"):
+        refmap.to_bytes(replace(solved_map(), case="fws"))
     monkeypatch.setattr(archive, "MAX_UNPACKED_BYTES", len(refmap.to_bytes(solved_map())) // 2)
     with pytest.raises(MapError, match="fewer breakpoints"):
         refmap.to_bytes(solved_map())

@@ -90,17 +90,6 @@ def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
     assert there.lateral_acceleration_cap == pytest.approx(0.5 * cap.lateral_acceleration_cap, rel=1e-12)
 
 
-def test_progress_counts_all_cells_and_the_method_reaches_the_layers() -> None:
-    """The evidence tier solves a larger stack with IPOPT. The tolerance is the agreement required of the two methods."""
-    grid = {"speed_breakpoints_km_h": [40.0, 90.0], "front_angle_breakpoints_deg": [1.0, 3.0]}
-    config, calls = changed(PAPER, grid=grid), list[tuple[int, int]]()
-    found = solve_stack(config, "4ws-2", (0.5, 0.9), "ipopt", lambda done, total: calls.append((done, total)))
-    assert calls == [(2, 8), (4, 8), (6, 8), (8, 8)]
-    assert found.layers[0].map.meta["method"] == found.meta["method"] == "ipopt"
-    expected = solve_stack(config, "4ws-2", (0.5, 0.9)).layers[0].map
-    np.testing.assert_allclose(found.layers[0].map.yaw_rate, expected.yaw_rate, rtol=0.0, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("friction", "fault"),
     [
@@ -256,15 +245,6 @@ def test_refused_with_place_and_remedy(change: Change, place: str, fault: str, r
         npz.from_arrays(arrays, "test")
     assert caught.value.where == f"test: {place}"
     assert fault in caught.value.what and remedy in caught.value.remedy and "\n" not in str(caught.value)
-
-
-def test_a_car_that_does_not_exist_on_the_road_of_a_layer_is_refused() -> None:
-    """A tyre so stiff that the configuration does not accept its B there."""
-    arrays = arrays_of(STACKED)
-    meta = json.loads(arrays["meta"].item())
-    meta["configuration"]["tyre"]["front"]["cornering_stiffness_n_per_rad"] = 1.9e6
-    with pytest.raises(MapError, match=r"test: on a road of friction 0\.3: tyre\.front\.stiffness_factor_b_per_rad: .*100"):
-        npz.from_arrays(arrays | {"meta": np.array(json.dumps(meta))}, "test")
 
 
 def test_a_stack_of_unlike_maps_is_not_saved() -> None:
