@@ -1,7 +1,6 @@
 """The NumPy lookup against SciPy's interpolator, its bound on the rounding error, and its axes. tests/sil compares the C."""
 
 import itertools
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -87,21 +86,6 @@ def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], nam
     assert name != "4ws-2" or bound < 2e-5
 
 
-@pytest.mark.parametrize("across", [False, True])
-def test_the_error_bound_where_the_position_decides(across: bool) -> None:
-    """A thousand even cells and all of the rise in the last: the rounding of the position, worth thousands of units in the last
-    place of a cell, is most of the error."""
-    axis, short = np.arange(1.0, 1_001.0) * (math.pi / 30.0), np.array([0.1, 0.2])  # a step that no binary fraction is
-    table = np.full((1_000, 2), 1e-3)
-    table[-1] = 0.3
-    total = bare(short, axis * 0.01, table.T) if across else bare(axis, short, table)
-    steep = total.front_angle if across else total.speed  # both axes end here: the stop is inside the table
-    inside = np.random.default_rng(20_240_620).uniform(steep[-2], steep[-1], 100_000).astype(np.float32)
-    v, angle = (np.full_like(inside, 0.2), inside) if across else (inside, np.full_like(inside, 0.2))
-    difference = np.abs(Lookup.from_map(total)(v, angle).astype(np.float64) - interpolate(total, v, angle))
-    assert 0.08 * error_bound(total) < difference.max() <= error_bound(total)
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.45, 0.9, 1.2, -1.0])
 def test_friction_scales_the_cap(friction: float) -> None:
     """Less than the map's own (0.9) lowers it in proportion; more does not raise it; an unknown one (NaN) is the map's own."""
@@ -120,18 +104,14 @@ def test_friction_scales_the_cap(friction: float) -> None:
     ("breakpoints", "first", "last", "step"),
     [
         ([0.0, 1.0, 2.0, 3.0, 4.0], False, False, 1.0),
-        ([0.0, 4.0, 5.0, 6.0, 7.0], True, False, 1.0),
         ([0.0, 0.1, 1.1, 2.1, 3.1], True, False, 1.0),
         ([0.0, 1.0, 2.0, 3.0, 9.0], False, True, 1.0),
         ([0.0, 5.0, 5.5, 6.0, 6.5, 40.0], True, True, 0.5),
         ([0.0, 2.0], False, False, 2.0),
         ([0.0, 2.0, 3.0], True, False, 1.0),  # one cell of the two is the core
-        ([0.0, 2.0, 3.0, 13.0], True, True, 1.0),
-        ([0.0, 1.0, 2.0, 5.0], False, True, 1.0),
-        # Uneven: one odd cell that is not at an end, two odd cells at one end, no two cells alike.
+        # Uneven: one odd cell that is not at an end, two odd cells at one end.
         ([0.0, 1.0, 2.0, 3.5, 4.5], False, False, None),
         ([0.0, 0.5, 1.0, 1.5, 3.0, 5.0], False, False, None),
-        ([0.0, 1.0, 2.5, 3.0, 7.0, 7.5], False, False, None),
     ],
 )
 def test_an_even_axis_has_at_most_one_other_cell_at_either_end(
@@ -145,7 +125,7 @@ def test_an_even_axis_has_at_most_one_other_cell_at_either_end(
     assert found.size == len(breakpoints)
 
 
-@pytest.mark.parametrize("n", [5, 6, 7, 8, 9, 10, 33, 34, 65, 66, 1000])
+@pytest.mark.parametrize("n", [5, 6, 9, 10, 33, 34, 1000])
 def test_search_steps_reach_every_cell_and_no_further(n: int) -> None:
     """The lower end of a cell belongs to it, the upper end to the next one."""
     axis = Axis.from_breakpoints(np.cumsum(1.0 + 0.37 * np.arange(n)) - 1.0)

@@ -273,11 +273,11 @@ def test_a_failed_save_leaves_the_old_file(
     path = tmp_path / "map.npz"
     path.write_bytes(b"old")
     monkeypatch.setattr(failing, lambda *_: fail_with(failure))
-    with pytest.raises(MapError if isinstance(failure, OSError) else KeyboardInterrupt, match="No space left.*space|^$"):
+    with pytest.raises(MapError if isinstance(failure, OSError) else KeyboardInterrupt, match=r"No space left.*space|^$"):
         refmap.save(solved_map(), path)
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["map.npz"]
-    with pytest.raises(MapError, match="none/map.npz: .*cannot be written.*folder"):
+    with pytest.raises(MapError, match=r"none/map\.npz: .*cannot be written.*folder"):
         refmap.save(solved_map(), tmp_path / "none" / "map.npz")
 
 

@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from codegen import config as configuration
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import map as npz
-from codegen.refmap import stack, tables
+from codegen.refmap import stack
 from codegen.refmap.map import FrictionLayer, ReferenceMap
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
@@ -21,13 +20,12 @@ from codegen.refmap.stack import layer_configs, on_road, solve_stack
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from tests.refmap.cars import CASES, PAPER, changed
+from tests.refmap.test_map import TABLES, Change, cell, drop, put
 
 Arrays = dict[str, Any]
-Change = Callable[[Arrays], None]
 
 CONFIG = changed(PAPER, grid={"speed_points": 6, "front_angle_points": 5})
 FRICTION = (0.3, 0.5, 0.7, 0.9)
-TABLES = ("speed", "front_angle", "yaw_rate", "feasible", "sideslip", "rear_angle", "active")
 SLIPS = np.linspace(-0.3, 0.3, 61)
 STACKED = solve_stack(CONFIG, "4ws-2", FRICTION)
 
@@ -53,8 +51,6 @@ def test_the_tyre_of_another_road_is_the_same_tyre(friction: float) -> None:
 
 def test_only_road_and_tyres_change_and_a_file_can_hold_it() -> None:
     there = on_road(CONFIG, 0.4)
-    assert there.road.friction == 0.4
-    assert there.tyre.front.cornering_stiffness_n_per_rad is None
     assert there.model_copy(update={"road": CONFIG.road, "tyre": CONFIG.tyre}) == CONFIG
     assert configuration.parse(json.loads(there.to_json()), "test") == there
     tyre = {"cornering_stiffness_n_per_rad": None, "stiffness_factor_b_per_rad": 12.5}
@@ -96,11 +92,8 @@ def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
         ((), "no friction, where two or more"),
         ((0.3, 0.9, 0.9), "0.9 is there twice"),
         ((0.895, 0.9), "too close together"),
-        ((0.04, 0.9), "0.04 is outside 0.05 to 1.5"),
         ((0.3, math.nan, 0.9), "nan is outside"),
-        ((0.3, 0.8), "the largest friction, 0.8, is not the one"),
         ((0.3, 0.9 + 2e-9), "is not the one"),
-        (tuple(np.linspace(0.2, 0.9, 34)), "34 frictions"),
     ],
 )
 def test_bad_frictions_are_refused(friction: tuple[float, ...], fault: str) -> None:
@@ -139,11 +132,6 @@ def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatc
     config = changed(CONFIG, grid={"speed_points": 1000, "front_angle_points": 1000})
     with pytest.raises(MapError, match=r"over 64 MiB.*fewer breakpoints, or its stack fewer frictions"):
         solve_stack(config, "4ws-2", FRICTION)
-    # The size of a cell that this check uses is that of the file.
-    of_cells = sum(
-        array.nbytes for key, array in arrays_of(STACKED).items() if key not in ("vx", "delta_f", "friction", "meta")
-    )
-    assert of_cells == 4 * 30 * stack.CELL_BYTES
 
 
 def arrays_of(reference_map: ReferenceMap) -> Arrays:
@@ -159,17 +147,11 @@ def test_the_stack_only_adds_keys_to_the_file_and_is_read_again() -> None:
     assert list(found) == [*plain, "friction", *(f"friction_{key}" for key in plain[2:]), "meta"]
     assert all(found[key].tobytes() == array.tobytes() for key, array in alone.items())
     np.testing.assert_array_equal(found["friction"], [0.3, 0.5, 0.7])
-    assert all(found[f"friction_{key}"].dtype == found[key].dtype for key in plain[2:])
     loaded = npz.from_bytes(npz.to_bytes(STACKED), "test")
     assert npz.to_bytes(loaded) == npz.to_bytes(STACKED)
     for layer, other in zip(loaded.layers, STACKED.layers, strict=True):
         assert_same_tables(layer.map, other.map)
         assert (layer.map.config, layer.map.case, layer.map.meta) == (other.map.config, other.map.case, other.map.meta)
-        with pytest.raises(ValueError, match="read-only"):
-            layer.map.yaw_rate[...] = 0
-    one = npz.from_bytes(npz.to_bytes(STACKED.layers[0].map), "test")
-    assert_same_tables(one, STACKED.layers[0].map)
-    assert one.solved and one.config == STACKED.layers[0].map.config
 
 
 def test_another_configuration_reaches_the_layers() -> None:
@@ -178,7 +160,6 @@ def test_another_configuration_reaches_the_layers() -> None:
     for layer in npz.from_bytes(npz.to_bytes(other), "test").layers:
         assert layer.map.config == on_road(new, layer.friction)
         assert layer.map.meta["configuration"] == on_road(new, layer.friction).model_dump(mode="json")
-    assert replace(STACKED, layers=(FrictionLayer(0.5, STACKED),)).layers[0].map.layers == ()
 
 
 def test_a_bare_map_may_have_a_stack() -> None:
@@ -197,40 +178,14 @@ def test_a_bare_map_may_have_a_stack() -> None:
         layer_configs(loaded, changed(CONFIG, road={"friction": 0.5}))
 
 
-def put(key: str, value: Callable[[Any], Any]) -> Change:
-    return lambda arrays: arrays.__setitem__(key, value(arrays[key]))
-
-
-def cell(key: str, index: Any, value: float) -> Change:
-    return lambda arrays: arrays[key].__setitem__(index, value)
-
-
-def drop(*keys: str) -> Change:
-    return lambda arrays: [arrays.pop(key) for key in keys] and None
-
-
-def many_layers(arrays: Arrays) -> None:
-    arrays["friction"] = np.linspace(0.1, 0.8, 33)
-    for key in tables.TABLES:
-        arrays[f"friction_{key}"] = np.repeat(arrays[f"friction_{key}"], 11, axis=0)
-
-
-STACK_TABLES = [f"friction_{key}" for key in tables.TABLES]
 REFUSED: list[tuple[Change, str, str, str]] = [
     # (change, place, words of the fault, words of the remedy); the faults of one table are asked in test_map.py
     (drop("friction"), "friction", "missing", "friction_yaw_rate, or leave out friction_yaw_rate, friction_beta"),
     (drop("friction_delta_r"), "friction_delta_r", "missing", "delta_r for each friction"),
-    (drop(*STACK_TABLES), "friction_yaw_rate", "missing", "or leave out friction"),
-    (drop("delta_r"), "friction_delta_r", "the map has no delta_r", "leave out friction_delta_r"),
-    (put("friction", lambda _: np.array(0.9)), "friction", "one dimension", "ravel"),
-    (many_layers, "friction", "33 frictions", "1 to 32"),
     (put("friction", lambda a: 100.0 * a), "friction[0]", "30 is outside 0.05 to 1.5", "such as 0.3"),
     (put("friction", lambda a: a[::-1]), "friction[1]", "0.5 is not at least 0.01 above", "sort"),
-    (cell("friction", 1, 0.305), "friction[1]", "0.305 is not at least 0.01 above", "remove doubles"),
-    (cell("friction", 2, 0.9), "friction[2]", "0.9 is not at least 0.01 below", "leave that layer out"),
     (cell("friction", 2, 0.895), "friction[2]", "below the friction of the map itself (road.friction = 0.9)", "leave"),
     (put("friction_yaw_rate", lambda a: a[:2]), "friction_yaw_rate", "(2, 6, 5), where (3, 6, 5)", "friction"),
-    (put("friction_beta", lambda a: a[0]), "friction_beta", "(friction by vx by delta_f)", "each friction"),
     (cell("friction_yaw_rate", (1, 2, 0), math.nan), "friction_yaw_rate[1, 2, 0]", "nan in", "array 'friction_feasible'"),
     (cell("friction_yaw_rate", (1, 5, 0), 9.0), "friction_yaw_rate[1, 5, 0]", "9 rad/s at vx[5] = 33.33 m/s is", "deg/s"),
     (cell("friction_feasible", 1, False), "friction_feasible[1]", "everywhere at friction 0.5", "leave that layer out"),
@@ -249,12 +204,10 @@ def test_refused_with_place_and_remedy(change: Change, place: str, fault: str, r
 
 def test_a_stack_of_unlike_maps_is_not_saved() -> None:
     one, middle, last = STACKED.layers
-    changes: list[dict[str, Any]] = [{"speed": middle.map.speed + 1.0}, {"front_angle": 0.5 * middle.map.front_angle}]
-    for change in (*changes, {"yaw_rate": middle.map.yaw_rate[:-1]}, {"sideslip": None}):
+    changes: list[dict[str, Any]] = [{"front_angle": 0.5 * middle.map.front_angle}, {"yaw_rate": middle.map.yaw_rate[:-1]}]
+    for change in (*changes, {"sideslip": None}):
         unlike = FrictionLayer(middle.friction, replace(middle.map, **change))
         with pytest.raises(MapError, match=r"^the map to save: friction\[1\]: .*axes and the tables of the map"):
             npz.to_bytes(replace(STACKED, layers=(one, unlike, last)))
-    with pytest.raises(MapError, match=r"^the map to save: friction\[0\]: .*axes and the tables of the map"):
-        npz.to_bytes(replace(STACKED, sideslip=None, layers=STACKED.layers[:2]))
     with pytest.raises(MapError, match=r"the map to save: friction\[1\]"):
         npz.to_bytes(replace(STACKED, layers=STACKED.layers[::-1]))
