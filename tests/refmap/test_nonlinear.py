@@ -27,10 +27,7 @@ from codegen.refmap.solve import solve_case
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track
 from codegen.vehicle.tyre import AxleTyres
 from tests import shared
-from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map
-
-TYRES = AxleTyres.from_config(PAPER)
-BOUNDS = np.array([TYRES.front_slip_bound, TYRES.rear_slip_bound])
+from tests.refmap.cars import CASE, PAPER, changed, nonlinear
 
 
 def check_against_dense_search(seed: int, cells: int) -> None:
@@ -48,7 +45,7 @@ def check_against_dense_search(seed: int, cells: int) -> None:
 
 def test_against_a_dense_search() -> None:
     """Also a heavy car with a rear tyre that hardly rises at its bound: stability ends the curve just short of a slip bound."""
-    check_against_dense_search(0, 2)
+    check_against_dense_search(0, 1)
     config = random_car(np.random.default_rng([1, 14]))
     speed, front_angle = 135.163 / 3.6, math.radians(1.5787)
     best = DenseSearch.of(config, config.cases[CASE]).best(speed, front_angle)
@@ -71,28 +68,6 @@ def check_against_ipopt(case: str, stride: int, feasible_min: int) -> None:
 
 def test_against_ipopt() -> None:
     check_against_ipopt("4ws-2", 40, 2)
-
-
-def test_slip_bounds_bind_and_are_kept_on_the_plant() -> None:
-    """The plant in steady state, at each optimum, by its own derivatives and slip outputs."""
-    found, model = nonlinear_map(), two_track(PAPER)
-    assert model.output is not None and found.sideslip is not None and found.rear_angle is not None
-    largest = np.zeros(2)
-    for i, j in np.argwhere(found.feasible)[::23]:
-        x, u = np.zeros(len(PLANT_STATES)), np.zeros(len(PLANT_INPUTS))
-        speed = found.speed[i]
-        x[PLANT_STATES.index("lateral_speed")] = speed * math.tan(found.sideslip[i, j])
-        x[PLANT_STATES.index("yaw_rate")] = found.yaw_rate[i, j]
-        x[PLANT_STATES.index("steering_wheel_angle")] = found.front_angle[j] * PAPER.steering.ratio
-        x[PLANT_STATES.index("rear_angle")] = found.rear_angle[i, j]
-        u[PLANT_INPUTS.index("speed")], u[PLANT_INPUTS.index("friction")] = speed, PAPER.road.friction
-        assert np.abs(np.asarray(model.derivative(x, u)).ravel()[:2]).max() < 1e-8  # m/s^2, rad/s^2: 10 kN to rounding
-        slips = np.abs(np.asarray(model.output(x, u)).ravel()[-2:])
-        assert (slips <= BOUNDS * (1.0 + 1e-9)).all()
-        largest = np.maximum(largest, slips)
-    assert (largest > 0.99 * BOUNDS).all()
-    assert found.active is not None
-    assert (found.active[found.feasible] & (Binding.SLIP_FRONT | Binding.SLIP_REAR)).any()
 
 
 def built(reference_map: ReferenceMap, config: Config, **options: object) -> Folder:
@@ -124,11 +99,9 @@ def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
     return replace(reference_map, config=config, meta={**reference_map.meta, "configuration": config.model_dump(mode="json")})
 
 
-def test_neither_the_pi_nor_a_map_of_linear_tyres_has_an_excess_to_report() -> None:
-    """The PI follows the map itself. On linear tyres the model exceeds it by what the last cell makes of its kink alone."""
-    assert "reference_model_excess" not in built(nonlinear_map(), nonlinear(PAPER, "4ws-2")).manifest
+def test_on_linear_tyres_the_default_trim_is_enough() -> None:
+    """The reference model exceeds the map by what the last cell makes of its kink alone."""
     config, linear = tracking_config(), load(COMMITTED)
-    assert "reference_model_excess" not in built(linear, config).manifest
     total = extend(linear, config, config.steering.front_angle_stop)
     assert model_excess(linear, total, config).percent <= config.controller.tracking.trim_max_percent == 1.0
 
@@ -175,16 +148,16 @@ def plant_percent(found: ReferenceMap, i: int, j: int) -> np.ndarray:
     def rates(unknown: np.ndarray) -> np.ndarray:
         return np.asarray(model.derivative(state(unknown), u)).ravel()[:2]
 
-    start = np.array([found.sideslip[i, j], found.rear_angle[i, j]])  # another steady turn slides
+    start = np.array([math.tan(found.sideslip[i, j]), found.rear_angle[i, j]])  # another steady turn slides
     steady = fsolve(rates, start, xtol=1e-12)
-    assert np.abs(rates(steady)).max() < 1e-7
+    assert np.abs(rates(steady if found.tyre_model == "linear" else start)).max() < 1e-7  # m/s^2, rad/s^2
     slips = np.abs(np.asarray(model.output(state(steady), u)).ravel()[-2:])
     return np.asarray(100.0 * slips / [tyres.front_slip_bound, tyres.rear_slip_bound])
 
 
 @pytest.mark.parametrize("tyre", ["linear", "nonlinear"])
 def test_the_slip_is_that_of_the_plants_steady_turn(tyre: str) -> None:
-    """The linear map exceeds its bounds; the nonlinear one meets them, where they bind exactly."""
+    """The linear map exceeds its bounds; the nonlinear one is that turn itself and meets them, where they bind exactly."""
     found = solved(tyre)
     used = slip_use(found)
     assert not used.unreached.any()

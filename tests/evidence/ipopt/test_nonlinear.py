@@ -12,10 +12,10 @@ from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.place import Request
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
+from codegen.vehicle.tyre import AxleTyres
 from tests import builds
 from tests.refmap.cars import CASES, PAPER, nonlinear, nonlinear_map
 from tests.refmap.test_nonlinear import (
-    BOUNDS,
     built,
     check_against_dense_search,
     check_against_ipopt,
@@ -23,6 +23,8 @@ from tests.refmap.test_nonlinear import (
     with_car,
 )
 
+TYRES = AxleTyres.from_config(PAPER)
+BOUNDS = np.array([TYRES.front_slip_bound, TYRES.rear_slip_bound])
 SLIP_TOLERANCE = 0.01
 """Relative: on breakpoints the table is exact, and what is left is single precision and the residue of the settling."""
 
