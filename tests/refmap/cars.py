@@ -35,7 +35,7 @@ CASES = ("fws", "4ws-1", "4ws-2")
 
 @functools.cache
 def paper_map(case: str = "4ws-2") -> ReferenceMap:
-    """The map of one of the paper's cases on the default grid of 101 by 100."""
+    """One of the paper's cases on the default grid of 101 by 100."""
     return solve_case(PAPER, case)
 
 
@@ -218,7 +218,6 @@ def check_against_scan(model: SteadyModel, speeds: FloatArray, angles: FloatArra
     """Compare the exact solution with a brute-force scan of the independent model.
 
     The scan starts at a spacing of 2 limit / 4000, so it may miss an interval that is narrower; it ends below 1e-12 rad.
-
     Near the vertex of a parabola the objective does not resolve the rear angle better than the root of the rounding error
     (1e-8 rad), and the yaw gain reaches 30/s: hence 1e-6 rad/s. The objective itself agrees to 1e-8 of the larger of one and
     its size.

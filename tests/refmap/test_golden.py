@@ -30,8 +30,6 @@ def test_a_committed_map_is_what_its_configuration_gives(name: str) -> None:
     controller = committed.config.controller.model_copy(update={"tracking": tracking})
     expected = PAPER if name == "4ws2" else preset("recommended")
     assert committed.config.model_copy(update={"controller": controller}) == expected
-    assert (committed.case, committed.meta["method"]) == ("4ws-2", "exact")
-    assert committed.meta["configuration"] == committed.config.model_dump(mode="json")
     if name == "4ws2":
         assert committed.meta == fresh.meta | {"tools": committed.meta["tools"]}
     assert npz.to_bytes(committed) == path.read_bytes()
@@ -40,6 +38,5 @@ def test_a_committed_map_is_what_its_configuration_gives(name: str) -> None:
 @pytest.mark.parametrize("name", ["4ws2", "4ws2-tracking"])
 def test_building_a_committed_map_gives_the_committed_bytes(name: str) -> None:
     prepared = prepare(GENERATED / f"{name}.npz")
-    assert prepared.target == Path("generated") / name
     assert differences(prepared.folder, GENERATED / name) == []
     assert verify_hashes(GENERATED / name) == []

@@ -82,8 +82,7 @@ def test_against_scipy_within_the_error_bound(every: Mapping[str, TotalMap], nam
     bound = error_bound(total, real)
     assert difference.max() <= bound
     assert bound < 1e-12 if real is np.float64 else bound <= 50.0 * difference.max()
-    # A tenth of the resolution of the yaw rate's signal on CAN, 2e-4 rad/s.
-    assert name != "4ws-2" or bound < 2e-5
+    assert name != "4ws-2" or bound < 2e-5  # a tenth of the resolution on CAN
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.45, 0.9, 1.2, -1.0])
@@ -96,7 +95,6 @@ def test_friction_scales_the_cap(friction: float) -> None:
     fastest = (np.abs(found[v > 0.0]) * v[v > 0.0]).max()
     assert fastest == pytest.approx(min(max(friction, 0.0) / 0.9, 1.0) * total.lateral_acceleration_cap, rel=1e-12)
     single = Lookup.from_map(total)
-    assert (single(12.0, 0.05).shape, single(12.0, 0.05)) == ((), single(np.array([12.0]), 0.05)[0])
     assert single(v, angle, float("nan")).tobytes() == single(v, angle).tobytes() == single(v, angle, 0.9).tobytes()
 
 
@@ -122,7 +120,6 @@ def test_an_even_axis_has_at_most_one_other_cell_at_either_end(
     assert (found.has_first_cell, found.has_last_cell) == (first, last)
     assert (found.core_start, found.core_end) == (int(first), len(breakpoints) - 1 - int(last))
     assert step is None or found.step == pytest.approx(step, rel=1e-15)
-    assert found.size == len(breakpoints)
 
 
 @pytest.mark.parametrize("n", [5, 6, 9, 10, 33, 34, 1000])
@@ -141,7 +138,6 @@ def test_search_steps_reach_every_cell_and_no_further(n: int) -> None:
         np.testing.assert_allclose(position, fraction, rtol=0.0, atol=1e-12)
     cell, position = constants.locate(upper[-1:])
     assert (cell[0], position[0]) == (n - 2, 1.0)
-    assert Axis.from_breakpoints(np.array([0.0, 2.0])).search_steps == ()
 
 
 @given(st.lists(st.floats(1e-3, 10.0) | st.just(1.0), min_size=1, max_size=40), st.floats(0.0, 1.0))

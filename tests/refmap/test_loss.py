@@ -1,5 +1,6 @@
 """Loss of function: which operating points depend on rear steering, and the plant's motion against an integration by SciPy."""
 
+import json
 import math
 from typing import Any
 
@@ -72,9 +73,7 @@ def test_speeds_in_standby_or_without_a_feasible_cell_are_left_out() -> None:
         changed(PAPER, controller={"disable_speed_km_h": speed, "enable_speed_km_h": speed + 4.0}) for speed in (100.0, 130.0)
     )
     np.testing.assert_array_equal(loss_of_function(reference_map, fast).speed, np.full(3, reference_map.speed[1]))
-    nothing = loss_of_function(reference_map, faster)
-    assert nothing.speed.size == 0 and nothing.sideslip_max.shape == (3, 0)
-    assert nothing.to_dict()["operating_points"]["speed_km_h"] == []
+    assert loss_of_function(reference_map, faster).to_dict()["operating_points"]["speed_km_h"] == []
     feasible[1] = False
     found = loss_of_function(bare(reference_map, feasible=feasible), PAPER)
     np.testing.assert_array_equal(found.speed, np.full(3, reference_map.speed[0]))
@@ -140,7 +139,7 @@ def test_against_scipy(lost: LossOfFunction, point: int) -> None:
 
 
 def test_zero_is_not_by_itself_a_safe_state(lost: LossOfFunction) -> None:
-    """4 deg in front at 100 km/h or more end in a spin where the rear angle goes to zero at once, and not where it is held."""
+    """4 deg in front at 100 km/h or more end in a spin where the rear angle goes to zero at once."""
     fast_and_tight = (lost.speed > 100.0 * KM_H) & (lost.front_angle > math.radians(4.0))
     assert fast_and_tight.sum() >= 2 and lost.spins[ZERO, fast_and_tight].all()
     assert lost.settles.all() and not lost.spins[HOLD].any() and not lost.spins[RAMP].any()
@@ -174,10 +173,8 @@ def test_where_the_car_does_not_settle_nothing_is_reported() -> None:
     table = npz.from_arrays({**arrays, "delta_r": np.radians([[0.0, 0.0], [-3.5, -3.5]])}, "test")
     found = loss_of_function(table, PAPER)
     assert found.settles[:3].all() and not found.settles[-1]
-    np.testing.assert_array_equal(np.isnan(found.sideslip), ~found.settles)
-    np.testing.assert_array_equal(np.isnan(found.sideslip_max), np.broadcast_to(~found.settles, (3, found.settles.size)))
-    assert not found.spins[:, ~found.settles].any()
     written = found.to_dict()
+    json.dumps(written, allow_nan=False)
     assert written["operating_points"]["sideslip_deg"][-1] is None
     for mode in MODES:
         entry = written["rear_angle_after_loss"][mode]

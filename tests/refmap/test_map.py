@@ -84,7 +84,7 @@ def test_three_arrays_are_a_map(tmp_path: Path) -> None:
         np.testing.assert_array_equal(values, arrays[key])
     assert loaded.feasible.dtype == np.bool_ and loaded.feasible.shape == (4, 3) and loaded.feasible.all()
     assert (loaded.sideslip, loaded.rear_angle, loaded.active, loaded.config, loaded.case) == (None,) * 5
-    assert loaded.meta == {} and not loaded.solved and loaded.tyre_model is None
+    assert loaded.meta == {} and not loaded.solved
 
 
 def test_a_solved_map_is_read_whole() -> None:

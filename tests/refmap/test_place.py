@@ -15,14 +15,15 @@ from codegen.refmap import exact
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap, from_arrays
+from codegen.refmap.place import Maker, Target
 from codegen.refmap.place_error import Ruler
-from codegen.refmap.place_ground import Ground, above_zero, capped, extended, ground_of
+from codegen.refmap.place_ground import Ground, above_zero, capped, ground_of
 from codegen.refmap.place_sheet import gain_of, reference_sheet, yaw_rate_sheet
 from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.refmap.total import Rule
 from tests.refmap.cars import CASES, PAPER, changed, paper_map, paper_total
-from tests.refmap.placing import ROUNDING, coarsely, largest_error, placed, truth_of
+from tests.refmap.placing import ROUNDING, coarsely, largest_error, truth_of
 
 BARE_BOUND = math.radians(4.0)
 PROBLEM = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
@@ -62,8 +63,8 @@ def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
 def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     total = extend(bare(), PAPER, PAPER.steering.front_angle_stop)
     own = Lookup.from_map(total, np.float64)
-    uneven = placed(bare(), PAPER, BARE_BOUND)
-    assert (uneven.origin, uneven.gap) == ("table", 0.0)
+    uneven = Maker(ground_of(bare(), PAPER), Target(1, np.float32, "float")).for_error(BARE_BOUND, ("uneven",))
+    assert uneven is not None and (uneven.origin, uneven.gap) == ("table", 0.0)
     assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
     assert uneven.flash_bytes < 4 * total.yaw_rate.size
     assert Rule.CONTINUED.value not in uneven.total.rule
@@ -95,26 +96,6 @@ def test_the_surface_under_the_cap_is_the_optimum_with_its_rear_angle(case: str)
     inside = optimum.margin > 1e-9  # rad: at the edge itself rounding decides
     for values, expected in zip(of_case.layers[-1].truth(speed, angle), (optimum.yaw_rate, optimum.rear_angle), strict=True):
         np.testing.assert_allclose(values[inside], expected[inside], rtol=0.0, atol=1e-12)
-
-
-def test_a_plainly_extended_optimum_is_the_total_map_on_its_grid() -> None:
-    """`extended`, for optima that are not known without their grip bounds; and `capped` is the cap of the lookup."""
-    total = paper_total()
-    surface = extended(
-        lambda v, a: exact.solve(PROBLEM, v, a),
-        lambda v: exact.edge(PROBLEM, v),
-        PROBLEM.car.yaw_gain,
-        PROBLEM.lateral_acceleration_cap,
-        paper_map().speed,
-        paper_map().front_angle,
-        total.steering,
-    )
-    found = Lookup.from_map(total, np.float64).reference(total.speed[:, np.newaxis], total.front_angle)
-    after_cap = capped(total.yaw_rate, total.rear_angle, total.lateral_acceleration_cap, total.speed, total.steering)
-    for have, expected in zip(
-        (*surface(total.speed, total.front_angle), *after_cap), (total.yaw_rate, total.rear_angle, *found), strict=True
-    ):
-        np.testing.assert_allclose(have, expected, rtol=0.0, atol=1e-12)
 
 
 def test_an_edited_map_is_a_table() -> None:

@@ -14,10 +14,8 @@ from codegen.errors import ConfigError, MapError
 from codegen.refmap import map as npz
 from codegen.refmap import stack
 from codegen.refmap.map import FrictionLayer, ReferenceMap
-from codegen.refmap.problem import SteadyTurnProblem
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, on_road, solve_stack
-from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from tests.refmap.cars import CASES, PAPER, changed
 from tests.refmap.test_map import TABLES, Change, cell, drop, put
@@ -61,10 +59,8 @@ def test_only_road_and_tyres_change_and_a_file_can_hold_it() -> None:
 def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> None:
     alone = solve_case(CONFIG, "4ws-2")
     assert_same_tables(STACKED, alone)
-    assert (STACKED.config, STACKED.case, STACKED.meta) == (alone.config, alone.case, alone.meta)
     assert [layer.friction for layer in STACKED.layers] == [0.3, 0.5, 0.7]
     for layer in STACKED.layers:
-        assert layer.map.solved and layer.map.layers == () and layer.map.case == "4ws-2"
         assert layer.map.config is not None and layer.map.config.road.friction == layer.friction
         assert layer.map.meta == {**alone.meta, "configuration": layer.map.config.model_dump(mode="json")}
     assert npz.to_bytes(solve_stack(CONFIG, "4ws-2", (0.9, 0.3, 0.7, 0.5))) == npz.to_bytes(STACKED)
@@ -81,9 +77,6 @@ def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
     # B is rounded in another order, and the slip bound with it.
     np.testing.assert_allclose(layer.map.yaw_rate, expected.yaw_rate, rtol=1e-9)
     np.testing.assert_allclose(layer.map.rear_angle, expected.rear_angle, rtol=1e-9, atol=1e-12)
-    assert layer.map.config is not None
-    cap, there = (SteadyTurnProblem.from_config(each, each.case(case)) for each in (CONFIG, layer.map.config))
-    assert there.lateral_acceleration_cap == pytest.approx(0.5 * cap.lateral_acceleration_cap, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -103,28 +96,10 @@ def test_bad_frictions_are_refused(friction: tuple[float, ...], fault: str) -> N
     assert caught.value.where == "--friction" and caught.value.remedy
 
 
-LEAVE = "leave this friction out"
-SOFT = {"rear": {"cornering_stiffness_n_per_rad": 100e3}}
-CRITICAL_KM_H = 3.6 * SingleTrack.from_config(changed(CONFIG, tyre=SOFT)).critical_speed
-"""It goes with the root of the friction, for the understeer coefficient goes with its inverse."""
-
-
-@pytest.mark.parametrize(
-    ("changes", "friction", "message"),
-    [
-        ({"grid": {"front_angle_min_deg": 6.0, "speed_min_km_h": 40.0}}, 0.1, rf"\[cases\.4ws-2\]: no operating .* {LEAVE}"),
-        (
-            {"tyre": SOFT, "grid": {"speed_max_km_h": 0.52 * CRITICAL_KM_H}},
-            0.225,
-            rf"grid\.speed_max_km_h: .*unstable.* {LEAVE}",
-        ),
-    ],
-)
-def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction(
-    changes: dict[str, Any], friction: float, message: str
-) -> None:
-    with pytest.raises((ConfigError, MapError), match=rf"friction {friction}: {message}"):
-        solve_stack(changed(CONFIG, **changes), "4ws-2", (friction, 0.9))
+def test_a_layer_that_cannot_be_solved_is_refused_with_its_friction() -> None:
+    config = changed(CONFIG, grid={"front_angle_min_deg": 6.0, "speed_min_km_h": 40.0})
+    with pytest.raises(MapError, match=r"friction 0\.1: \[cases\.4ws-2\]: no operating .* leave this friction out"):
+        solve_stack(config, "4ws-2", (0.1, 0.9))
 
 
 def test_a_stack_that_no_file_can_hold_is_refused_before_it_is_solved(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,24 +2,20 @@
 
 import functools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from codegen.config import parse
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.refmap.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
-from codegen.verify import suites, traffic
+from codegen.verify import traffic
 from codegen.verify.drives import DELAY_SAMPLES, Ground, drawn, measurements_of, recorded
 from codegen.verify.map_reference import lookup_of
-from codegen.verify.pil import stimuli
 from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
-from codegen.verify.pil.runners import OnHost, OnTarget
-from codegen.verify.pil.stimuli import Source, specials
-from codegen.verify.target.cross import POWERPC_BE
+from codegen.verify.pil.runners import OnHost
+from codegen.verify.pil.stimuli import Source
 from hil_sim.runs import run_through_can
 from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds, planted
@@ -44,42 +40,6 @@ def source(seed: int = 0) -> Source:
 
 def column(batch: str, rows: Rows, name: str) -> Rows:
     return rows[:, [output.name for output in program().batches[batch].outputs].index(name)]
-
-
-@pytest.mark.parametrize("batch", ["controller", "limiter", "task"])
-def test_every_number_of_a_state_is_an_output_once(batch: str) -> None:
-    """Together they are as many as the struct has without its pointers."""
-
-    def numbers(declared: Any, name: str) -> list[str]:
-        if declared.kind == "struct":
-            return [each for field, of in declared.fields for each in numbers(of.type, f"{name}.{field}")]
-        return [] if declared.kind == "pointer" else [name]
-
-    names = [output.name for output in program().batches[batch].outputs if output.name.startswith("state.")]
-    assert sorted(names) == sorted(numbers(builds.compiled().ffi.typeof(f"ars_{batch}_t"), "state"))
-
-
-def test_long_batches_are_run_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    batch = program().batches["limiter"]
-    rows = source().numbers(batch, 500)
-    target = OnTarget(program(), POWERPC_BE)
-    whole = target.run(batch, rows)
-    monkeypatch.setattr("codegen.verify.pil.runners.DATA_BYTES", 1024)
-    assert (target.run(batch, rows) == whole).all()
-    assert target.run(batch, rows[:0]).shape == (0, len(batch.outputs))
-
-
-@pytest.mark.parametrize(("word", "real"), [(np.uint32, np.float32), (np.uint64, np.float64)])
-def test_special_numbers(word: stimuli.Word, real: type) -> None:
-    """Of both signs, and quiet and signalling NaN."""
-    words = specials(word)
-    numbers, limits = words.view(real), np.finfo(real)
-    for number in (0.0, limits.smallest_subnormal, limits.tiny, limits.max, np.inf, 1.0):
-        assert {number, -number} <= set(numbers.tolist())
-    payloads = words[np.isnan(numbers)]
-    quiet = (payloads >> np.array(limits.nmant - 1, dtype=word)) & np.array(1, dtype=word)
-    assert 4 <= int(quiet.sum()) <= len(payloads) - 4
-    assert len(set(words.tolist())) == len(words)
 
 
 def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None:
@@ -172,21 +132,6 @@ def test_drawn_drives_reach_every_status_and_every_cell_of_the_schedule(ground: 
     breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
     cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])
     assert set(range(len(breakpoints))) <= set(cells.tolist())
-
-
-def test_places_of_lookups_go_everywhere(ground: Ground) -> None:
-    speed, angle = suites.places(ground, 4_000, "single").T
-    assert {-1.0, 1.0} <= set(np.sign(angle).tolist())
-    assert np.isnan(speed).any()
-    assert (speed > ground.speed.max()).any()
-    assert all((speed == np.float32(value)).any() for value in ground.speed)
-
-
-def test_faults_are_defined_for_the_settings_of_the_presets_only() -> None:
-    data = builds.config_of("tracking").model_dump(mode="json")
-    assert suites.are_faults_defined_for(parse(data, "test"))
-    data["controller"]["fail_safe"]["degraded_samples_max"] = 6
-    assert not suites.are_faults_defined_for(parse(data, "test"))
 
 
 def test_the_caps_of_a_stack_are_read_from_the_c() -> None:

@@ -4,7 +4,6 @@ import sys
 
 import pytest
 
-from codegen.verify import host_gcc
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.compilation import mixtures
@@ -124,17 +123,6 @@ def test_functions_that_an_object_may_need(of: tuple[bool, bool], names: tuple[s
         for name in listed.split():
             found = tuple(is_allowed(name, library=library, single=single, has_double=has_double) for library in (True, False))
             assert found == allowed, name
-
-
-@pytest.mark.usefixtures("no_mixtures")
-def test_without_gcc_the_check_is_not_run_unless_it_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(host_gcc, "gcc", lambda: None)
-    for name in ("by_clang", "_cxx_linkage"):
-        monkeypatch.setattr(compiles, name, lambda *given: ())
-    outcome = checked(planted.subject_of(PI))
-    assert (outcome.verdict, outcome.findings) == (Verdict.NOT_RUN, (host_gcc.MISSING,))
-    monkeypatch.setattr(compiles, "takes_fast_math", lambda subject: ("it takes it",))
-    assert checked(planted.subject_of(PI)).verdict is Verdict.FAILED
 
 
 def test_without_its_packages_it_cannot_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -207,9 +207,3 @@ def test_incomplete_figures_give_no_broken_table(name: str) -> None:
     section = section_of(name, {}, Verdict.NOT_RUN, findings=("left out by --quick",), tools={"z3": "4.8"})
     assert section.endswith(": not run\n\n- left out by --quick\n\n")
     assert "Z3" not in section
-
-
-def test_an_uncompared_law_is_told() -> None:
-    for verdict in Verdict:
-        text = text_of(PI, law=Outcome("It shows", "one", verdict))
-        assert ("\n- That each command is the one of the control law." in text) == (verdict is Verdict.NOT_RUN)

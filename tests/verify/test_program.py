@@ -8,7 +8,7 @@ from codegen.errors import BuildError
 from codegen.verify.budgets.program import STACK_FLAG, NoBound, Program
 from codegen.verify.budgets.sizes import Sizes, compile_objects, defines, sizes_of
 from codegen.verify.target.cross import compile_image
-from codegen.verify.target.emulator import DATA, CortexM4
+from codegen.verify.target.emulator import DATA
 
 SOURCE = """
 #include <stdint.h>
@@ -75,23 +75,6 @@ def test_recursion_and_pointers_leave_the_stack_without_a_bound(name: str, why: 
     assert str(caught.value) == f"{name}: {why}: its stack has no bound"
     with pytest.raises(NoBound, match=r"^leaf: the compiler does not tell"):
         Program(image()).depth("leaf")
-
-
-def test_the_blocks_of_a_switch_are_found_by_entering_them() -> None:
-    """A switch over a table is no call. The blocks of all cases are those that the cases enter."""
-    routine, core = program().named("other"), CortexM4(image(STACK_FLAG))
-    assert program().depth("other").chain == ("other", "leaf")
-    entered: set[int] = set()
-    for case in range(8):
-        entered |= set(core.traced(functools.partial(core.call, "other", case)).address.tolist())
-    blocks = routine.blocks(entered)
-    assert len(blocks) > 7
-    # A call ends a block of the emulator; the instruction after it lies inside one of these blocks.
-    spans = {each.address for block in blocks for each in block}
-    assert {address for address in entered if routine.start <= address < routine.end} <= spans
-    one_case = set(core.traced(lambda: core.call("other", 2)).address.tolist())
-    missed = [block for block in blocks if not one_case & {each.address for each in block}]
-    assert len(missed) >= 6
 
 
 WRITTEN = b"""

@@ -11,7 +11,7 @@ import pytest
 
 from codegen.emit.folder import verify_hashes
 from codegen.errors import CodegenError
-from codegen.verify import manual, record, runner, table
+from codegen.verify import manual, record, runner
 from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, Report
 
@@ -78,22 +78,6 @@ def test_an_interruption_is_no_outcome_and_neither_is_anything_else(monkeypatch:
     monkeypatch.setattr("tests.verify.made.passing.check", lambda subject, effort: 3)
     (finding,) = passed(BUILD).outcomes["passing"].findings
     assert finding.endswith("tests.verify.made.passing.check gave int, not an Outcome")
-
-
-def test_every_registered_check_exists() -> None:
-    assert all(callable(__import__(check.module, fromlist=["check"]).check) for check in runner.CHECKS)
-    assert {check.name for check in runner.CHECKS} == set(runner.SLOWEST_FIRST)
-
-
-def test_the_table_fits_and_names_everything(report: Report) -> None:
-    for columns in (40, 80, 120, 400):
-        drawn = table.table(report, columns).splitlines()
-        assert max(map(len, drawn)) <= min(max(columns, 80), 160)
-        for name, outcome in report.outcomes.items():
-            assert any(line.startswith(name) and line.endswith(str(outcome.verdict)) for line in drawn)
-    lines = list(table.findings(report))
-    assert (lines[0], lines[table.FINDINGS_TOLD]) == ("failing: src/x.c:0: wrong", "failing: and 2 more")
-    assert not any(line.startswith("passing") for line in lines)
 
 
 def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, place: Path) -> None:

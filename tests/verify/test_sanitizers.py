@@ -136,19 +136,3 @@ def test_without_tools_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
     host, target = outcome.findings
     assert host.startswith("sanitizers: no C compiler whose sanitizers find a planted fault (no C compiler is here); install")
     assert target.startswith("trap build: no C compiler was found; install")
-
-
-def test_the_trap_build_decides_where_the_host_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sanitizers, "_on_host", lambda subject, effort: sanitizers._Half(figures={"scenarios": 9}))
-    double = checked(planted.subject_of(builds.made("pi", "uneven", precision="double")))
-    assert double.verdict is Verdict.PASSED
-    assert sanitizers.NO_TRAP_BUILD in double.limits
-    with monkeypatch.context() as patch:
-        patch.setattr(trap_build, "trapped", lambda subject, effort: ("src/ars_map.c:1: a trap",))
-        outcome = checked(planted.subject_of(PI))
-    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, ("src/ars_map.c:1: a trap",))
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    outcome = checked(planted.subject_of(PI))
-    assert outcome.verdict is Verdict.NOT_RUN
-    assert outcome.findings[0].startswith("trap build: ziglang: it is not installed; ")
-    assert outcome.figures["scenarios"] == 9

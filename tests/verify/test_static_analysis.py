@@ -12,11 +12,9 @@ from pathlib import Path
 import pytest
 
 from codegen.emit.deviations import FILE, read_deviations
-from codegen.errors import CodegenError
 from codegen.verify import host_gcc
 from codegen.verify.analysis import check as static_analysis
 from codegen.verify.analysis import gcc_analyzer, misra
-from codegen.verify.analysis.number_tables import without_tables
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.target.cross import source_tree
@@ -125,61 +123,12 @@ def test_violations_and_wrong_rows_are_found_where_they_are() -> None:
     assert all(int(re.match(rf"{LIMITER}:(\d+): ", each)[1]) >= first for each in others)  # type: ignore[index]
 
 
-@pytest.mark.parametrize("row", ["| src/ars_map.c | 12 | 15.5 | advisory | no reason |", "| to be done |"])
-def test_an_unreadable_table_is_rejected(row: str) -> None:
-    with pytest.raises(CodegenError, match=r"deviations\.md: line \d+ is no row .* build it again"):
-        checked(with_rows(PI.files, row))
-    with pytest.raises(CodegenError, match=r"no deviations\.md.*build it again"):
-        checked({path: content for path, content in PI.files.items() if path != FILE})
-
-
-HEAD = "ARS_SECTION_CALIBRATION\nconst float table[ARS_MAP_SPEED_POINTS][20] = {\n"
-NUMBERS = ", ".join(["0.5f", "-1.0e-05f", "3.4028235e+38f", "0.0f"] * 5)
-TABLE = ",\n".join(f"    /* {k} */\n    {{\n        {NUMBERS}\n    }}" for k in range(20))
-SIZES = {"include/ars_map.h": b"enum { ARS_MAP_SPEED_POINTS = 20 };\n"}
-
-
-def is_emptied(table: str) -> bool:
-    text = f"{table}\n}};\nint after;\n"
-    result = without_tables({**SIZES, "src/ars_map.c": text.encode()})["src/ars_map.c"].decode()
-    assert result.count("\n") == text.count("\n")
-    assert result.endswith("};\nint after;\n")
-    return result != text
-
-
-def test_only_large_tables_of_plain_literals_are_emptied() -> None:
-    assert is_emptied(HEAD + TABLE)
-    for old, new in (
-        ("0.5f", "0.5"),  # double
-        ("0.5f", "1"),
-        ("0.5f", "0.25f + 0.25f"),
-        ("0.5f", "HALF"),
-        ("0.5f, ", ""),  # one is missing
-        ("0.5f, ", "0.5f, 0.5f, "),
-        (f"    /* 3 */\n    {{\n        {NUMBERS}\n    }},\n", ""),
-        ("},\n    /* 4 */\n    {\n", ",\n"),
-    ):
-        assert old in TABLE
-        assert not is_emptied(HEAD + TABLE.replace(old, new, 1)), (old, new)
-    assert not is_emptied("static const float pair[2] = {\n    0.5f,\n    1.0f")
-
-
 @pytest.fixture
 def gcc_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out cppcheck, once it was asked for the rows of the small build."""
     small()
     monkeypatch.setattr(misra, "judged_by_misra", lambda tree: ())
     monkeypatch.setattr(misra, "judged_as_programs", lambda *given: ())
-
-
-@pytest.mark.usefixtures("gcc_alone")
-def test_c_that_does_not_compile_is_a_finding() -> None:
-    files = small()
-    line = files[LIMITER].count(b"\n") + 4
-    text = files[LIMITER] + c_function("int32_t ars_gone(int32_t x)", "return ars_nowhere;").encode()
-    outcome = checked({**files, LIMITER: text})
-    assert outcome.verdict is Verdict.FAILED
-    assert any(each.startswith(f"{LIMITER}:{line}: ") and "ars_nowhere" in each for each in outcome.findings)
 
 
 @pytest.mark.usefixtures("gcc_alone")
