@@ -32,7 +32,7 @@ def begin() -> None:
 
 def end() -> None:
     """Remove the folder of the run."""
-    shutil.rmtree(os.environ.pop(VARIABLE), ignore_errors=True)
+    shutil.rmtree(os.environ.pop(VARIABLE, ""), ignore_errors=True)
 
 
 def folder() -> Path:

@@ -3,13 +3,11 @@
 The equations of `SteadyModel` come from the CasADi model through its Jacobian, the slip angles from their definitions.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -144,7 +142,7 @@ class SteadyModel:
     problem: SteadyTurnProblem
 
     @classmethod
-    def of(cls, config: Config, case: Case) -> SteadyModel:
+    def of(cls, config: Config, case: Case) -> Self:
         """The car and the bounds of one case."""
         return cls(single_track(config, "linear"), SteadyTurnProblem.from_config(config, case))
 

@@ -75,7 +75,6 @@ def test_gaps_between_feasible_cells_are_interpolated_over_the_front_angle() -> 
 
 
 def test_a_speed_without_a_feasible_cell_takes_its_neighbours() -> None:
-    """In between by interpolation over the speed, at either end the nearest."""
     yaw_rate = np.outer([1.0, 2.0, 3.0, 4.0, 6.0, 7.0], [0.01, 0.02])
     feasible = [[some] * 2 for some in (False, True, False, False, True, False)]
     total = extend(bare([2.0, 10.0, 12.0, 13.0, 20.0, 30.0], [0.02, 0.05], yaw_rate, feasible), PAPER)

@@ -55,18 +55,6 @@ def test_what_is_feasible_only_with_rear_steering(lost: LossOfFunction) -> None:
     assert set(lost.passively_feasible.tolist()) == {True, False}
 
 
-def test_eight_speeds_with_half_three_quarters_and_all_of_the_largest_angle(lost: LossOfFunction) -> None:
-    reference_map = paper_map()
-    np.testing.assert_allclose(lost.speed[::3] / KM_H, [20, 34, 49, 63, 77, 91, 106, 120], rtol=1e-12)
-    np.testing.assert_array_equal(lost.speed, np.repeat(lost.speed[::3], 3))
-    for point in range(0, lost.speed.size, 3):
-        row = int(np.flatnonzero(reference_map.speed == lost.speed[point])[0])
-        last = int(np.flatnonzero(reference_map.feasible[row])[-1])
-        largest = reference_map.front_angle[last]
-        np.testing.assert_allclose(lost.front_angle[point : point + 3], [0.5 * largest, 0.75 * largest, largest], rtol=1e-15)
-        assert lost.rear_angle[point + 2] == reference_map.rear_angle[row, last]
-
-
 def test_speeds_in_standby_or_without_a_feasible_cell_are_left_out() -> None:
     reference_map, feasible = small(PAPER, "fws"), small(PAPER, "fws").feasible.copy()
     fast, faster = (

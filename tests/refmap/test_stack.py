@@ -1,7 +1,6 @@
 """A stack of maps for several frictions: the physics of another road, solving, and the contract of the file."""
 
 import io
-import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -45,15 +44,6 @@ def test_the_tyre_of_another_road_is_the_same_tyre(friction: float) -> None:
             np.testing.assert_array_equal(other.force(SLIPS, load), tyre.force(SLIPS, load, friction))
     # The slip at which the formula leaves its tangent does not depend on its height.
     assert (there.front_slip_bound, there.rear_slip_bound) == (nominal.front_slip_bound, nominal.rear_slip_bound)
-
-
-def test_only_road_and_tyres_change_and_a_file_can_hold_it() -> None:
-    there = on_road(CONFIG, 0.4)
-    assert there.model_copy(update={"road": CONFIG.road, "tyre": CONFIG.tyre}) == CONFIG
-    assert configuration.parse(json.loads(there.to_json()), "test") == there
-    tyre = {"cornering_stiffness_n_per_rad": None, "stiffness_factor_b_per_rad": 12.5}
-    by_factor = changed(CONFIG, tyre={"front": tyre, "rear": tyre})
-    assert on_road(by_factor, 0.4).tyre == by_factor.tyre
 
 
 def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> None:

@@ -1,7 +1,5 @@
 """Faults planted in builds by the name of a function, so that they do not depend on the text of the C."""
 
-from __future__ import annotations
-
 import re
 
 from codegen.emit.folder import Folder

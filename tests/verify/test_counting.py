@@ -1,9 +1,8 @@
-"""Counts of single calls: instructions, cycles, stack, and the parts of a call. Evidence plants known instructions in more."""
+"""Counts of single calls: instructions, cycles, stack, and the parts of a call. Evidence plants known instructions."""
 
 import functools
 
 import numpy as np
-import pytest
 
 from codegen.emit.can_view import task_view
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Calls, Counter
@@ -11,11 +10,6 @@ from codegen.verify.check import Subject
 from tests.verify import builds, planted
 
 PI = builds.made("pi", "uneven")
-NOPS = 40
-
-
-def nops(count: int = NOPS) -> str:
-    return f'    __asm__ volatile ("{"nop; " * count}");\n'
 
 
 def counter_of(subject: Subject) -> Counter:
@@ -25,10 +19,6 @@ def counter_of(subject: Subject) -> Counter:
 @functools.cache
 def counter() -> Counter:
     return counter_of(planted.subject_of(PI))
-
-
-def started(function: str, statements: str) -> Counter:
-    return counter_of(planted.started(PI, function, statements))
 
 
 STEPS = np.array([[15.0, 0.07, 0.3, np.nan, 0.8, 0.0, restart] for restart in (1.0, 0.0, 0.0, 1.0)], dtype=np.float32)
@@ -45,7 +35,7 @@ def names(calls: Calls) -> list[str]:
     return [routine.name for address in calls.function if (routine := counter().program.at(int(address)))]
 
 
-def test_each_call_is_counted_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_call_is_counted_by_itself() -> None:
     target = counter()
     calls = target.count("step", STEPS)
     init, step = "ars_controller_init", "ars_controller_step"
@@ -54,32 +44,22 @@ def test_each_call_is_counted_by_itself(monkeypatch: pytest.MonkeyPatch) -> None
     assert (found.instructions[0], found.cycles[0]) == (found.instructions[3], found.cycles[3])
     assert (found.cycles > found.instructions).all()
     assert ((found.limiter > 0) & (found.limiter < found.instructions)).all()
-    monkeypatch.setattr("codegen.verify.budgets.counting.ROWS_MAX", 3)  # many rows are counted in parts
-    assert target.count("step", STEPS).instructions.tolist() == calls.instructions.tolist()
 
 
-def test_lookups_limiter_blocks_and_stack() -> None:
-    target = counter_of(planted.subject_of(PI))
+def test_lookups_limiter_and_stack() -> None:
+    target = counter()
     limiter = target.count("limiter", DEMANDS)
     own = limiter.where(limiter.function == target.routine("limiter_step").start)
     assert own.limiter.tolist() == own.instructions.tolist()
-    entered = {address for address, _ in target.entered}
-    start = {routine.name: routine.start for routine in target.program.routines}
-    assert {start["ars_limiter_step"], start["ars_limiter_init"]} <= entered
-    assert start["ars_controller_step"] not in entered
-    frame = [routine for routine in target.program.routines if routine.unit == "budget.c"]
-    assert not any(routine.start <= address < routine.end for routine in frame for address in entered)
     for name in ("map_yaw_rate", "map_yaw_rate_on_road"):
         assert set(target.count(name.removeprefix("map_"), PLACES).function.tolist()) == {target.routine(name).start}
     # The watermark follows sixteen more words on the stack, of which the lowest is written.
     array = "    volatile uint32_t k = 0u;\n    volatile uint32_t planted[16];\n    planted[k] = 1u;\n"
-    deep = started("ars_controller_step", array)
+    deep = counter_of(planted.started(PI, "ars_controller_step", array))
     for each in (target, deep):
         steps(each)
         assert 0 < each.stack["step"] <= each.program.depth("ars_controller_step").bytes
     assert deep.stack["step"] - target.stack["step"] in range(16 * 4, 18 * 4 + 1)
-    assert target.structs["limiter"] == 16  # words, and a flag at the end that fills one
-    assert set(target.structs) == {"controller", "limiter", "task", "parameters"}
 
 
 def events(*kinds: int) -> np.ndarray[tuple[int], np.dtype[np.void]]:
@@ -95,8 +75,6 @@ def test_the_task_is_counted_by_its_events() -> None:
     assert calls.instructions[3] < calls.instructions[1]  # a foreign frame is ignored
     assert calls.packing.tolist()[:4] == [0, 0, 0, 0]
     assert 0 < calls.packing[4] < calls.instructions[4]
-    more = started("ars_can_pack_rear_steer_command", nops()).count("task", events(START, TASK))
-    assert more.packing[-1] - target.count("task", events(START, TASK)).packing[-1] == NOPS
     # Calls that are run without being counted leave their state: one with a frame received, one without.
     target.run("task", events(START, MOTION))
     received = target.count("task", events(TASK)).instructions[0]

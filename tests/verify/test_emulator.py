@@ -50,20 +50,14 @@ def test_instructions_are_counted_exactly_where_they_run() -> None:
     core = CortexM4(image())
     function = {function.name: function for function in core.functions}
     assert core.call("counted") == 3  # set to 1 in the round with r1 = 3, incremented in the two rounds after it
-    for _ in range(2):  # code that already ran uncounted is counted as well
-        blocks = core.traced(lambda: core.call("caller"))
-        inside = {
-            name: blocks.instructions[(blocks.address >= function[name].start) & (blocks.address < function[name].end)].sum()
-            for name in ("caller", "counted")
-        }
-        assert inside == {"caller": 4, "counted": 2 * IN_COUNTED}
-        assert blocks.instructions.sum() == 4 + 2 * IN_COUNTED
-        core.call("counted")
-    assert core.traced(lambda: None).instructions.sum() == 0
+    blocks = core.traced(lambda: core.call("caller"))  # also code that already ran uncounted
+    inside = (blocks.address >= function["counted"].start) & (blocks.address < function["counted"].end)
+    assert blocks.instructions[inside].sum() == 2 * IN_COUNTED
+    assert blocks.instructions.sum() == 4 + 2 * IN_COUNTED
 
 
 @pytest.mark.parametrize("core", [CORTEX_M4F, POWERPC_BE], ids=lambda core: core.name)
-def test_code_that_goes_astray_is_reported_with_its_address(core: Core) -> None:
+def test_code_that_goes_astray_or_does_not_return_is_reported(core: Core, monkeypatch: pytest.MonkeyPatch) -> None:
     processor = Processor(image(core), core)
     (function,) = (each for each in processor.functions if each.name == "trap")
     with pytest.raises(Stray, match=f"the code on the {core.name} ended at 0x") as caught:
@@ -73,11 +67,9 @@ def test_code_that_goes_astray_is_reported_with_its_address(core: Core) -> None:
         with pytest.raises(BuildError, match=rf"^{name}: the code on the {core.name} ended at 0x"):
             processor.call(name)
 
-
-def test_code_that_does_not_return(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emulator, "CALL_SECONDS", 0.05)
-    with pytest.raises(BuildError, match=r"^stay: the code on the Cortex-M4F did not return within 0\.05 s$"):
-        CortexM4(image()).call("stay")
+    with pytest.raises(BuildError, match=rf"^stay: the code on the {core.name} did not return within 0\.05 s$"):
+        processor.call("stay")
 
 
 AT = 0x0800_0100
@@ -90,48 +82,31 @@ def code(*words: int) -> bytes:
 # Encodings from LLVM's disassembler; cycles from tables 3-1 and 7-1 of the Cortex-M4 technical reference manual.
 PLAIN = {
     "movs r0, #100": ((0x2064,), 1),
-    "it gt": ((0xBFC8,), 1),
     "ldrb r0, [r4, #22]": ((0x7DA0,), 2),
-    "push {r4, r5, r7, lr}": ((0xB5B0,), 5),
     "pop {r4, r5}": ((0xBC30,), 3),
-    "push.w {r4, r5, r8, lr}": ((0xE92D, 0x4130), 5),
     "ldrd r0, r1, [r2]": ((0xE9D2, 0x0100), 3),
-    "mla r0, r0, r3, r2": ((0xFB00, 0x2003), 1),
     "sdiv r0, r0, r1": ((0xFB90, 0xF0F1), 12),
-    "vldr s4, [r0]": ((0xED90, 0x2A00), 2),
     "vldr d0, [r0]": ((0xED90, 0x0B00), 3),
     "vpush {d8, d9}": ((0xED2D, 0x8B04), 5),
-    "vpop {s16, s17}": ((0xECBD, 0x8A02), 3),
-    "vadd.f32 s0, s0, s1": ((0xEE30, 0x0A20), 1),
     "vmla.f32 s0, s1, s2": ((0xEE00, 0x0A81), 3),
-    "vfma.f32 s0, s1, s2": ((0xEEA0, 0x0A81), 3),
     "vdiv.f32 s14, s2, s0": ((0xEE81, 0x7A00), 14),
     "vsqrt.f32 s0, s0": ((0xEEB1, 0x0AC0), 14),
-    "vcmp.f32 s0, #0": ((0xEEB5, 0x0A40), 1),
-    "vmrs APSR_nzcv, fpscr": ((0xEEF1, 0xFA10), 1),
-    "vmov r0, s4": ((0xEE12, 0x0A10), 2),
     "vmov r0, r1, d0": ((0xEC51, 0x0B10), 2),
 }
 
 JUMPS = {
     "bx lr": ((0x4770,), Flow.RETURN, None, 1),
     "bx r3": ((0x4718,), Flow.POINTER, None, 1),
-    "blx r3": ((0x4798,), Flow.POINTER, None, 1),
     "mov pc, r0": ((0x4687,), Flow.POINTER, None, 1),
-    "pop {r4, pc}": ((0xBD10,), Flow.RETURN, None, 3),
     "pop.w {r4, r8, pc}": ((0xE8BD, 0x8110), Flow.RETURN, None, 4),
     "ldr pc, [sp], #4": ((0xF85D, 0xFB04), Flow.RETURN, None, 2),
     "ldr.w pc, [r0]": ((0xF8D0, 0xF000), Flow.POINTER, None, 2),
     "tbb [pc, r0]": ((0xE8DF, 0xF000), Flow.TABLE, None, 2),
     "b +0x30": ((0xE016,), Flow.BRANCH, 0x30, 1),
-    "b -4": ((0xE7FC,), Flow.BRANCH, -4, 1),
-    "beq +6": ((0xD001,), Flow.CONDITIONAL, 6, 1),
     "bne -0x86": ((0xD1BB,), Flow.CONDITIONAL, -0x86, 1),
-    "cbz r0, +8": ((0xB110,), Flow.CONDITIONAL, 8, 1),
     "cbnz r0, +0x46": ((0xBB08,), Flow.CONDITIONAL, 0x46, 1),
     "ble.w +0x10a": ((0xF340, 0x8083), Flow.CONDITIONAL, 0x10A, 1),
     "b.w +0x1000": ((0xF000, 0xBFFE), Flow.BRANCH, 0x1000, 1),
-    "bl +0x800": ((0xF000, 0xFBFE), Flow.CALL, 0x800, 1),
     "bl -0x800": ((0xF7FF, 0xFBFE), Flow.CALL, -0x800, 1),
 }
 

