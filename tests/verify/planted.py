@@ -18,7 +18,7 @@ def source(folder: Folder, name: str) -> str:
 
 
 def _definition(folder: Folder, function: str) -> tuple[str, re.Match[str]]:
-    """Return the unit that defines a function and the match of its head: section, signature and brace."""
+    """Return the unit that defines a function and the match of its head."""
     pattern = re.compile(rf"^(ARS_SECTION_CODE\s+)?(\w[^;{{}}()#]*\b{function}\([^;{{}}]*\))\n\{{\n", re.MULTILINE)
     units = [path[4:-2] for path in folder.files if path.startswith("src/") and path.endswith(".c")]
     ((name, found),) = ((name, match) for name in units for match in pattern.finditer(source(folder, name)))

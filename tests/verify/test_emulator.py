@@ -91,7 +91,6 @@ PLAIN = {
     "vmla.f32 s0, s1, s2": ((0xEE00, 0x0A81), 3),
     "vdiv.f32 s14, s2, s0": ((0xEE81, 0x7A00), 14),
     "vsqrt.f32 s0, s0": ((0xEEB1, 0x0AC0), 14),
-    "vmov r0, r1, d0": ((0xEC51, 0x0B10), 2),
 }
 
 JUMPS = {
@@ -106,7 +105,6 @@ JUMPS = {
     "bne -0x86": ((0xD1BB,), Flow.CONDITIONAL, -0x86, 1),
     "cbnz r0, +0x46": ((0xBB08,), Flow.CONDITIONAL, 0x46, 1),
     "ble.w +0x10a": ((0xF340, 0x8083), Flow.CONDITIONAL, 0x10A, 1),
-    "b.w +0x1000": ((0xF000, 0xBFFE), Flow.BRANCH, 0x1000, 1),
     "bl -0x800": ((0xF7FF, 0xFBFE), Flow.CALL, -0x800, 1),
 }
 

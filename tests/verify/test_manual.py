@@ -91,7 +91,6 @@ COVERS = "The optimisation covers 20 to 120 km/h and 0.1 to 10 deg at the front 
 PLACED = {"own_speed_range_m_s": [20 / 3.6, 120 / 3.6], "own_front_angle_range_rad": np.radians([0.1, 10.0]).tolist()}
 OF_THE_MAP = ("for the car, the tyres", "solved by the optimisation", "The optimisation covers")
 NOBODY = "**nobody checked that it fits this car**, the one of the configuration "
-SLOW = {"rear_rate_max_deg_s": 25.0}
 
 TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]] = {
     "chosen breakpoints": (placed, (COVERS,), ("| cells |",)),
@@ -121,17 +120,9 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         ("The map assumes a peak friction",),
     ),
     "limiter slower than the law, actuator narrower": (
-        lambda: solved(controller=SLOW, limiter={"rear_rate_max_deg_s": 20.0}, limits={"rear_angle_max_deg": 2.0}),
+        lambda: solved(limiter={"rear_rate_max_deg_s": 20.0}, limits={"rear_angle_max_deg": 2.0}),
         ("by at most 20 deg/s in every status: the limiter sees to that.\n", "The command is within +-3.5 deg"),
         ("25 deg/s",),
-    ),
-    "rate of the law alone": (
-        lambda: solved(controller=SLOW, limiter={"rear_rate_max_deg_s": "off", "opposite_phase_max_deg": "off"}),
-        (
-            "The command moves by at most 25 deg/s where the control law acts.",
-            "the fail-safe holds the command.\n",
-        ),
-        ("in every status",),
     ),
     "no rate, and the reaction to loss": (
         lambda: solved(

@@ -44,10 +44,8 @@ UNDEFINED = {
     "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": (
         "undefined behaviour: 6e+06 is outside the range of representable values of type"
     ),
-    "result += input->demand / ((float)far * 0.0f);": "undefined behaviour: division by zero",
     "result += 0.0f * parameters->opposite_phase_max[far];": "undefined behaviour: index 6 out of bounds for type",
     "result += 0.0f * (float)(far * 400000000);": "undefined behaviour: signed integer overflow",
-    "result += 0.0f * (float)(1u << (far * 6));": "undefined behaviour: shift exponent 36 is too large",
     "if (far > 0) { ((volatile uint8_t *)self)[4096] = 0u; }": "wrong address: heap-buffer-overflow, write of 1 bytes",
 }
 

@@ -1,36 +1,25 @@
 """Rows for each counted function, cycles of the task with all that a bus can do, and the search for the longest call."""
 
-import functools
-
 import numpy as np
 import pytest
 
-from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
 from codegen.verify.budgets import states
-from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Counter, Rows
+from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Rows
 from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
 from codegen.verify.budgets.workloads import Fault, events_of
 from codegen.verify.budgets.worst import Figures, Search
 from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
-from tests.verify import builds, planted
+from tests.verify import builds
+from tests.verify.test_counting import PI, counter
 
-PI = builds.made("pi", "uneven")
 MOTION_ID = 0x101
-
-
 GROUND = Ground.of(PI.manifest)
 
 
-@functools.cache
-def counter() -> Counter:
-    return Counter(planted.subject_of(PI).sources(), "ars", task_view(builds.config_of("pi")))
-
-
-def cycles(*faults: tuple[Fault, Fault]) -> Rows:
-    sample = [15.0, 0.07, 0.3, 0.01, 0.8, 0.0]
-    rows = [[*sample, float(index == 0), *map(float, pair)] for index, pair in enumerate(faults)]
+def cycles(*faults: Fault) -> Rows:
+    rows = [[15.0, 0.07, 0.3, 0.01, 0.8, 0.0, float(index == 0), float(fault), 0.0] for index, fault in enumerate(faults)]
     return np.array(rows, dtype=np.float32)
 
 
@@ -44,9 +33,6 @@ def statuses(rows: Rows) -> list[list[E2eStatus]]:
         if event["kind"] == TASK and not seen[row]:
             seen[row].append(receiver.no_new_data())
     return seen
-
-
-GOOD = (Fault.NONE, Fault.NONE)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +49,7 @@ GOOD = (Fault.NONE, Fault.NONE)
     ],
 )
 def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> None:
-    rows = cycles(GOOD, GOOD, (fault, Fault.NONE), GOOD)
+    rows = cycles(Fault.NONE, Fault.NONE, fault, Fault.NONE)
     assert (statuses(rows)[0], statuses(rows)[2]) == ([E2eStatus.INITIAL], [status])
     assert events_of(rows, counter()).regular.tolist() == [True, True, fault is not Fault.FOREIGN, True]
 
