@@ -39,7 +39,7 @@ def folder() -> Path:
     """Return the folder of the run; outside pytest, create it for this process."""
     if VARIABLE not in os.environ:
         begin()
-        atexit.register(end)
+        atexit.register(shutil.rmtree, os.environ[VARIABLE], ignore_errors=True)  # a run may begin another one meanwhile
     return Path(os.environ[VARIABLE])
 
 
