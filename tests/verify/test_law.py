@@ -10,14 +10,12 @@ from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
 
 PI = builds.made("pi", "uneven")
-FEW = law.Size(drive=60, course=300, sets=3, cycles=200)
-"""Enough for the planted faults."""
 
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drive little, and leave out the search for endless loops, which takes longest."""
-    monkeypatch.setattr(law, "SIZE_QUICK", FEW)
+    monkeypatch.setattr(law, "SIZE_QUICK", law.Size(drive=60, course=300, sets=3, cycles=200))
     monkeypatch.setattr("codegen.verify.on_host.complaints", lambda files, manifest: ())
 
 
