@@ -15,8 +15,8 @@ import os
 import subprocess
 import sys
 import termios
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TypedDict
 
 from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, set_loopback_up
 
@@ -33,7 +33,8 @@ SYS_FINIT_MODULE = 313
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-class Job(TypedDict):
+@dataclass(frozen=True)
+class Job:
     """The guest's job: load `modules` (.ko files, in order), make the `writable` folders writable, run `command`."""
 
     command: list[str]
@@ -42,13 +43,20 @@ class Job(TypedDict):
     writable: list[str]
     modules: list[str]
 
+    def save(self, file: Path) -> None:
+        file.write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @staticmethod
+    def load(file: Path) -> Job:
+        return Job(**json.loads(file.read_text(encoding="utf-8")))
+
 
 def main(folder: Path) -> None:
     try:
         _mount_own_file_systems()
         _mount("none", str(folder), "hostfs", options=str(folder))
         _connect_outputs()
-        job: Job = json.loads((folder / "job.json").read_text(encoding="utf-8"))
+        job = Job.load(folder / "job.json")
         _prepare(job)
         _write(folder / "booted", "")
         status = _run(job)
@@ -92,9 +100,9 @@ def _connect_outputs() -> None:
 
 
 def _prepare(job: Job) -> None:
-    for folder in job["writable"]:
+    for folder in job.writable:
         _mount("none", folder, "hostfs", options=folder)
-    for module in job["modules"]:
+    for module in job.modules:
         _load_module(module)
     set_loopback_up()
     add_vcan(INTERFACE)
@@ -106,7 +114,7 @@ def _prepare(job: Job) -> None:
 
 def _run(job: Job) -> int:
     try:
-        child = subprocess.Popen(job["command"], cwd=job["folder"], env=job["environment"], start_new_session=True)
+        child = subprocess.Popen(job.command, cwd=job.folder, env=job.environment, start_new_session=True)
     except OSError as error:
         _tell(f"vcan_run: {error}")
         return CANNOT_RUN

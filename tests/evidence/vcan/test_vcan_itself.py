@@ -17,7 +17,8 @@ pytestmark = pytest.mark.vcan
 ON_VCAN = {page: found for page in PAGES if (found := [block for block in blocks(page) if block.needs_vcan])}
 
 
-def test_an_interface_that_is_down_is_reported(vcan: str) -> None:
+@pytest.mark.parametrize("attempt", [1, 2])
+def test_an_interface_that_is_down_is_reported_and_up_for_the_next_test(vcan: str, attempt: int) -> None:
     assert buses.socketcan().state is State.GOOD
     set_interface(vcan, up=False)
     found = buses.socketcan()

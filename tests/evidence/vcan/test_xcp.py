@@ -1,6 +1,7 @@
 """XCP on SocketCAN: pyxcp is the master of the native ECU in the loop. The reference is the same task in this process."""
 
 import logging
+import math
 import os
 import struct
 import threading
@@ -11,6 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import can
+import numpy as np
 import pytest
 from pyxcp.config import PyXCP, create_application_from_config, reset_application, set_application
 from pyxcp.cpp_ext.cpp_ext import DaqList
@@ -19,13 +22,18 @@ from pyxcp.master import Master
 from pyxcp.types import XcpTimeoutError
 
 from codegen.export.a2l.elf import Elf, Place
-from codegen.sil.software import Software
+from codegen.sil.software import Software, Status
 from hil_sim import manoeuvres, native
+from hil_sim.bench import Cycle
 from hil_sim.bus import Bus, BusAddress
+from hil_sim.codec import Codec, RearSteerCommand
 from hil_sim.ecu_process import EcuProcess
 from hil_sim.frames import Frame
+from hil_sim.metrics import column
 from hil_sim.plant_node import PlantNode
+from hil_sim.runs import run_through_can
 from hil_sim.scenarios import find
+from hil_sim.session import Setup, run_plant
 from tests import builds
 from tests.evidence.vcan.conftest import FOLDER
 
@@ -177,6 +185,16 @@ def drive(interface: str, software: Software, before: Callable[[int], None] = la
     return frames
 
 
+def check_command(frame: Frame, row: dict[str, Any]) -> None:
+    """Compare a command with the measured state of the same run: half a step, and a tenth of a thousandth for rounding."""
+    command, step = Codec(CAN).decode(frame.id, frame.data), CAN.rear_steer_command
+    assert isinstance(command, RearSteerCommand)
+    assert command.status == row["status"]
+    assert math.isnan(command.rear_angle) or abs(command.rear_angle - row["rear_angle"]) <= 0.5001 * step.rear_angle.factor
+    reference = command.yaw_rate_reference
+    assert math.isnan(reference) or abs(reference - row["yaw_rate_reference"]) <= 0.5001 * step.yaw_rate_reference.factor
+
+
 def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software: Software, program: Program) -> None:
     rows = Rows(program)
     with connected(vcan, rows) as master:
@@ -192,6 +210,8 @@ def test_a_list_holds_each_run_of_the_task(vcan: str, ecu: EcuProcess, software:
     assert rows.rows == states  # bit for bit: no number is NaN
     assert struct.unpack("<f", uploaded) == (states[-1]["yaw_rate_reference"],)
     assert {later - earlier for earlier, later in pairwise(rows.stamps)} == {10_000_000}  # ns
+    for frame, row in zip(frames, rows.rows, strict=True):
+        check_command(frame, row)
 
 
 def test_a_gain_changed_in_the_loop_changes_the_response(
@@ -211,6 +231,45 @@ def test_a_gain_changed_in_the_loop_changes_the_response(
     assert changed[:CHANGED_AT] == unchanged[:CHANGED_AT]
     assert changed[CHANGED_AT] != unchanged[CHANGED_AT]
     assert changed == simulate(software, gain=STRONGER)[0]
+
+
+def test_measurements_in_real_time(vcan: str, software: Software, program: Program) -> None:
+    """The list's sample of the same run follows each command. While commands are in time, the run is that of lock-step."""
+    seen: list[can.Message] = []
+    rows, address = Rows(program), BusAddress("socketcan", vcan)
+    wanted = run_through_can(software, SHORT).record
+    ids = (CAN.rear_steer_command.id, CAN.xcp_transmit_id)
+    filters = [{"can_id": identifier, "can_mask": 0x7FF, "extended": False} for identifier in ids]
+
+    def listen(_cycle: Cycle | None = None) -> None:
+        seen.extend(iter(lambda: listener.recv(0.0), None))
+
+    with (
+        EcuProcess(native.command(FOLDER, vcan, parent=os.getpid(), xcp=True)) as ecu,
+        can.Bus(interface="socketcan", channel=vcan, can_filters=filters) as listener,
+    ):
+        with connected(vcan, rows) as master:
+            rows.setup()
+            rows.start()
+            result = run_plant(Setup(software.config, SHORT, address), ecu, listen)
+            rows.stop()
+            assert not master.getStatus().sessionStatus.daqRunning
+        listen()
+        counters = native.counters(ecu.stop())
+    assert (result.send_errors, counters["send_errors"], counters["lost_packets"]) == (0, 0, 0)
+    sent = [message.data[1] & 0xF for message in seen if message.arbitration_id == ids[0]]
+    assert {(later - earlier) % 15 for earlier, later in pairwise(sent)} == {1}  # the counters of E2E: none is left out
+    samples = [k for k, message in enumerate(seen) if message.arbitration_id == ids[1] and message.data[0] == 0]
+    assert len(samples) == len(rows.rows) > 150
+    for row, k in zip(rows.rows, samples, strict=True):
+        check_command(Frame(seen[k - 1].arbitration_id, bytes(seen[k - 1].data)), row)
+    answered = np.isfinite(result.response) & (result.diagnostics == 0)
+    in_control = column(result.record, "status") <= Status.LIMITED  # before the car came, it was fail-safe
+    first = int(np.argmax(answered & in_control))
+    late = np.flatnonzero(~answered[first:])
+    end = first + int(late[0]) if late.size else len(answered)
+    if answered[first] and first < 90:  # before the driver steers: the states of both runs are the same
+        assert np.array_equal(result.record[first:end], wanted[first:end])
 
 
 @pytest.mark.parametrize("xcp", [False, True])

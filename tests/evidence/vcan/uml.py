@@ -5,7 +5,6 @@ It is Debian's package `user-mode-linux`. Its first program is `guest_init`.
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import re
@@ -23,7 +22,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
 XSTATE, CLOCK = HERE / "uml-xstate.c", HERE / "uml-clock.c"
 KERNEL, MODULES_FOLDER = Path("/usr/bin/linux.uml"), Path("/usr/lib/uml/modules")
-MODULES = ("can", "can-raw", "can-bcm", "can-dev", "vcan")  # each after its own dependencies; missing ones are built in
+MODULES = ("can_raw", "can_bcm", "vcan")
 MEMORY_MB = 1024
 
 
@@ -52,18 +51,32 @@ def compile_preload(source: Path) -> Path:
     return library
 
 
+def modules_in_load_order(folder: Path, names: Sequence[str]) -> list[str]:
+    """Return the files of modules and their dependencies, each after its own dependencies, without built-in modules."""
+    files = {path.stem.replace("-", "_"): path for path in folder.rglob("*.ko")}
+    ordered: dict[str, str] = {}
+
+    def add(name: str) -> None:
+        file = files.get(name.replace("-", "_"))
+        if file is None or name in ordered:
+            return
+        needed = re.search(rb"\0depends=([^\0]+)\0", file.read_bytes())
+        for other in needed[1].decode().split(",") if needed else ():
+            add(other)
+        ordered[name] = str(file)
+
+    for name in names:
+        add(name)
+    return list(ordered.values())
+
+
 def write_job(folder: Path, command: Sequence[str], writable: Sequence[Path]) -> None:
     """Write the files that the guest reads. `init` is the program that the kernel starts first."""
     own = {"TMPDIR": TEMPORARY, "VCAN_RUN": "uml"}
     theirs = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "TMP", "TEMP")}
-    job = Job(
-        command=list(command),
-        folder=str(Path.cwd()),
-        environment=theirs | own,
-        writable=[str(path.resolve()) for path in writable],
-        modules=[str(path) for name in MODULES for path in MODULES_FOLDER.rglob(f"{name}.ko")],
-    )
-    (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+    modules = modules_in_load_order(MODULES_FOLDER, MODULES)
+    job = Job(list(command), str(Path.cwd()), theirs | own, [str(path.resolve()) for path in writable], modules)
+    job.save(folder / "job.json")
     init = folder / "init"
     python = shlex.join([sys.executable, "-m", "tests.evidence.vcan.guest_init", str(folder)])
     init.write_text(f"#!/bin/sh\ncd {shlex.quote(str(ROOT))} && exec {python}\n", encoding="utf-8")

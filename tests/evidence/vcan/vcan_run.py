@@ -23,10 +23,10 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from codegen.errors import CodegenError
 from codegen.sil.cache import cache_folder
@@ -81,11 +81,11 @@ def _run_native(command: Sequence[str]) -> int:
         raise Unavailable("this kernel has no SocketCAN")
     environment = os.environ | {"VCAN_RUN": "native"}
     try:
-        process = _start(command, env=environment, preexec_fn=_enter_own_network)
+        process = _start(command, environment, _enter_own_network)
     except subprocess.SubprocessError as error:  # _enter_own_network failed
         if not is_up(INTERFACE):
             raise Unavailable(f"no right to a network of one's own, and there is no {INTERFACE}") from error
-        process = _start(command, env=environment)
+        process = _start(command, environment)
     code = _finish(process)
     return code if code >= 0 else 128 - code
 
@@ -110,7 +110,7 @@ def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool
     try:
         uml.write_job(folder, command, [Path.cwd(), *writable])
         try:
-            process = _start(uml.kernel_command(folder), env=uml.kernel_environment(steady=steady))
+            process = _start(uml.kernel_command(folder), uml.kernel_environment(steady=steady))
         except OSError as error:
             raise Unavailable(str(error)) from error
         code = _finish(process)
@@ -124,8 +124,10 @@ def _run_in_guest(command: Sequence[str], writable: Sequence[Path], steady: bool
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _start(command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, **options)
+def _start(
+    command: Sequence[str], environment: dict[str, str], prepare: Callable[[], None] | None = None
+) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=prepare)
 
 
 def _finish(process: subprocess.Popen[bytes]) -> int:
