@@ -5,7 +5,11 @@ The whole suite, driven, is in `tests/evidence/drives/test_suite_drives.py`.
 
 import math
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +17,21 @@ import pytest
 from codegen import config as configuration
 from codegen.config import Config, Kind
 from codegen.emit.write import write_folder
-from codegen.errors import BuildError, ConfigError
+from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import solve_stack
-from hil_sim.suite import candidate
+from hil_sim import second_plant
+from hil_sim.suite import candidate, third_party, whole
 from hil_sim.suite.background import Background
-from hil_sim.suite.candidate import Candidate, of_folder
+from hil_sim.suite.candidate import Candidate, LineUp, of_folder, recommended
 from hil_sim.suite.plants import changed
+from hil_sim.suite.subjects import PASSIVE, baseline_configs, of_config, recommended_config
+from hil_sim.suite.tracking import SuiteResult
+from hil_sim.suite.whole import run_whole
 from tests import builds
 
 PAPER, BEST = builds.CONFIG, configuration.preset("recommended")
+MESSAGES = ("vehicle_motion", "vehicle_conditions", "rear_steer_command")
 SMALL = changed(PAPER, {"grid": {"speed_points": 5, "front_angle_points": 5}})
 
 
@@ -33,6 +42,14 @@ def of_kind(config: Config, kind: Kind) -> Config:
 def written(at: Path, reference_map: ReferenceMap, config: Config) -> Path:
     write_folder(builds.render(reference_map, config), at / "sample")
     return at / "sample"
+
+
+@pytest.fixture
+def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fixed schedule stands in for the design of gains."""
+    tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
+    for module in (candidate, third_party):
+        monkeypatch.setattr(module, "tuned", lambda config, steps=None: changed(config, tracking))
 
 
 def test_each_candidate_has_its_baselines() -> None:
@@ -48,6 +65,28 @@ def test_each_candidate_has_its_baselines() -> None:
         assert next(iter(contenders.values())) == config
     best = Candidate("x", PAPER, "4ws-2", (0.9,)).contenders()["tracking"]
     assert (best.controller, best.limiter, best.vehicle) == (BEST.controller, BEST.limiter, PAPER.vehicle)
+    contenders = Candidate("x", own, "4ws-2", (0.9,)).contenders()
+    assert (contenders["pi"].controller.integral_gain, contenders["pi (paper)"].controller.integral_gain) == (0.3, 1.0)
+    found = recommended()
+    assert (found.name, found.case, found.frictions, found.folder, found.config) == ("tracking", "4ws-2", (0.9,), None, BEST)
+
+
+def test_baselines_keep_the_users_sampling_time() -> None:
+    quick = changed(
+        BEST, {"controller": {"sampling_time_s": 0.005}, "can": {name: {"cycle_time_ms": 5.0} for name in MESSAGES}}
+    )
+    for config in (*baseline_configs(quick).values(), recommended_config(quick)):
+        assert config.controller.sampling_time_s == 0.005
+        assert configuration.parse(config.model_dump(), "test") == config  # and are consistent as a whole
+
+
+@pytest.mark.usefixtures("tuned")
+def test_line_up_tunes_each_contender_with_a_schedule() -> None:
+    found = Candidate("x", changed(BEST, {"grid": {"speed_points": 5}}), "4ws-2", (0.9,)).line_up()
+    assert [each.name for each in found.baselines] == ["pi", "feedforward", "proportional"]
+    assert found.tested.config.controller.tracking.schedule is not None
+    assert (found.notes, found.build) == ((), found.tested.around)
+    assert found.build.generated.manifest["options"]["kind"] == "tracking"
 
 
 def test_a_build_is_tested_with_its_own_files_and_gains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,3 +127,70 @@ def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_p
         workers = background.processes
         assert workers
     assert not any(worker.is_alive() for worker in workers)
+
+
+@pytest.mark.usefixtures("tuned")
+@pytest.mark.parametrize("kind", ["tracking", "pi"])
+def test_a_job_is_for_a_car_of_its_own(monkeypatch: pytest.MonkeyPatch, kind: Kind) -> None:
+    """Solved, tuned and built for the third party's car; here the paper's with more mass stands in for it."""
+    heavy = changed(of_kind(SMALL, kind), {"vehicle": {"mass_kg": 2500.0}})
+    monkeypatch.setattr(second_plant, "published", lambda: "parameters")
+    monkeypatch.setattr(second_plant, "car_of", lambda parameters, base: heavy if parameters == "parameters" else base)
+    monkeypatch.setattr("hil_sim.suite.subjects.compile_build", lambda files, manifest, plant, edited: plant)
+    seen: list[Any] = []
+
+    def drive(reference_map: ReferenceMap, config: Config, software: Any, *, controlled: bool) -> tuple[Any, ...]:
+        seen.append((reference_map.config, config.controller.kind, software == config, controlled))
+        return ("driven",)
+
+    monkeypatch.setattr(third_party, "third_party_cells", drive)
+    jobs = third_party.jobs({kind: of_kind(BEST, kind)}, "4ws-2")
+    assert list(jobs) == [kind, PASSIVE]
+    assert [job() for job in jobs.values()] == [("driven",), ("driven",)]
+    assert seen == [(heavy, kind, True, True), (heavy, "pi", True, False)]  # a car without control needs no tuning
+
+
+class AtOnce(nullcontext):
+    """Stands in for Background: calls in this process, at `get`."""
+
+    def __enter__(self) -> "AtOnce":
+        return self
+
+    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        return SimpleNamespace(get=lambda: function(*arguments))
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_the_whole_collects_its_parts(monkeypatch: pytest.MonkeyPatch, installed: bool) -> None:
+    """A figure that cannot be measured leaves a note; here a result without drives stands in for those of the suite."""
+
+    def refuse(*given: Any) -> Any:
+        raise CodegenError("not installed", where="ziglang", remedy="install it")
+
+    tested = of_config("pi", builds.paper_map(), PAPER)
+    bare = SuiteResult("pi", ("pi",), (), (), "", {"pi": {}}, {"pi": {}}, (), {}, {}, {})
+    monkeypatch.setattr(Candidate, "line_up", lambda self, steps: LineUp(tested, (), PAPER.case("4ws-2"), ("a note",)))
+    monkeypatch.setattr(whole, "Background", AtOnce)
+    monkeypatch.setattr(whole, "run_suite", lambda *given, progress: (progress("x", 0, 1), bare)[1])
+    monkeypatch.setattr(third_party, "available", lambda: installed)
+    monkeypatch.setattr(third_party, "jobs", lambda contenders, case: {"pi": refuse})
+    stages: dict[str, list[tuple[int, int]]] = {}
+
+    @contextmanager
+    def stage(title: str) -> Iterator[Callable[[int, int], None]]:
+        yield lambda done, total: stages.setdefault(title, []).append((done, total))
+
+    count = refuse if installed else (lambda files, manifest: len(files))
+    found = run_whole(Candidate("x", PAPER, "4ws-2", (0.9,)), count, stage)
+    assert found.edited == ()
+    assert stages["driving"] == [(1, 1)]
+    last = stages["third party's plant and instructions"]
+    if installed:
+        missing = "ziglang: not installed; install it"
+        driven = f"pi was not driven on the third party's plant: {missing}"
+        assert found.notes == ("a note", driven, f"the instructions of a step were not counted: {missing}")
+        assert (found.result.third_party, found.result.instructions, last) == ({}, None, [(1, 2), (2, 2)])
+    else:
+        assert found.notes == ("a note", whole.THIRD_PARTY_MISSING)
+        assert found.result.requirements[-1].measured == found.result.instructions > 10
+        assert last == [(1, 1)]
