@@ -90,7 +90,14 @@ class _Car:
             spell -= 1
             if cycle < calm:
                 event, spell = "both lost" if self.life % 4 == 3 and cycle < 5 else "good", 0
-            yield self._of(event, place, ANGLES[self.life % len(ANGLES)] if cycle < 14 else 0.04 * math.cos(0.05 * cycle))
+            yield self._of(event, place, self._angle(cycle))
+
+    def _angle(self, cycle: int) -> float:
+        """The told angle in rad; where none is told at first, an impossible one in between starts the task's count again."""
+        if cycle >= 14:
+            return 0.04 * math.cos(0.05 * cycle)
+        told = ANGLES[self.life % len(ANGLES)]
+        return 0.3 if math.isnan(told) and cycle == 2 else told
 
     def _of(self, event: str, place: int, angle: float) -> list[Frame]:
         rng = self.rng

@@ -145,3 +145,16 @@ def check_counts(built: Built) -> None:
     for wrong in (LOST, strange):
         found = statuses_of(built, long, [(good, 1), (wrong, 2 * LARGEST + 10)])
         assert (found[LARGEST + 1 :] == Status.FAIL_SAFE).all(), "it does not begin anew"
+
+
+def check_counts_stay_at_their_end(built: Built) -> None:
+    """A count at its largest number does not begin anew: what it stands for is reported on and on."""
+    parameters = parameters_of(built, {"degraded_samples_max": LARGEST - 1, "implausible_samples_max": LARGEST - 1})
+    controller = built.software.controller(0.0, parameters)
+    controller.step(Measurement(15.0, 0.0, 0.0))
+    for wrong, count in ((LOST, "bad_samples"), (Measurement(15.0, 0.0, 2.0), "implausible_samples")):
+        setattr(controller.state, count, LARGEST - 1)
+        for _ in range(4):
+            command = controller.step(wrong)
+            assert getattr(controller.state, count) == LARGEST
+            assert command.status is Status.FAIL_SAFE

@@ -94,6 +94,19 @@ def check_fail_safe_at_the_hold_speed(built: Built) -> None:
         assert (angles_found[-1] != angles_found[0]) == below
 
 
+def check_recovery(built: Built) -> None:
+    """A gap holds the command to the bit; so many good samples in a row, and not one less, end the fail-safe behind it."""
+    good, needed = built.turn(0.01), built.software.parameters().recovery_samples
+    controller = built.software.controller(0.03)
+    last = controller.run([good] * 5)[-1]
+    held = controller.parameters.degraded_samples_max
+    assert controller.run([LOST] * held) == [replace(last, status=Status.DEGRADED)] * held
+    assert controller.step(LOST).status is Status.FAIL_SAFE
+    for bad in (LOST, None):
+        assert {command.status for command in controller.run([good] * (needed - 1))} == {Status.FAIL_SAFE}
+        assert controller.step(bad or good).status in ((Status.FAIL_SAFE,) if bad else RUNNING)
+
+
 def check_standby(built: Built) -> None:
     """Control starts at the enabling speed and ends below the disabling one; between, and only there, it stays what it was.
     Reverse is standby. In standby the angle goes to zero at its rate."""

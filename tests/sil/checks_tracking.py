@@ -106,3 +106,13 @@ def check_tracking_at_the_end_of_its_range(built: Built) -> None:
             command = controller.step(Measurement(SPEED, 0.0, 0.0, inhibit=True))
             assert (command.yaw_rate_reference, command.rear_angle) == (0.0, side * most)
             assert command.status is status, (side, integral)
+
+
+def check_tracking_least_grip(built: Built) -> None:
+    """On a road that gives nothing the grip goes down to the least friction that is believed, and no further."""
+    for side in BOTH:
+        controller = _running(built, grip_shortfall=0.5)
+        controller.run([Measurement(30.0, side * 0.06, side * 0.001)] * 400)
+        cap = built.total.lateral_acceleration_cap
+        least = controller.parameters.friction_min * cap / built.total.friction
+        assert abs(controller.state.grip - least) < 8.0 * built.eps * cap
