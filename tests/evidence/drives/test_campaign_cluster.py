@@ -8,30 +8,24 @@ import signal
 import subprocess
 import sys
 import time
-import tracemalloc
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from codegen import __version__
 from codegen.errors import BuildError, CodegenError
 from codegen.sweep import plan as planning
-from codegen.sweep import store
 from codegen.sweep.campaign import run_campaign
-from codegen.sweep.chunk import Table, Work, run_chunk
+from codegen.sweep.chunk import Table, Work
 from codegen.sweep.engine import Dask, Threads
 from codegen.sweep.plan import Plan
 from codegen.sweep.store import RUNS, part_path
-from codegen.sweep.summary import summarise
 from tests.sweep.conftest import ROOT, Recording, write_spec
 
-RUNS_PER_SAMPLE = 6
 PATIENCE = 600.0
 """s: only a failure waits so long."""
 
@@ -158,51 +152,3 @@ def test_a_killed_campaign_resumes(plan: Plan, whole: bytes, tmp_path: Path) -> 
         process.send_signal(signal.SIGKILL)
     assert not (folder / RUNS).exists()
     check_resumption(plan, folder, whole)
-
-
-@dataclass(frozen=True)
-class Inventing:
-    """An engine that repeats one chunk, with other numbers and figures, instead of driving."""
-
-    plan: Plan
-    pattern: Table
-
-    def run(self, work: object, numbers: Iterable[int]) -> Iterator[tuple[int, Table]]:
-        for number in numbers:
-            samples = self.plan.samples_of(number)
-            run = np.arange(RUNS_PER_SAMPLE * samples.start, RUNS_PER_SAMPLE * samples.stop)
-            table = {name: np.resize(values, run.size) for name, values in self.pattern.items()}
-            random = np.random.default_rng(number)
-            for name in table.keys() - {*store.WHOLE, *store.NAMES, *store.YES_NO}:
-                table[name] = table[name] + random.random(run.size)
-            yield number, {**table, "run": run, "sample": run // RUNS_PER_SAMPLE}
-
-
-def memory_peaks(plan: Plan, pattern: Table, folder: Path, samples: int) -> list[int]:
-    """Peaks in bytes while the samples are stored and summarised: pyarrow writing, pyarrow reading, Python with NumPy."""
-    longer = replace(plan, spec=plan.spec.model_copy(update={"samples": samples}))
-    pool = pa.default_memory_pool()
-    writing = pa.proxy_memory_pool(pool)  # counts from here on
-    tracemalloc.start()
-    try:
-        pa.set_memory_pool(writing)
-        path = run_campaign(longer, folder, Inventing(longer, pattern))
-        pa.set_memory_pool(pool)
-        assert summarise(path, longer).runs == pq.read_metadata(path).num_rows == RUNS_PER_SAMPLE * samples
-        traced = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-        pa.set_memory_pool(pool)
-    # The buffers of a file come from the default pool in any case.
-    reading = max(pool.bytes_allocated() for _ in store.read_batches(path))
-    return [writing.max_memory(), reading, traced]
-
-
-@pytest.mark.long
-def test_memory_does_not_grow_with_the_runs(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pattern = run_chunk(plan, 0)
-    monkeypatch.setattr(planning, "RUNS_PER_CHUNK", 2048)  # fewer parts, or the disk would take most of the time
-    memory_peaks(plan, pattern, tmp_path / "first", 100)  # modules and caches do not count
-    few, many = (memory_peaks(plan, pattern, tmp_path / str(samples), samples) for samples in (4_000, 12_000))
-    # A batch that has rows of two groups holds more than one of a single group; thrice the runs would be far beyond that.
-    assert all(more <= 1.2 * less for less, more in zip(few, many, strict=True)), (few, many)

@@ -50,18 +50,6 @@ def test_rear_steer_gain_is_that_of_the_linear_car(speed_km_h: float, tolerance:
     assert by_rear == pytest.approx(-by_front, rel=0.005)
 
 
-def test_outputs_agree_with_each_other_in_a_steady_turn() -> None:
-    speed, front, rear = 20.0, math.radians(2.0), math.radians(-0.5)
-    car, vehicle = steady(speed, front, rear, time=3.0), config().vehicle
-    # Steady, so ay = vx r; the speed is held to 0.1 %.
-    assert car.lateral_acceleration == pytest.approx(speed * car.yaw_rate, rel=2e-3)
-    beta = math.tan(car.sideslip_angle)
-    slip_front = math.atan(beta + vehicle.cg_to_front_axle_m * car.yaw_rate / speed) - front
-    slip_rear = math.atan(beta - vehicle.cg_to_rear_axle_m * car.yaw_rate / speed) - rear
-    assert (car.slip_front, car.slip_rear) == pytest.approx((slip_front, slip_rear), rel=5e-3)
-    assert slip_front < 0.0 > slip_rear
-
-
 @pytest.mark.long
 def test_half_the_step_changes_the_yaw_rate_by_less_than_a_hundredth_of_a_degree_per_second() -> None:
     data = config().model_dump(mode="json")

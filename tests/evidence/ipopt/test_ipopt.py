@@ -96,23 +96,6 @@ def test_random_vehicles(batch: int) -> None:
     assert thin <= 5 and oversteering >= VEHICLES // 5
 
 
-@pytest.mark.parametrize("batch", quick_and_long(4))
-def test_brute_force_on_random_cars(batch: int) -> None:
-    rng = np.random.default_rng((20_240_612, batch))
-    concave = convex = passive = 0
-    for _ in range(25):
-        config = random_config(rng)
-        model = SteadyModel.of(config, config.case(CASE))
-        speeds, angles = breakpoints(config)
-        check_against_scan(model, speeds, angles)
-        turns = model.turns(speeds[0], 0.0, np.array([-0.01, 0.0, 0.01]))
-        curvature = float(np.diff(turns.objective(model.problem.sideslip_weight), 2)[0])
-        passive += model.problem.rear_angle_max == 0.0
-        concave += curvature < 0.0
-        convex += curvature > 0.0
-    assert min(concave, convex) > 2 and passive > 0
-
-
 @pytest.mark.parametrize("weight", [10.0, 32.5, 32.7, 100.0, 3_000.0])
 def test_brute_force_on_the_papers_car(weight: float) -> None:
     """Weights on both sides of 32.6, below which the objective turns concave."""
@@ -138,15 +121,3 @@ def test_a_stack_and_a_passively_safe_case() -> None:
             np.testing.assert_array_equal(one.active, other.active)
             np.testing.assert_allclose(one.yaw_rate, other.yaw_rate, rtol=0.0, atol=YAW_RATE_TOLERANCE)
             np.testing.assert_allclose(one.rear_angle, other.rear_angle, rtol=0.0, atol=YAW_RATE_TOLERANCE)
-
-
-def test_thin_cells_are_listed_and_the_next_wider_ones_compared() -> None:
-    """Front angles on the very edge, where rounding decides whether they are feasible, and 2e-6 rad inside and outside."""
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
-    for speed in np.array([[45.0], [80.0], [118.0]]) / 3.6:
-        edge = exact.edge(problem, speed).front_angle[0]
-        angles = edge * np.array([0.5, 1.0 - 1e-9, 1.0 + 1e-9, 1.2])
-        assert both_methods(PAPER, PAPER.case("4ws-2"), speed, angles) == [(0, 1), (0, 2)]
-        angles = np.array([edge - 2e-6, edge + 2e-6])
-        assert exact.solve(problem, speed, angles).feasible.tolist() == [[True, False]]
-        assert both_methods(PAPER, PAPER.case("4ws-2"), speed, angles) == []

@@ -8,8 +8,6 @@ import pytest
 
 from codegen.config import KM_H, Config
 from codegen.emit.evidence import excess_note
-from codegen.refmap.nonlinear import NonlinearTurns
-from codegen.refmap.place import Request
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.tyre import AxleTyres
@@ -83,18 +81,3 @@ def test_kind_tracking_keeps_them_with_the_trim_that_the_build_names() -> None:
     mended = built(with_car(nonlinear_map(), enough), enough)
     slips = steady_slips(compile_build(mended.files, mended.manifest), enough, speed, front_angle)
     assert (slips <= 1.0 + SLIP_TOLERANCE).all(), slips
-
-
-@pytest.mark.long
-def test_kind_tracking_keeps_them_on_chosen_breakpoints() -> None:
-    """Beside the edge of the map, where the rear angle that the reference model takes from its table turns fastest."""
-    config = tracking(5.0)
-    request = Request(math.radians(0.1), None, "int16", "--max-error 0.1deg/s --storage int16")
-    folder = built(with_car(nonlinear_map(), config), config, request=request)
-    assert folder.manifest["reference_model_excess"]["enough"]
-    software, turns = compile_build(folder.files, folder.manifest), NonlinearTurns.from_config(config, config.cases["4ws-2"])
-    for speed in np.array([70.0, 95.0, 110.0]) * KM_H:
-        edge = float(turns.edge(np.array([speed])).front_angle[0])
-        for fraction in (0.7, 0.9, 0.99):
-            slips = steady_slips(software, config, float(speed), fraction * edge)
-            assert (slips <= 1.0 + SLIP_TOLERANCE).all(), (speed / KM_H, fraction, slips)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, Config, preset
+from codegen.config import Config, preset
 from codegen.design.tune import design
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
@@ -19,8 +19,6 @@ from codegen.refmap.place import Maker, Target
 from codegen.refmap.place_ground import ground_of
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, solve_stack
-from codegen.refmap.storage import RAW_MAX
-from codegen.refmap.turns import turns_of
 from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map, paper_map, random_config
 from tests.refmap.placing import (
     COARSE,
@@ -112,19 +110,6 @@ def test_with_the_nonlinear_tyre_the_bound_holds_against_the_optimum(config: Con
 
 
 @LONG
-def test_with_the_nonlinear_tyre_a_map_without_rear_steering_ends_with_the_yaw_rate_of_its_edge() -> None:
-    """The cap beyond an edge is that at the edge, but for the bound at either place."""
-    config = coarsely(nonlinear(PAPER, "fws"))
-    found = placed(solve_case(config, "fws"), config, COARSE)
-    speed = np.linspace(50.0, 110.0, 7) * KM_H
-    edge = turns_of(config, config.case("fws")).edge(speed, math.radians(10.0))
-    assert edge.grip_limited.all()
-    beyond = np.array([1.01, 1.3, 2.0])[:, np.newaxis] * edge.front_angle
-    yaw_rate = Lookup.from_map(found.total, np.float64)(speed, beyond)
-    np.testing.assert_allclose(yaw_rate, np.broadcast_to(edge.yaw_rate, beyond.shape), rtol=0.0, atol=COARSE)
-
-
-@LONG
 @pytest.mark.parametrize(
     ("max_error", "max_flash", "storage", "place", "remedy"),
     [
@@ -173,22 +158,6 @@ def test_a_search_does_not_depend_on_earlier_searches_and_fills_the_bytes_of_a_b
     filled = used.for_flash(first.flash_bytes, ("uneven",))
     assert filled is not None and filled.flash_bytes <= first.flash_bytes
     assert filled.bounded_error <= first.bounded_error / 0.97
-
-
-@LONG
-def test_raw_numbers_are_the_nearest_ones() -> None:
-    ground = ground_of(paper_map(), PAPER)
-    found = Maker(ground, Target(2, np.float32, "int16")).for_error(math.radians(1.0), ("uneven",))
-    assert found is not None and found.total.scales is not None
-    scales, total = found.total.scales, found.total
-    surface = ground.layers[-1].surface(total.speed, total.front_angle)
-    tables = ((total.yaw_rate, scales.yaw_rate), (total.rear_angle, scales.rear_angle))
-    for (stored, scale), exactly, reported in zip(tables, surface, found.rounding, strict=True):
-        raw = stored / scale
-        assert np.array_equal(raw, np.rint(raw)) and np.abs(raw).max() == RAW_MAX
-        assert float(np.float32(scale)) == scale
-        off = np.abs(stored - np.minimum(exactly, stored.max())).max()
-        assert off == pytest.approx(reported, rel=1e-9) and off <= 0.5 * scale * (1.0 + 1e-6)
 
 
 @LONG

@@ -1,7 +1,6 @@
 """The firmware in QEMU: the image sends the frames of the software in the loop, bit for bit, and reports every fault."""
 
 import io
-import json
 import os
 import re
 import subprocess
@@ -11,15 +10,13 @@ from pathlib import Path
 import pytest
 from elftools.elf.elffile import ELFFile
 
-from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
 from codegen.export.firmware import image
 from codegen.export.firmware.image import ImageRun, Toolchain, image_sizes, run_image
-from codegen.export.firmware.project import project
 from tests.cli.conftest import Answer, run
 from tests.evidence.toolchains.programs import tool
-from tests.export.test_firmware import BUILD, GENERATED, made
+from tests.export.test_firmware import BUILD, made
 
 __all__ = ["run"]  # a fixture
 
@@ -55,19 +52,6 @@ def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: 
     assert (found.compared, found.different, found.faults, found.exit_code) == (1500, 0, 0, 0)
     assert found.cycles == found.ticks == 1500  # one tick of SysTick began each, none was missed
     assert found.lost_samples == 0 and found.fpu and 0 < found.stack < 4096
-
-
-@pytest.mark.long
-def test_a_build_with_another_prefix_runs_too(tmp_path: Path) -> None:
-    """Also where its C was changed after the build: the project takes it as it is."""
-    write_folder(prepare(GENERATED / "4ws2.npz", prefix="src").folder, tmp_path / "other")
-    source = tmp_path / "other" / "src" / "src_controller.c"
-    source.write_text(source.read_text() + "/* mine */\n")
-    other = project(tmp_path / "other")
-    assert other.sent == made().sent
-    assert other.edited == ("src/src_controller.c",)
-    assert other.folder.files["controller/src/src_controller.c"].endswith(b"/* mine */\n")
-    assert run_image(other.folder.files, other.sent, "gcc").passed
 
 
 UNDEFINED = '__asm volatile("udf #0");'
@@ -129,17 +113,6 @@ def test_a_self_test_that_fails_ends_it() -> None:
 
 
 @pytest.mark.long
-def test_one_bit_of_one_frame_is_a_difference() -> None:
-    text = made().folder.files["src/trace.c"].decode()
-    row = re.search(r"\{ 700u, 0x102u, 8u, \{ 0x(\w\w)u", text)
-    assert row is not None
-    found = ran(changed("src/trace.c", row[0], f"{row[0][:-3]}{int(row[1], 16) ^ 1:02X}u"))
-    # The program itself is well: a frame with a wrong CRC is a lost sample.
-    assert (found.exit_code, found.lost_samples, found.passed) == (0, 1, False)
-    assert found.different >= 1 and found.first_difference.startswith("cycle 700: 201#")
-
-
-@pytest.mark.long
 def test_nothing_but_systick_begins_a_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(image, "RUN_LIMIT", 3.0)
     with pytest.raises(CodegenError, match="did not end within 3 s"):
@@ -198,17 +171,6 @@ def test_its_own_makefile_does_it_all(tmp_path: Path) -> None:
     make("clean")
     assert not (folder / "build").exists()
     assert "-ffp-contract=off" in make("-n", f"CC={image.GCC} -DMORE", "BUILD=out")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("toolchain", TOOLCHAINS)
-def test_the_command_runs_and_compares(run: Run, tmp_path: Path, toolchain: Toolchain) -> None:
-    answer = run("firmware", "--build", BUILD, "-o", tmp_path / "fw", "--run", "--json", "--toolchain", toolchain)
-    assert (answer.code, answer.err) == (0, "")
-    found = json.loads(answer.out)["run"]
-    assert (found["compared"], found["different"], found["faults"], found["passed"]) == (1500, 0, 0, True)
-    assert found["sizes"]["flash"] > 40_000 and found["toolchain"] == toolchain
-    assert not (tmp_path / "fw" / "build").exists()  # made elsewhere
 
 
 def test_a_difference_ends_with_1(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,5 @@
 """FMUs of the other kind and scenario, of another configuration, and of a simulator that does everything wrong."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,25 +13,8 @@ from codegen.export.fmu.standard import Version
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import load
 from tests.export import fmus
-from tests.export import test_fmu_runs as runs
 from tests.export.test_fmu_file import RECORD_ORDER
 from tests.export.test_fmu_states import misuse
-
-RUNS = (
-    runs.test_the_loop_is_the_sil_at_the_step_of_the_plant,
-    runs.test_the_loop_as_a_simulator_runs_it,
-    runs.test_plant_and_controller_wired_together_are_the_loop,
-)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("version", ["2", "3"])
-@pytest.mark.parametrize(("kind", "scenario"), [("pi", "step-steer"), ("pi", "sine-with-dwell"), ("tracking", "step-steer")])
-@pytest.mark.parametrize("check", RUNS, ids=lambda check: check.__name__.removeprefix("test_"))
-def test_other_kinds_and_scenarios(
-    check: Callable[[Version, str, str], None], kind: str, scenario: str, version: Version
-) -> None:
-    check(version, kind, scenario)
 
 
 @pytest.mark.long

@@ -3,9 +3,7 @@
 import functools
 import importlib
 import math
-import re
 
-import numpy as np
 import pytest
 
 from codegen import config as configuration
@@ -114,21 +112,3 @@ def test_outcomes_are_repeatable(check: str) -> None:
     subject = planted.subject_of(builds.made("pi", "uneven"))
     first, second = (importlib.import_module(MODULES[check]).check(subject, Effort(quick=True)) for _ in range(2))
     assert first == second
-
-
-@pytest.mark.long
-def test_the_a2l_has_raw_tables_with_their_scales_and_the_c_no_double() -> None:
-    folder = placed()
-    text, storage = folder.files["rear_axle.a2l"].decode("ascii").replace("rear_axle", "ars"), folder.manifest["map"]["storage"]
-    for name, key in (("yaw_rate", "scale_rad_s"), ("rear_angle", "scale_rad")):
-        method = re.search(rf"COMPU_METHOD ars\.raw_{name} .* LINEAR .*\n\s+COEFFS_LINEAR (\S+) 0\n", text)
-        assert method is not None
-        assert np.float32(method[1]) == np.float32(storage[name][key])
-        table = re.search(rf"CHARACTERISTIC ars\.map\.{name} .*?ars_RAW_FUNCTION 0 (\S+) (\S+) (\S+)\n", text, re.DOTALL)
-        assert table is not None
-        assert table[1] == f"ars.raw_{name}"
-        assert float(table[3]) == pytest.approx(32767 * storage[name][key], rel=1e-6)  # printed with seven digits
-    assert re.search(r"RECORD_LAYOUT ars_RAW_FUNCTION\n\s+FNC_VALUES 1 SWORD ROW_DIR DIRECT\n", text)
-    for path, content in folder.files.items():
-        if path.startswith(("src/rear_axle_map", "src/rear_axle_calibration", "include/rear_axle_map")):
-            assert b"double" not in content

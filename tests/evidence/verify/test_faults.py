@@ -2,24 +2,19 @@
 
 import re
 import sys
-from dataclasses import replace
 
 import pytest
 
 from codegen.verify import packages
-from codegen.verify.budgets import check as budgets
 from codegen.verify.budgets.measure import measure_step
-from codegen.verify.budgets.taken import CYCLE
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.fuzzing import check as fuzzing
-from codegen.verify.law import check as law
 from codegen.verify.pil import check as pil
 from codegen.verify.proof import check as proof
 from codegen.verify.proof import claims
-from codegen.verify.sanitizers import check as sanitizers
 from codegen.verify.sanitizers import trap_build
-from codegen.verify.target.cross import CORTEX_M4F, POWERPC_BE
+from codegen.verify.target.cross import POWERPC_BE
 from tests.verify import builds, planted
 
 PI, TRACKING = builds.made("pi", "uneven"), builds.made("tracking", "uneven")
@@ -80,19 +75,6 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
     assert re.match("PowerPC, big-endian: dynamics, magic_formula.yaw_rate is .*, further apart than ", finding)
 
 
-@pytest.mark.parametrize(
-    ("body", "verdict", "finding"),
-    [
-        ("    while (result > -2.0f) { result += 0.0f; }", Verdict.NOT_RUN, "it might never return: src/ars_limiter.c:"),
-        ("    result = ;", Verdict.FAILED, "src/ars_limiter.c:"),
-    ],
-)
-def test_c_that_does_not_run(monkeypatch: pytest.MonkeyPatch, body: str, verdict: Verdict, finding: str) -> None:
-    monkeypatch.setattr(pil, "CORES", {True: (CORTEX_M4F,)})
-    found = pil.check(planted.limiter(PI, body), QUICK)
-    assert found.verdict is verdict and finding in found.findings[0]
-
-
 # Budgets: the longest step, where it is rare, and what a step takes.
 
 NOPS = 1_000
@@ -113,31 +95,6 @@ def test_a_rare_long_step_is_found(place: str, condition: str, goes_on: bool) ->
     nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
     usual = measure_step(planted.subject_of(PI), QUICK).worst
     assert measure_step(changed("controller", place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
-
-
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Count few calls: every call meets these faults."""
-    monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_SAMPLES", 40)
-    monkeypatch.setattr("codegen.verify.budgets.measure.QUICK_ROUNDS", 1)
-
-
-@pytest.mark.usefixtures("few")
-def test_stack_that_the_compiler_does_not_know_is_found() -> None:
-    hidden = '    __asm__ volatile ("sub sp, #512; str r0, [sp]; add sp, #512" ::: "memory");\n'
-    findings = budgets.check(planted.started(PI, "ars_limiter_step", hidden), QUICK).findings
-    assert findings[0].startswith("src/ars_limiter.c: not plain C99: ")  # assembly may hold a loop
-    for name in ("limiter_step", "controller_step", CYCLE):
-        assert any(re.match(rf"{re.escape(name)}: \d+ bytes of stack were used, by the compiler", each) for each in findings)
-
-
-def test_an_invalid_status_and_rejected_defaults_of_the_law_are_found() -> None:
-    text = planted.source(PI, "ars_controller").replace("command.status = self->status;", "command.status = (ars_status_t)7;")
-    folder = replace(PI, files=planted.subject_of(PI, ars_controller=text).files)
-    found = law.check(planted.wrapped(folder, "ars_parameters_valid", "    (void)parameters;\n    return false;"), QUICK)
-    assert found.verdict is Verdict.FAILED
-    assert any("a status is none: 7 is not a valid Status" in finding for finding in found.findings)
-    assert "src/ars_calibration.c: the C refuses its own default parameters" in found.findings
 
 
 # Compilation, sanitizers and trap build.
@@ -172,16 +129,6 @@ def test_a_header_that_is_not_for_cxx_is_found() -> None:
     assert all("ars_e2e_" in finding and "extern" in finding for finding in outcome.findings)
 
 
-@pytest.mark.long
-def test_a_header_that_needs_another_is_found() -> None:
-    header, end = "include/ars_map.h", "\n#endif /* ARS_MAP_H */"
-    files = builds.with_text(PI, header, end, f"size_t ars_map_ready(void);{end}")
-    outcome = compiles.check(Subject("planted", files, PI.manifest), QUICK)
-    found = [finding for finding in outcome.findings if finding.startswith(f"{header}:")]
-    assert found
-    assert all("size_t" in finding for finding in found)
-
-
 TRAPS = {
     "result += 0.0f * (float)(int8_t)((float)far * 1.0e6f);": "Floating-point to integer conversion overflowed",
     "result += input->demand / ((float)far * 0.0f);": "Division by zero, or one whose result does not fit",
@@ -199,16 +146,6 @@ def test_undefined_behaviour_traps(monkeypatch: pytest.MonkeyPatch, statement: s
     line = 1 + subject.files["src/ars_limiter.c"].decode().splitlines().index(f"    {statement}")
     (finding,) = trap_build.trapped(subject, QUICK)
     assert finding.startswith(f"src/ars_limiter.c:{line}: {why}, on the Cortex-M4F; ")
-
-
-def test_the_map_of_another_version_is_judged_by_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order of the operations may be another one there; a wrong cell shows all the same."""
-    monkeypatch.setattr(sanitizers, "run_all", lambda config, runner: [])
-    monkeypatch.setattr(trap_build, "trapped", lambda subject, effort: ())
-    for factor, verdict in ((1.000001, Verdict.PASSED), (1.001, Verdict.FAILED)):
-        body = f"    return planted_ars_map_yaw_rate_on_road(speed, front_angle, friction) * {factor}f;"
-        old = replace(TRACKING, manifest={**TRACKING.manifest, "version": "0.0.1"})
-        assert sanitizers.check(planted.wrapped(old, "ars_map_yaw_rate_on_road", body), QUICK).verdict is verdict
 
 
 # Fuzzing: each property of a harness can fail.
