@@ -5,8 +5,6 @@ test`. A unit that an earlier build holds word for word is mutated there only. M
 equivalent.toml. Every judge must kill at least one mutant: a check that cannot fail proves nothing.
 """
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import multiprocessing
@@ -17,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from codegen.config import Kind
 from codegen.console import progress as show_progress
@@ -39,8 +38,8 @@ EQUIVALENT_FRACTION_MAX = 0.05
 QUICK_COUNT = 400
 """Mutants of a quick campaign: those with the lowest hashes of their names, the same ones each time."""
 PROCESS_COUNT = 2
-PLANTED_ONLY = ("tracking rough stack", "tracking stack of two, uneven")
-"""Builds whose look-up has other C than that of the committed ones: stacks, uneven axes."""
+PLANTED_ONLY = ("tracking rough stack",)
+"""Builds whose look-up has other C than that of the committed ones."""
 
 JudgesOf = Callable[[Kind, str], Sequence[Judge]]
 """Return the judges of a unit (path of its source) of a kind of controller."""
@@ -151,7 +150,7 @@ class _Judges:
         _benches = benches
         self._progress = progress
 
-    def __enter__(self) -> _Judges:
+    def __enter__(self) -> Self:
         gc.collect()
         gc.freeze()  # a collection would copy all that the processes share
         # A copy of a process that catches SIGTERM would survive it, and the pool would wait for it.
