@@ -1,5 +1,6 @@
 """Fixtures of the command line's tests."""
 
 from tests.cli.conftest import here, run
+from tests.cli.test_show import maps
 
-__all__ = ["here", "run"]
+__all__ = ["here", "maps", "run"]

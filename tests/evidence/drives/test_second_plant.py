@@ -13,7 +13,7 @@ from codegen.refmap.solve import solve_case
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.metrics import column, spin_time
-from hil_sim.second_plant import Cell, MultiBodyPlant, car_of, cells, published, run
+from hil_sim.second_plant import MultiBodyPlant, car_of, cells, published, run
 from tests import builds
 
 
@@ -48,16 +48,6 @@ def test_rear_steer_gain_is_that_of_the_linear_car(speed_km_h: float, tolerance:
     by_front = (steady(speed, angle + change).yaw_rate - base) / change
     assert by_rear == pytest.approx(-float(SingleTrack.from_config(config()).yaw_gain(speed)), rel=tolerance)
     assert by_rear == pytest.approx(-by_front, rel=0.005)
-
-
-@pytest.mark.long
-def test_half_the_step_changes_the_yaw_rate_by_less_than_a_hundredth_of_a_degree_per_second() -> None:
-    data = config().model_dump(mode="json")
-    data["plant"]["sampling_time_s"] *= 0.5
-    scenario = Cell(70.0, 0.6, cells(reference_map())[4].front_angle).scenario
-    coarse, fine = (column(run(None, car, scenario), "yaw_rate_rad_s") for car in (config(), configuration.parse(data, "half")))
-    assert np.rad2deg(np.abs(coarse).max()) > 20.0
-    assert np.rad2deg(np.abs(coarse - fine).max()) < 0.01
 
 
 def test_the_controller_closes_the_loop() -> None:

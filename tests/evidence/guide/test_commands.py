@@ -26,9 +26,3 @@ def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     if lacking:
         pytest.skip(f"needs {', '.join(lacking)}")
     run_page(runnable(page), tmp_path, SETUPS.get(page))
-
-
-@pytest.mark.parametrize("text", ["$ false", "$ echo one\ntwo", "$ codegen build --map missing.npz", "$ true\nerror: no"])
-def test_a_wrong_page_fails(text: str, tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match=r"page\.md:7"):
-        run_page([Block("page.md", 7, "console", text)], tmp_path)

@@ -12,7 +12,7 @@ from codegen.refmap.storage import RAW_MAX, Storage
 from codegen.sil.software import compile_build
 from tests import builds
 from tests.sil.case import case
-from tests.sil.placed import BOUND, Which, check_placed, judges_of_map, placed
+from tests.sil.placed import Which, check_placed, judges_of_map, placed
 from tests.sil.suite import SANITIZED, whole
 
 PLACED: tuple[tuple[Kind, Precision, Storage, Which], ...] = (
@@ -55,19 +55,6 @@ def test_a_stack_behind_every_kind(kind: Kind) -> None:
     found = case(f"{kind} rough stack")
     for judge in whole(kind, ("controller",)):
         judge.run(found)
-
-
-def test_the_manifest_states_request_scales_and_errors() -> None:
-    found, chosen = placed("pi", "single", "int16")
-    check_placed(found, chosen)
-    facts, options = found.built.folder.manifest["map"], found.built.folder.manifest["options"]
-    assert (options["max_error_rad_s"], options["max_flash_bytes"], options["storage"]) == (BOUND, None, "int16")
-    assert chosen.total.scales is not None
-    scale, stored = chosen.total.scales.yaw_rate, facts["storage"]["yaw_rate"]
-    assert stored["scale_rad_s"] == scale and 0.0 < stored["largest_rounding_rad_s"] <= 0.5001 * scale
-    assert chosen.error.yaw_rate_whole <= facts["placement"]["error_whole_domain_rad_s"] <= BOUND * 1.001
-    plain = builds.paper().folder.manifest
-    assert not {"placement", "storage"} & {*plain["map"], *plain["options"]}, "without a request it states none"
 
 
 @pytest.mark.long

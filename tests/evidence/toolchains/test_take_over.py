@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from codegen.emit.write import write_folder
-from tests.emit.test_take_over import BOTH_MAIN, MAKE_HELLO, MAKE_LINES, SELFTEST_MAIN, done, made, project, run, text
+from tests.emit.test_take_over import BOTH_MAIN, SELFTEST_MAIN, done, made, project, run, text
 from tests.evidence.toolchains.programs import tool
 
 CMAKE_HELLO = """cmake_minimum_required(VERSION 3.13)
@@ -61,19 +61,18 @@ def stretched(program: Path) -> Path:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tools", ["cmake", "make"])
-def test_link_time_optimisation_makes_no_constant_of_a_calibrated_number(tmp_path: Path, tools: str) -> None:
+def test_link_time_optimisation_makes_no_constant_of_a_calibrated_number(tmp_path: Path) -> None:
     """Nor does a unity build. Changed in the finished program, the map returns another value."""
-    if tools == "cmake":
-        files = {"main.c": MAP_MAIN, "CMakeLists.txt": CMAKE_HELLO + CMAKE_LINES}
-        options = ("-DCMAKE_INTERPROCEDURAL_OPTIMIZATION=ON", "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_BUILD_TYPE=Release")
-        program = cmake(project(tmp_path / "one", files, "ars"), *options) / "hello"
-    else:
-        files = {"main.c": MAP_MAIN, "Makefile": MAKE_HELLO.replace("-O1", "-O2 -flto") + MAKE_LINES}
-        folder = project(tmp_path / "one", files, "ars")
-        done(run(["make", "LDFLAGS=-flto -O2"], folder))
-        program = folder / "hello"
+    files = {"main.c": MAP_MAIN, "CMakeLists.txt": CMAKE_HELLO + CMAKE_LINES}
+    options = ("-DCMAKE_INTERPROCEDURAL_OPTIMIZATION=ON", "-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_BUILD_TYPE=Release")
+    program = cmake(project(tmp_path / "one", files, "ars"), *options) / "hello"
     assert done(run([program], tmp_path)) != done(run([stretched(program)], tmp_path))
+
+
+def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:
+    write_folder(made(), tmp_path / "folder")
+    at = cmake(tmp_path / "folder", "-DCMAKE_C_FLAGS=-Wall -Wextra -Werror")
+    assert "100% tests passed" in done(run([tool("ctest"), "--test-dir", at, "--output-on-failure"], at))
 
 
 @pytest.mark.parametrize("main", ["the example", "the self-test"])
@@ -118,43 +117,32 @@ def test_two_builds_of_one_prefix_are_refused_with_the_remedy(tmp_path: Path) ->
     assert "build one of the two with another --prefix" in " ".join(result.stderr.split())
 
 
-# Zephyr's functions as its documentation describes them (cmake/modules/extensions.cmake), on top of plain CMake: options of a
-# library come last, as Zephyr has them in a library of options that is linked last.
+# Zephyr's functions as its documentation describes them (cmake/modules/extensions.cmake), on top of plain CMake.
 ZEPHYR_CMAKE = """cmake_minimum_required(VERSION 3.20)
 project(zephyr_application LANGUAGES C)
-add_library(zephyr_interface INTERFACE)
-target_compile_options(zephyr_interface INTERFACE -Wall -Werror)
-function(zephyr_include_directories)
-  foreach(path IN LISTS ARGN)
-    if(NOT IS_ABSOLUTE "${path}")
-      set(path "${CMAKE_CURRENT_SOURCE_DIR}/${path}")
-    endif()
-    target_include_directories(zephyr_interface INTERFACE "${path}")
-  endforeach()
-endfunction()
+add_executable(app main.c)
+macro(zephyr_include_directories)
+  include_directories(${ARGN})
+  target_include_directories(app PRIVATE ${ARGN})
+endmacro()
 macro(zephyr_library_named name)
   set(ZEPHYR_CURRENT_LIBRARY ${name})
   add_library(${name} STATIC "")
-  set_property(GLOBAL APPEND PROPERTY ZEPHYR_LIBS ${name})
-  target_link_libraries(${name} PUBLIC zephyr_interface)
+  target_link_libraries(app PRIVATE ${name} m)
 endmacro()
-function(zephyr_library_sources)
+macro(zephyr_library_sources)
   target_sources(${ZEPHYR_CURRENT_LIBRARY} PRIVATE ${ARGN})
-endfunction()
-function(zephyr_library_sources_ifdef feature source)
+endmacro()
+macro(zephyr_library_sources_ifdef feature)
   if(${${feature}})
-    zephyr_library_sources(${source} ${ARGN})
+    zephyr_library_sources(${ARGN})
   endif()
-endfunction()
-function(zephyr_library_compile_options)
+endmacro()
+macro(zephyr_library_compile_options)
   target_compile_options(${ZEPHYR_CURRENT_LIBRARY} PRIVATE ${ARGN})
-endfunction()
-add_executable(app main.c)
-foreach(module IN ITEMS ars rws)
-  add_subdirectory("${CMAKE_CURRENT_SOURCE_DIR}/${module}/zephyr" "module-${module}")
-endforeach()
-get_property(libraries GLOBAL PROPERTY ZEPHYR_LIBS)
-target_link_libraries(app PRIVATE zephyr_interface ${libraries} m)
+endmacro()
+add_subdirectory(ars/zephyr module-ars)
+add_subdirectory(rws/zephyr module-rws)
 """
 
 

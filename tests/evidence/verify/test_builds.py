@@ -93,20 +93,6 @@ def test_nothing_is_found(check: str, name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("check", ["compiles", "processor-in-the-loop", "law"])
-def test_nothing_is_found_by_a_whole_check(check: str) -> None:
-    folder = builds.made("pi", precision="double") if check == "compiles" else builds.made("tracking")
-    outcome = importlib.import_module(MODULES[check]).check(planted.subject_of(folder), Effort())
-    assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
-    if check == "compiles":  # only a core without a double FPU needs help with doubles
-        needed = outcome.figures["needed_of_others"]
-        assert len(needed) == 7
-        assert "__aeabi_dmul" in needed["Cortex-M4F"]
-        assert "__muldf3" in needed["RV32IMAFC"]
-        assert not any("df" in name for name in needed["PowerPC, big-endian"])
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("check", ["processor-in-the-loop", "budgets", "law", "sanitizers", "fuzzing"])
 def test_outcomes_are_repeatable(check: str) -> None:
     subject = planted.subject_of(builds.made("pi", "uneven"))
