@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from codegen import config as configuration
-from codegen.config import Config
 from hil_sim.suite import candidate
 from tests.cli.conftest import BUILD, MAP, Run
 from tests.cli.test_suite_command import SMALL_TUNING
@@ -36,15 +35,7 @@ def test_a_report_of_a_build_that_is_driven_with_faults(run: Run, here: Path) ->
 def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through frames too, whose quantisation is in the figures of the baselines then."""
     found, small = candidate.tuned, configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
-    designs: dict[str, Config] = {}
-
-    def design(config: Config, *more: Any) -> Config:
-        key = config.to_json()
-        if key not in designs:
-            designs[key] = found(config.model_copy(update={"tuning": small}), *more)
-        return designs[key]
-
-    monkeypatch.setattr(candidate, "tuned", design)
+    monkeypatch.setattr(candidate, "tuned", lambda config, *more: found(config.model_copy(update={"tuning": small}), *more))
     sil = ("sil", "--build", BUILD, "--csv", "run.csv")
     alone = answer_of(run, *sil)["metrics"]
     record = Path("run.csv").read_bytes()

@@ -12,13 +12,9 @@ from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
 from codegen.export.firmware import image
 from codegen.export.firmware.image import ImageRun, Toolchain, image_sizes, run_image
-from tests.cli.conftest import Answer, run
 from tests.evidence.toolchains.programs import tool
 from tests.export.test_firmware import made
 
-__all__ = ["run"]  # a fixture
-
-Run = Callable[..., Answer]
 TOOLCHAINS: tuple[Toolchain, ...] = ("gcc", "zig")
 FAULT, LATE, SELFTEST = 2, 1, 3
 """Exit codes of the image."""
