@@ -1,17 +1,15 @@
 """The exhaustive part of the evidence: each claim finds a planted fault, and no helper is left out."""
 
-import dataclasses
 import shutil
 from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
-from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Subject
 from codegen.verify.sanitizers.sanitized import find_compiler
 from tests.evidence.exhaustive import exhaustive
-from tests.evidence.exhaustive.claim import FLOATS, Claim, Source
+from tests.evidence.exhaustive.claim import Source
 from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 
@@ -79,17 +77,6 @@ def test_helpers_without_claim_and_claims_without_helper_are_findings(tmp_path: 
         "4ws2/src/ars_limiter.c: doubled() takes a number and has neither a claim nor a reason for having none",
         "4ws2/src/ars_limiter.c: is_from_to() takes a number and has neither a claim nor a reason for having none",
     }
-    subject = Subject.read(PI)
-    manifest = {**subject.manifest, "options": {**subject.manifest["options"], "precision": "double"}}
-    with pytest.raises(BuildError, match="double precision"):
-        exhaustive.claims_of(Source(dataclasses.replace(subject, manifest=manifest)))
-
-
-def test_all_inputs_run_once() -> None:
-    parts = exhaustive.pieces_of(Claim("u", "f", "", ""), 1)
-    assert [first for first, _, _ in parts] == [0, *(end for _, end, _ in parts[:-1])]
-    assert parts[-1][1:] == (FLOATS, 1)
-    assert exhaustive.run([], QUICK, Progress()).findings == ("no claim was judged",)
 
 
 def test_one_wrong_input_in_a_vectorized_block_is_found(tmp_path: Path) -> None:
