@@ -1,45 +1,26 @@
 """Coverage and MC/DC as parts of the evidence: lines, branches and conditions that no test covers are findings."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from codegen.config import Kind
 from codegen.verify.check import Verdict
 from tests.evidence.coverage import coverage, mcdc
 from tests.evidence.parts import FOLDERS
-from tests.sil.case import Case
-from tests.sil.suite import SANITIZED, Judge, judges_of
-
-PI = FOLDERS[0]
-
-
-def partial(kind: Kind) -> Sequence[Judge]:
-    """Return the judges of the frames, and one that sends correct frames only."""
-
-    def judge(case: Case) -> None:
-        software = case.built.software
-        state, data = software.new("e2e_receiver"), software.ffi.new("uint8_t[8]")
-        counter = software.ffi.new("uint8_t *", 0)
-        software.function("e2e_receiver_init")(state)
-        for _ in range(3):
-            software.function("e2e_protect")(0x101, counter, data)
-            software.function("e2e_check")(state, 0x101, data)
-
-    return [Judge("partial", judge), *(each for each in judges_of(kind, "src/ars_can.c") if each != SANITIZED)]
+from tests.sil.suite import Judge
 
 
 def test_lines_and_branches_that_do_not_run_are_findings() -> None:
-    units = {unit["path"]: unit for unit in coverage.measured(PI, partial)}
-    can, e2e, dynamics = (units[f"4ws2/src/ars_{name}.c"] for name in ("can", "e2e", "dynamics"))
-    assert coverage.outcome_of([can]).verdict is Verdict.PASSED, can["missed"]
-    assert can["lines"] > 50 and dynamics["lines_run"] == 0 < 30 < dynamics["lines"]
-    assert 0 < e2e["lines_run"] < e2e["lines"] and 0 < e2e["branches_taken"] < e2e["branches"]
-    outcome = coverage.outcome_of([can, e2e])
-    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, tuple(e2e["missed"]))
-    text = (PI / "src/ars_e2e.c").read_text(encoding="ascii").splitlines()
-    idle = [int(finding.split(":")[1]) for finding in outcome.findings if finding.endswith("never runs")]
+    selftest = Judge("self-test", lambda case: case.built.software.selftest())
+    units = {unit["path"]: unit for unit in coverage.measured(FOLDERS[0], lambda kind: [selftest])}
+    can, e2e, look_up = (units[f"4ws2/src/ars_{name}.c"] for name in ("can", "e2e", "map"))
+    assert can["lines_run"] == 0 < 50 < can["lines"]
+    assert 0 < e2e["lines_run"] < e2e["lines"] and 0 < look_up["branches_taken"] < look_up["branches"]
+    outcome = coverage.outcome_of([e2e, look_up])
+    assert (outcome.verdict, outcome.findings) == (Verdict.FAILED, (*e2e["missed"], *look_up["missed"]))
+    text = (FOLDERS[0] / "src/ars_e2e.c").read_text(encoding="ascii").splitlines()
+    idle = [int(finding.split(":")[1]) for finding in e2e["missed"] if finding.endswith("never runs")]
     assert any("ARS_E2E_REPEATED" in text[line - 1] for line in idle)
-    assert any("branch" in finding for finding in outcome.findings)
+    assert any("branch" in finding for finding in look_up["missed"])
+    assert coverage.outcome_of([{**e2e, "missed": []}]).verdict is Verdict.PASSED
 
 
 def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:

@@ -1,16 +1,24 @@
 """The mutation campaign: it kills, it sees a missing test, it counts, and it accepts only what is argued."""
 
+import ctypes
 import os
+import shutil
+import subprocess
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from codegen.verify.check import Verdict
+from codegen.sil.toolchain import compiler_command
+from codegen.verify.check import Subject, Verdict
 from tests.evidence.mutation.equivalents import Equivalent
 from tests.evidence.mutation.judging import SURVIVED
-from tests.evidence.mutation.mutants import Key, Mutant
+from tests.evidence.mutation.mutants import Key, Mutant, mutants_of
 from tests.evidence.mutation.mutation import Judged, Tally, campaign, outcome_of
+from tests.evidence.mutation.one_library import source_with
+from tests.evidence.mutation.source import Unit
+from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 from tests.sil.case import Case
 from tests.sil.suite import SANITIZED, Judge, judges_of
@@ -90,3 +98,30 @@ def test_argued_mutants_may_survive_as_long_as_they_are_few_and_the_list_holds_n
     ):
         assert outcome.verdict is Verdict.FAILED
         assert len(outcome.findings) == 1 and finding in outcome.findings[0]
+
+
+def test_all_mutants_of_a_unit_compile_to_one_library_that_selects_one(tmp_path: Path) -> None:
+    """Constants and functions alike; number 0 is the unaltered unit."""
+    text = b"static const int gain = 2;\nint twice(int x);\nint twice(int x)\n{\n    return gain * x;\n}\n"
+    unit = Unit.read("src/small.c", {"src/small.c": text})
+    mutants = mutants_of(unit)
+    (tmp_path / "small.c").write_text(source_with(unit, mutants), encoding="ascii")
+    command = [*compiler_command(), "-shared", "-fPIC", "-Wall", "-Werror", "small.c", "-o", "small.so"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    found = {}
+    for number in range(len(mutants) + 1):
+        library = ctypes.CDLL(shutil.copy(tmp_path / "small.so", tmp_path / f"{number}.so"))  # a library selects once
+        library.mutant_select(number)
+        found[mutants[number - 1].key.operator if number else "unaltered"] = library.twice(10)
+    wanted = {"constant: 2 to 3": 30, "constant: 2 to 1": 10, "arithmetic: * to /": 0, "unaltered": 20}
+    assert found == wanted
+
+
+def test_each_mutant_of_a_unit_is_one_change_with_a_name_of_its_own() -> None:
+    unit = Unit.read("src/ars_limiter.c", Subject.read(FOLDERS[1]).files)
+    before = unit.text()
+    mutants = mutants_of(unit)
+    assert unit.text() == before, "making mutants leaves the tree as it was"
+    assert max(Counter(mutant.key for mutant in mutants).values()) == 1
+    assert max(Counter((mutant.index, mutant.text) for mutant in mutants).values()) == 1, "no two are the same C"
+    assert all(mutant.text not in before for mutant in mutants)

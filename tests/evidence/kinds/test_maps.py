@@ -52,9 +52,11 @@ def test_every_check_of_a_kind_in_double_precision(kind: Kind) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stack_behind_every_kind(kind: Kind) -> None:
-    found = case(f"{kind} rough stack")
-    for judge in whole(kind, ("controller",)):
-        judge.run(found)
+    """As its second implementation has it; other checks of the controller know a map for one friction."""
+    judges = [judge for judge in whole(kind, ("controller",)) if judge.name.startswith("model: ")]
+    assert judges
+    for judge in judges:
+        judge.run(case(f"{kind} rough stack"))
 
 
 @pytest.mark.long
