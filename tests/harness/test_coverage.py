@@ -1,9 +1,10 @@
-"""Coverage and MC/DC as parts of the evidence: lines, branches and conditions that no test covers are findings."""
+"""Coverage, MC/DC and libFuzzer as parts of the evidence: what their reports say is missing or wrong is a finding."""
 
 from pathlib import Path
 
 from codegen.verify.check import Verdict
 from tests.evidence.coverage import coverage, mcdc
+from tests.evidence.libfuzzer import libfuzzer
 from tests.evidence.parts import FOLDERS
 from tests.sil.suite import Judge
 
@@ -37,3 +38,19 @@ def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:
     assert list(mcdc._conditions("4ws2", tmp_path, {"filename": str(tmp_path / "bench/plant.c")})) == []
     # Nothing measured is not passed.
     assert coverage.outcome_of([]).verdict is mcdc.outcome_of([]).verdict is Verdict.FAILED
+
+
+REPORT = """INFO: Running with entropic power schedule (0xFF, 100).
+INFO: Loaded 1 modules   (457 inline 8-bit counters): 457 [0x5581, 0x5589),
+#2\tINITED cov: 31 ft: 32 corp: 1/1b exec/s: 0 rss: 70Mb
+#3000\tDONE   cov: 272 ft: 900 corp: 77/20Kb lim: 2048 exec/s: 100 rss: 71Mb
+"""
+
+
+def test_figures_are_those_of_the_last_line_and_findings_the_property_the_error_or_the_exit_code() -> None:
+    assert libfuzzer.read(REPORT, 0) == libfuzzer.Run(3000, 272, 457, ())
+    broken = REPORT + "property not held: status has a name (5, 4)\n==1== ERROR: libFuzzer: deadly signal\n"
+    assert libfuzzer.read(broken, 77).findings == ("property not held: status has a name (5, 4)",)
+    slow = libfuzzer.read("==1== ERROR: libFuzzer: timeout after 20 seconds\nTest unit written to ./x-timeout-1\n", 70)
+    assert slow.findings == ("==1== ERROR: libFuzzer: timeout after 20 seconds (x-timeout-1)",)
+    assert libfuzzer.read("", 1).findings == ("it ends with exit code 1",)

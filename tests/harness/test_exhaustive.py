@@ -14,7 +14,6 @@ from tests.evidence.parts import FOLDERS
 from tests.evidence.progress import Progress
 
 PI, TRACKING = FOLDERS
-QUICK = Effort(quick=True)
 
 FAULTS = [
     ("limiter", "    if (result > high) {\n        result = high;\n    }\n", "", {"clamp"}),
@@ -55,7 +54,7 @@ def failed(outcome: Outcome) -> set[str]:
 
 def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     planted, steps = changed(TRACKING, tmp_path, *(fault[:3] for fault in FAULTS)), tmp_path / "steps"
-    outcome = exhaustive.run([planted], QUICK, Progress(steps))
+    outcome = exhaustive.run([planted], Effort(quick=True), Progress(steps))
     expected = {f"{unit}: {name}" for unit, _, _, names in FAULTS for name in names}
     found = {next((name for name in expected if each.startswith(name)), each) for each in failed(outcome)}
     assert found == expected
@@ -64,7 +63,7 @@ def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypa
     assert any(finding.startswith(start) for finding in outcome.findings)
     # Finished claims are not judged again.
     monkeypatch.setattr(exhaustive, "compile_program", None)
-    assert exhaustive.run([planted], QUICK, Progress(steps)) == outcome
+    assert exhaustive.run([planted], Effort(quick=True), Progress(steps)) == outcome
 
 
 def test_helpers_without_claim_and_claims_without_helper_are_findings(tmp_path: Path) -> None:

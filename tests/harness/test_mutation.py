@@ -78,7 +78,7 @@ def test_a_judge_that_kills_nothing_is_found() -> None:
 
 
 def made(fates: str) -> Tally:
-    """Return a tally by letters: killed, survived."""
+    """Return a tally by letters: k for killed, s for survived."""
     mutants = [Mutant(Key("src/a.c", "f", "deletion", f"x = {k}"), k + 1, 0, "") for k in range(len(fates))]
     judged = [Judged("4ws2", one, "a test" if letter == "k" else SURVIVED) for one, letter in zip(mutants, fates, strict=True)]
     return Tally([("4ws2", one) for one in mutants], judged)

@@ -1,10 +1,9 @@
-"""The nonlinear map against IPOPT and a dense search on more cars, and driven in closed loop near its slip bounds."""
+"""The nonlinear map, driven in closed loop near its slip bounds."""
 
 import math
 import re
 
 import numpy as np
-import pytest
 
 from codegen.config import KM_H, Config
 from codegen.emit.evidence import excess_note
@@ -12,11 +11,9 @@ from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.tyre import AxleTyres
 from tests import builds
-from tests.refmap.cars import CASES, PAPER, nonlinear, nonlinear_map
+from tests.refmap.cars import PAPER, nonlinear, nonlinear_map
 from tests.refmap.test_nonlinear import (
     built,
-    check_against_dense_search,
-    check_against_ipopt,
     tracking,
     with_car,
 )
@@ -40,16 +37,6 @@ def steady_slips(software: Software, config: Config, speed: float, front_angle: 
     assert np.ptp(record[:, RECORD_COLUMNS.index("yaw_rate_rad_s")]) < 1e-4  # rad/s: settled
     columns = [RECORD_COLUMNS.index(name) for name in ("slip_front_rad", "slip_rear_rad")]
     return np.asarray(np.abs(record[:, columns]).max(axis=0) / BOUNDS)
-
-
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])
-def test_against_a_dense_search(seed: int) -> None:
-    check_against_dense_search(seed, 3)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_against_ipopt(case: str) -> None:
-    check_against_ipopt(case, 20, 6)
 
 
 def test_closed_loop_keeps_the_slip_bounds_in_steady_state() -> None:

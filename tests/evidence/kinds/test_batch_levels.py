@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from codegen.sil.batch import Isa, Lanes, compile_batch
-from codegen.sil.closed_loop import ClosedLoop
 from tests import builds
 from tests.sil.test_batch import (
     HERE,
@@ -38,11 +37,3 @@ def test_tyres_with_a_relaxation_length(isa: Isa) -> None:
     record = software.run(PROFILES["step steer"], Lanes(rows(soft, stiff)))
     for index, car in enumerate((soft, stiff)):
         require_equal(record[:, :, index], single_run("pi", car, PROFILES["step steer"]))
-
-
-@on_each_level
-def test_a_build_in_double_precision(isa: Isa) -> None:
-    built = builds.paper("double")
-    software = compile_batch(built.folder.files, built.folder.manifest, isa=isa)
-    record = software.run(PROFILES["sine with dwell"], Lanes(rows(builds.CONFIG)))
-    require_equal(record[:, :, 0], ClosedLoop(built.software).run(PROFILES["sine with dwell"]).T)

