@@ -16,7 +16,6 @@ from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, with_tab
 
 from .conftest import Run, everything_in
 
-PICTURES = {f"{name}.png" for name in ("overview", "steps", "cells", "conditions", "margins", "friction", "price")}
 SMALL_TUNING = {"speed_km_h": [30.0, 60.0], "actuator_lag_s": [0.05], "mass_percent": [0.0]}
 SMALL_TUNING |= {"stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
 

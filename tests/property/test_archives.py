@@ -1,7 +1,4 @@
-"""The loader of maps against bytes that change again and again, and against well-formed but wrong headers.
-
-The same with more examples: tests/evidence/drives/test_properties.py.
-"""
+"""The loader of maps against bytes that change again and again, and against well-formed but wrong headers."""
 
 import io
 import json

@@ -1,6 +1,6 @@
 """The loaders of TOML (`ars.toml`, scenario files) against texts that change again and again.
 
-The result is one line of error or a complete configuration. With more examples: tests/evidence/drives/test_properties.py.
+The result is one line of error or a complete configuration.
 """
 
 import json

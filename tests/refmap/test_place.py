@@ -26,7 +26,6 @@ from tests.refmap.cars import CASES, PAPER, changed, paper_map, paper_total
 from tests.refmap.placing import ROUNDING, coarsely, largest_error, truth_of
 
 BARE_BOUND = math.radians(4.0)
-PROBLEM = SteadyTurnProblem.from_config(PAPER, PAPER.case("4ws-2"))
 
 
 @functools.cache

@@ -96,6 +96,14 @@ def test_random_vehicles(batch: int) -> None:
     assert thin <= 5 and oversteering >= VEHICLES // 5
 
 
+@pytest.mark.parametrize("batch", quick_and_long(4))
+def test_brute_force_on_random_cars(batch: int) -> None:
+    rng = np.random.default_rng((20_240_612, batch))
+    for _ in range(25):
+        config = random_config(rng)
+        check_against_scan(SteadyModel.of(config, config.case(CASE)), *breakpoints(config))
+
+
 @pytest.mark.parametrize("weight", [10.0, 32.5, 32.7, 100.0, 3_000.0])
 def test_brute_force_on_the_papers_car(weight: float) -> None:
     """Weights on both sides of 32.6, below which the objective turns concave."""
