@@ -105,6 +105,7 @@ def check_recovery(built: Built) -> None:
     for bad in (LOST, None):
         assert {command.status for command in controller.run([good] * (needed - 1))} == {Status.FAIL_SAFE}
         assert controller.step(bad or good).status in ((Status.FAIL_SAFE,) if bad else RUNNING)
+    assert controller.state.good_samples == 0, "counted in the fail-safe alone"
 
 
 def check_standby(built: Built) -> None:
