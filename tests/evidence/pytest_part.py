@@ -20,7 +20,9 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     result.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={result}", *(["-m", "not long"] if effort.quick else [])]
     command += ["-n", str(part.worker_count), str(part.folder)]
-    done = subprocess.run(command, cwd=ROOT, env=os.environ | {PROGRESS_VARIABLE: str(passed)}, check=False)
+    environment = os.environ | {PROGRESS_VARIABLE: str(passed)}
+    environment.pop("PYTEST_XDIST_WORKER", None)  # this pytest is no worker, even where a worker runs the part
+    done = subprocess.run(command, cwd=ROOT, env=environment, check=False)
     if not result.is_file():
         return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))
     failed, missing = _read(result)

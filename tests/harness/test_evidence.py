@@ -86,7 +86,6 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     folder, sample = ROOT / "build" / f"evidence-sample-{tmp_path.name}", Part("sample", "it works", (), worker_count=0)
     monkeypatch.setattr(Part, "folder", folder)
     monkeypatch.setenv("PYTEST_ADDOPTS", "-p tests.evidence.conftest -p no:cacheprovider")
-    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)  # the part's pytest is no worker of this one
     folder.mkdir(parents=True, exist_ok=True)
 
     def run(good: str, long: str, quick: bool = False) -> Outcome:

@@ -113,7 +113,7 @@ def test_the_edge_is_where_feasibility_ends(rear_steering: bool) -> None:
 
 
 def test_speeds_beyond_the_critical_one_are_refused() -> None:
-    """Of a car with soft rear tyres. Critical: vx^2 = L/-K, from the definitions."""
+    """A car with soft rear tyres; its critical speed is vx^2 = L/-K, from the definitions."""
     tyre = {"front": {"cornering_stiffness_n_per_rad": 120e3}, "rear": {"cornering_stiffness_n_per_rad": 90e3}}
     vehicle = PAPER.vehicle
     understeer = vehicle.mass_kg / vehicle.wheelbase * (vehicle.cg_to_rear_axle_m / 240e3 - vehicle.cg_to_front_axle_m / 180e3)

@@ -44,7 +44,7 @@ def bare() -> ReferenceMap:
 
 @pytest.mark.parametrize("fault", ["none", "a number", "a speed moved"])
 def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
-    """Of a tenth of the breakpoints of the paper's map, which have an error of their own, and with a fault in it."""
+    """A table on a tenth of the paper's breakpoints, which has an error of its own, with and without a fault in it."""
     total, kept = paper_total(), np.r_[0, 1:102:10]
     speed, front_angle = total.speed[kept], total.front_angle[kept]
     table = {name: getattr(total, name)[np.ix_(kept, kept)] for name in ("yaw_rate", "rear_angle", "rule")}
