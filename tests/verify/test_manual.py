@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
-from codegen.config import Config
 from codegen.refmap.map import from_arrays
 from codegen.refmap.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, Report
+from hil_sim.suite.plants import changed
 from tests.verify import builds
 
 COMMITTED = Path(__file__).parents[2] / "generated"
@@ -60,22 +59,17 @@ def bare() -> Manifest:
     return builds.build_of(table, builds.config_of("feedforward", "uneven")).manifest
 
 
-def changed(**sections: dict[str, Any]) -> Config:
-    data = builds.config_of("feedforward", "uneven").model_dump(mode="json")
-    for section, keys in sections.items():
-        for key, value in keys.items():
-            data[section][key] = {**data[section][key], **value} if isinstance(value, dict) else value
-    return configuration.parse(data, "test")
-
-
 def solved(**sections: dict[str, Any]) -> Manifest:
     """Return the manifest of a build of a solved map with some keys of its configuration changed."""
-    config = changed(**sections)
+    config = changed(builds.config_of("feedforward", "uneven"), sections)
     return builds.build_of(solve_case(config, builds.CASE), config, "map").manifest
 
 
 def with_another_car() -> Manifest:
-    return builds.build_of(solve_case(changed(), builds.CASE), changed(vehicle={"mass_kg": 2500.0}), "mine.toml").manifest
+    config = builds.config_of("feedforward", "uneven")
+    return builds.build_of(
+        solve_case(config, builds.CASE), changed(config, {"vehicle": {"mass_kg": 2500.0}}), "mine.toml"
+    ).manifest
 
 
 def placed() -> Manifest:
