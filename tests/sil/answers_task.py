@@ -22,7 +22,7 @@ from tests.sil.checks_kinds import model_of, parameters_of
 LIVES, CYCLES = 30, 60
 """Starts of the task, and cycles after each."""
 ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for side in (1, -1) for code in (2000, 2001)))
-"""rad: the angle that is told after a start. Some are impossible; the last four are codes of the frame at the limit of SETS."""
+"""Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in SETS."""
 SETS: tuple[Mapping[str, Any], ...] = (
     {},
     {"rear_angle_input_max": 2000 / 20000, "recovery_samples": 3, "degraded_samples_max": 0},
@@ -32,7 +32,7 @@ EVENTS = (
     *("motion lost", "conditions lost", "both lost", "corrupt", "repeated", "skipped", "jump", "no angle", "implausible") * 2,
     *("short", "foreign", "other message", "twice", "wrong and good", "reversed", "burst", "unavailable", "slow"),
 )
-"""What happens on the bus, each as often as it stands here."""
+"""Bus events, drawn with the frequency at which they stand here."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class _Car:
             yield self._of(event, place, self._angle(cycle))
 
     def _angle(self, cycle: int) -> float:
-        """The told angle in rad; where none is told at first, an impossible one in between starts the task's count again."""
+        """Rear angle that the bus reports, rad; where unavailable at first, an impossible value restarts the task's count."""
         if cycle >= 14:
             return 0.04 * math.cos(0.05 * cycle)
         told = ANGLES[self.life % len(ANGLES)]

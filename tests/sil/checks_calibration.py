@@ -67,7 +67,7 @@ class Calibrated:
         return self
 
     def is_valid(self) -> bool:
-        """What the C says of the map and, which must be the same, of the map and the default parameters."""
+        """Return the C's verdict on the map; it must be the same for the map with the default parameters."""
         of_map = bool(self.library.lib.ars_map_valid())
         parameters = self.library.ffi.new("ars_parameters_t *", self.library.lib.ars_parameters_default)
         assert bool(self.library.lib.ars_parameters_valid(parameters)) == of_map

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
 from codegen.sil.software import Software
 from codegen.vehicle.dynamics import TyreModel, single_track
 from tests.sil.case import Case
+from tests.sil.rounding import rounding_bounds
 
 FloatArray = npt.NDArray[np.float64]
 MODELS: tuple[TyreModel, ...] = ("linear", "magic-formula")
@@ -39,29 +39,28 @@ def generated(software: Software, name: str, x: npt.NDArray[Any], u: npt.NDArray
     return np.array(rows)
 
 
-def by_rows(dfdx: Any, dfdu: Any) -> FloatArray:
+def _by_rows(dfdx: Any, dfdu: Any) -> FloatArray:
     """CasADi's column-major elements in the order of `generated`; each (n, elements)."""
     return np.hstack([dfdx[:, 0::2], dfdu[:, 0::2], dfdx[:, 1::2], dfdu[:, 1::2]])
 
 
-def machine(config: Config, tyre_model: TyreModel, x: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives and, by rows, Jacobians that CasADi's machine finds in double precision."""
-    functions = single_track(config, tyre_model)
-    pairs = [functions.jacobian(point, values) for point, values in zip(x, u, strict=True)]
-    dfdx, dfdu = (np.array([np.array(pair[k]).ravel(order="F") for pair in pairs]) for k in (0, 1))
-    return np.array(functions.derivative.map(len(x))(x.T, u.T)).T, by_rows(dfdx, dfdu)
+def _only(result: Any) -> Any:
+    return result
 
 
 def _known(case: Case) -> list[tuple[str, Any, Any]]:
-    """Return the name of each function, what the machine gives and how far rounding may be from it."""
+    """Return the name of each function, what CasADi's machine gives in double precision and how far rounding may be from it."""
     x, u = (points.astype(np.float64) for points in dynamics_points(POINTS))
+    is_single = case.built.real is np.float32
     known = []
     for model in MODELS:
-        # Some ten roundings; 6e-5 where lf Cf and lr Cr nearly cancel, in the car's neutral balance.
-        both = zip(machine(case.built.software.config, model, x, u), (3e-6, 6e-5), ("", "_jacobian"), strict=True)
-        for wanted, share, what in both:
-            bound = share * np.abs(wanted).max(axis=0) if case.built.real is np.float32 else 0.0
-            known.append((model.replace("-", "_") + what, wanted, bound))
+        functions, name = single_track(case.built.software.config, model), model.replace("-", "_")
+        for function, arranged, what in ((functions.derivative, _only, ""), (functions.jacobian, _by_rows, "_jacobian")):
+            results = function.map(POINTS)(x.T, u.T)
+            columns = results if isinstance(results, tuple) else (results,)
+            wanted = arranged(*(np.array(each).reshape(-1, POINTS, order="F").T for each in columns))
+            bound = arranged(*rounding_bounds(function, x, u)) if is_single else 0.0
+            known.append((name + what, wanted, bound))
     return known
 
 

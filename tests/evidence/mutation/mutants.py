@@ -129,7 +129,7 @@ LEFT = ((c_ast.StructRef, "field"), (c_ast.Cast, "to_type"), (c_ast.NamedInitial
 
 
 def _inside(parent: Any, name: str, node: Any, told: Any) -> Iterator[_Change]:
-    """Changes of a node and of all below it; `told` is what names a number: the expression that it stands in."""
+    """Changes of a node and of all below it; `told` is the expression around a number, by which a report names it."""
     for new, operator, of in _at(name, node, told):
         yield _Change(parent, name, node, new, operator, of or node)
     if isinstance(node, c_ast.Decl):
