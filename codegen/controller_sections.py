@@ -13,6 +13,8 @@ from pydantic import Field, model_validator
 from codegen.sections import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
+IMPLAUSIBLE_TIME_MAX_S, DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 10.0, 1.0, 10_000
+"""Beyond them the fail-safe would as good as never act, or never end."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
 
@@ -29,14 +31,14 @@ class Inputs(Section):
     rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
     friction_max: Annotated[float, Range(0.1, 2.0)] = 1.5
     yaw_rate_tolerance_deg_s: Annotated[float, Range(1.0, 180.0, "deg/s")] = 30.0
-    implausible_time_s: Annotated[float, Range(0.01, 10.0, "s")] = 0.3
+    implausible_time_s: Annotated[float, Range(0.01, IMPLAUSIBLE_TIME_MAX_S, "s")] = 0.3
 
 
 class FailSafe(Section):
     """Reaction to inputs that stay lost or implausible."""
 
     degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
-    recovery_samples: int = Field(default=10, ge=1, le=10_000)
+    recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
     hold_above_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 60.0
     rate_at_standstill_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
     rate_at_hold_speed_deg_s: Annotated[float, Range(0.02, 100.0, "deg/s")] = 0.5
@@ -128,9 +130,19 @@ class Controller(Section):
     fail_safe: FailSafe = FailSafe()
 
     @model_validator(mode="after")
-    def _hysteresis(self) -> Self:
+    def _fits_together(self) -> Self:
+        inputs, samples_max = self.inputs, self.fail_safe.degraded_samples_max
         if self.disable_speed_km_h >= self.enable_speed_km_h:
             raise ValueError("disable_speed_km_h must be below enable_speed_km_h")
+        if self.enable_speed_km_h > inputs.speed_max_km_h:
+            raise ValueError("enable_speed_km_h must be at most inputs.speed_max_km_h: control would never start")
+        if self.friction_min > inputs.friction_max:
+            raise ValueError("friction_min must be at most inputs.friction_max")
+        if samples_max * self.sampling_time_s > DEGRADED_TIME_MAX_S:
+            raise ValueError(
+                f"fail_safe.degraded_samples_max is {samples_max * self.sampling_time_s:g} s without a sample; "
+                f"at most {DEGRADED_TIME_MAX_S:g} s"
+            )
         return self
 
 

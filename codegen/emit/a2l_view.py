@@ -18,9 +18,6 @@ from codegen.emit.text import Precision
 from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
 from codegen.refmap.storage import RAW_MAX
 
-COUNT_MAX = 65534
-"""Of samples: one less than the counters can hold, as the C demands."""
-COUNT_LOW = {"recovery_samples": "1"}
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
 REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}
 """Limits of what is measured, by unit; of others 1e6."""
@@ -191,7 +188,7 @@ class _Lists:
         for view in views:
             unit = self.conversion(unit_of_comment(view.comment))
             name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
-            low, high = (_plain(view.low), _plain(view.high)) if view.low else (COUNT_LOW.get(view.name, "0"), str(COUNT_MAX))
+            low, high = (bound.rstrip("u") if view.is_count else _plain(bound) for bound in (view.low, view.high))
             if view.increasing:
                 axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.speed", where)
                 axis_of[view.points] = axis
@@ -200,8 +197,8 @@ class _Lists:
                 axes = (axis_of[view.points],)
                 made.append(Adjustable(name, text, "CURVE", f"{self.prefix}_FUNCTION", unit, low, high, where, axes))
             else:
-                record = f"{self.prefix}_REAL" if view.low else f"{self.prefix}_COUNT"
-                made.append(Adjustable(name, text, "VALUE", record, unit if view.low else self.count, low, high, where))
+                record = f"{self.prefix}_COUNT" if view.is_count else f"{self.prefix}_REAL"
+                made.append(Adjustable(name, text, "VALUE", record, self.count if view.is_count else unit, low, high, where))
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.config import KM_H, Config
+from codegen.controller_sections import DEGRADED_TIME_MAX_S, IMPLAUSIBLE_TIME_MAX_S, RECOVERY_SAMPLES_MAX
 from codegen.emit.laws import law_of
 from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, parameter_views
 from codegen.emit.text import Precision, literal, numpy_type
@@ -16,6 +17,12 @@ from codegen.refmap.lookup import Lookup
 
 SPEED_UNKNOWN = 1000.0
 """m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
+
+INITIALISED = 0x41525331
+"""Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
+
+STATE_SUM_MAX = 1e6
+"""SI units; the largest number of a state is SPEED_UNKNOWN."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
@@ -43,8 +50,12 @@ class ControllerView:
     parameters: tuple[ParameterView, ...]
     ranged: tuple[ParameterView, ...]
     ranged_arrays: tuple[ParameterView, ...]
+    counts: tuple[ParameterView, ...]
     points: tuple[tuple[str, int], ...]
     state: tuple[FieldView, ...]
+    numbers: tuple[str, ...]
+    initialised: int
+    state_sum_max: str
     sampling_time: str
     period_text: str
     actuator_angle_max: str
@@ -114,10 +125,18 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "implausible_samples_max",
             round(inputs.implausible_time_s / period),
-            "samples that an implausible yaw rate is held, then fail-safe",
+            "implausible samples less good ones that are predicted, then fail-safe",
+            0,
+            round(IMPLAUSIBLE_TIME_MAX_S / period),
         ),
-        Parameter("degraded_samples_max", fail_safe.degraded_samples_max, "lost samples before the fail-safe"),
-        Parameter("recovery_samples", fail_safe.recovery_samples, "good samples that end the fail-safe"),
+        Parameter(
+            "degraded_samples_max",
+            fail_safe.degraded_samples_max,
+            "lost samples less good ones that are predicted, then fail-safe",
+            0,
+            round(DEGRADED_TIME_MAX_S / period),
+        ),
+        Parameter("recovery_samples", fail_safe.recovery_samples, "good ones that end the fail-safe", 1, RECOVERY_SAMPLES_MAX),
     )
 
 
@@ -126,10 +145,12 @@ _COMMON_STATE = (
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
     Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
     Field("real", "speed", "m/s, last one in range"),
-    Field("uint16_t", "bad_samples", "in a row"),
+    Field("uint16_t", "missed_samples", "in a row, that the law predicted"),
+    Field("uint16_t", "bad_samples", "lost less good ones, at most one above the limit"),
     Field("uint16_t", "good_samples", "in a row, counted in fail-safe"),
-    Field("uint16_t", "implausible_samples", "in a row"),
-    Field("bool", "enabled", "above the enabling speed, with hysteresis"),
+    Field("uint16_t", "implausible_samples", "less good ones, at most one above the limit"),
+    Field("bool", "enabled", "above the enabling speed, with hysteresis: the law runs"),
+    Field("uint32_t", "initialised", "a mark, of which memory without an initialisation has none"),
 )
 
 
@@ -137,18 +158,28 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
     """The view of the configured controller around a total map. Raises BuildError: see `law_of`."""
     law = law_of(config)
     parameters = parameter_views(controller_parameters(config), prefix, precision, real)
-    state = [field_view(field, real) for field in (*law.state, *_COMMON_STATE)]
+    fields = (*law.state, *_COMMON_STATE)
+    state = [field_view(field, real) for field in fields]
+    numbers = [field.name for field in fields if field.kind == "real"]
     if law.uses_reference_model:
         state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
+        numbers += [f"model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
+    numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
+    state.append(FieldView(f"{prefix}_measurement_t", "sample", "the last good one, while the law runs"))
     state.append(FieldView(f"{prefix}_limiter_t", "limiter", "last in the chain"))
+    state.append(FieldView(f"{prefix}_quality_t", "quality", "of the last sample"))
     state.append(FieldView(f"{prefix}_status_t", "status", "of the last step"))
     period = config.controller.sampling_time_s
     return ControllerView(
         parameters=parameters,
-        ranged=tuple(view for view in parameters if view.low and not view.points),
+        ranged=tuple(view for view in parameters if not view.is_count and not view.points),
         ranged_arrays=tuple(view for view in parameters if view.points),
+        counts=tuple(view for view in parameters if view.is_count),
         points=law.points(config, prefix),
         state=tuple(state),
+        numbers=tuple(numbers),
+        initialised=INITIALISED,
+        state_sum_max=literal(STATE_SUM_MAX, precision),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),

@@ -57,6 +57,11 @@ class Law:
     uses_reference_model: bool = False
     points: Callable[[Config, str], tuple[tuple[str, int], ...]] = _no_arrays
 
+    @property
+    def has_feedback(self) -> bool:
+        """Whether it goes by the yaw-rate error."""
+        return self.gains is not _no_gains
+
 
 def law_of(config: Config) -> Law:
     """The law that the configuration names. Raises BuildError: it lacks what the law needs."""

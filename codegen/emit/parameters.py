@@ -13,16 +13,16 @@ RATE_OFF = 1000.0
 
 @dataclass(frozen=True)
 class Parameter:
-    """One field of a parameter struct, SI units, with its allowed range (None: any unsigned count).
+    """One field of a parameter struct, SI units, with its allowed range; an integer is an unsigned count, from zero.
 
     A tuple is an array, whose size the C knows by the name `points`; `increasing` where its values must rise.
     """
 
     name: str
-    value: float | tuple[float, ...]
+    value: float | int | tuple[float, ...]
     comment: str
-    low: float | None = None
-    high: float | None = None
+    low: float
+    high: float
     points: str = ""
     increasing: bool = False
 
@@ -39,6 +39,11 @@ class ParameterView:
     high: str
     points: str
     increasing: bool
+
+    @property
+    def is_count(self) -> bool:
+        """Whether it is an unsigned count."""
+        return self.type == "uint16_t"
 
     @property
     def declaration(self) -> str:
@@ -66,11 +71,9 @@ class FieldView:
 
 def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
     """The C text of a parameter."""
-    if parameter.low is None or parameter.high is None:
-        assert isinstance(parameter.value, float | int)  # counts are single
-        return ParameterView(
-            "uint16_t", parameter.name, f"{int(parameter.value)}u", parameter.comment, "", "", parameter.points, False
-        )
+    if isinstance(parameter.value, int):
+        value, low, high = (f"{int(number)}u" for number in (parameter.value, parameter.low, parameter.high))
+        return ParameterView("uint16_t", parameter.name, value, parameter.comment, low, high, "", False)
     low, high = (literal(bound, precision) for bound in (parameter.low, parameter.high))
     if isinstance(parameter.value, tuple):
         value = _braced(lines_of([literal(number, precision) for number in parameter.value]))

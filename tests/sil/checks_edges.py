@@ -87,6 +87,30 @@ def check_state_after_init(built: Built) -> None:
         assert limiter.rear_angle == held, start
 
 
+def check_unsound_memory(built: Built) -> None:
+    """Memory that was never initialised, or in which a number is none, starts from the measured angle, in the fail-safe."""
+    software, ffi = built.software, built.software.ffi
+    good, needed = built.turn(0.01, speed=30.0, rear_angle=0.01), software.parameters().recovery_samples
+    assert needed > 1
+    sound = software.controller(0.0)
+    sound.run([good] * 3)
+    before = bytes(ffi.buffer(sound.state))
+    numbers = [("", name) for name, field in ffi.typeof(sound.state).item.fields if field.type.cname in ("float", "double")]
+    for struct in ("limiter", "model") if hasattr(sound.state, "model") else ("limiter",):
+        fields = ffi.typeof(getattr(sound.state, struct)).fields
+        numbers += [(struct, name) for name, field in fields if field.type.cname in ("float", "double")]
+    spoiled = [(struct, name, value) for struct, name in numbers for value in (math.nan, math.inf, -math.inf)]
+    for case in [*spoiled, 0x00, 0xFF]:
+        ffi.memmove(sound.state, before if isinstance(case, tuple) else bytes([case]) * len(before), len(before))
+        if isinstance(case, tuple):
+            struct, name, value = case
+            setattr(getattr(sound.state, struct) if struct else sound.state, name, value)
+        commands = sound.run([good] * (needed + 1))
+        assert {command.status for command in commands[: needed - 1]} == {Status.FAIL_SAFE}, case
+        assert {command.rear_angle for command in commands[: needed - 1]} == {float(built.real(0.01))}, case
+        assert commands[-1].status in (Status.TRACKING, Status.LIMITED), case
+
+
 def check_yaw_rate_error(built: Built) -> None:
     """For measuring: the reference less the measured yaw rate while control is on, held with the command, zero where it is
     off."""

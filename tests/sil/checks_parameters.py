@@ -11,7 +11,6 @@ from codegen.config import Config
 from codegen.emit.controller_view import controller_view
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
-from tests.sil.checks_edges import LARGEST
 from tests.sil.checks_kinds import config_of
 
 
@@ -109,6 +108,8 @@ def opposite_phase_bounds(config: Config) -> list[float]:
 COMPANIONS: Mapping[str, Mapping[str, float]] = {
     "rear_angle_max": {"rear_angle_input_max": 1.5},
     "rear_angle_input_max": {"rear_angle_max": 1e-4},
+    "speed_max": {"enable_speed": 0.02, "disable_speed": 0.01},
+    "friction_max": {"friction_min": 0.01},
 }
 """What a parameter at the end of its range needs of another."""
 NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
@@ -116,9 +117,11 @@ NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
 
 
 def is_valid(built: Built, **changes: Any) -> bool:
-    """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed."""
+    """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed; its
+    ranges of the inputs are the widest."""
     parameters = built.software.parameters(**changes)
     limiter = parameters.limiter
+    limiter.speed_max, limiter.front_angle_max = 200.0, 1.5
     if parameters.rear_angle_max < limiter.rear_angle_max:
         limiter.rear_angle_max = parameters.rear_angle_max
         for k in range(len(limiter.opposite_phase_max)):
@@ -172,14 +175,25 @@ def _check_what_fits_together(built: Built) -> None:
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
     for enable, disable in ((built.next(lowest, 1.0), lowest), (100.0, built.next(100.0, 0.0)), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
-    for name, least in (("implausible_samples_max", 0), ("degraded_samples_max", 0), ("recovery_samples", 1)):
-        assert is_valid(built, **{name: least}) and is_valid(built, **{name: LARGEST - 1})
-        assert not is_valid(built, **{name: LARGEST}), "a count could not pass it"
+    period = config_of(built).controller.sampling_time_s
+    ranges = {"implausible_samples_max": (0, round(10.0 / period)), "degraded_samples_max": (0, round(1.0 / period))}
+    for name, (least, most) in (ranges | {"recovery_samples": (1, 10_000)}).items():
+        assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
+        assert not is_valid(built, **{name: most + 1}), "a fail-safe that never acts, or never ends"
+    for enable, fits in ((20.0, True), (built.next(20.0, 30.0), False)):
+        assert is_valid(built, enable_speed=enable, speed_max=20.0) == fits, "control could not start"
+    for least, fits in ((0.5, True), (built.next(0.5, 1.0), False)):
+        assert is_valid(built, friction_min=least, friction_max=0.5) == fits
     assert not is_valid(built, recovery_samples=0), "a fail-safe that ends at once"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle
         assert software.function("parameters_valid")(parameters) == fits
+    for name in ("speed_max", "front_angle_max"):
+        for beyond, fits in ((getattr(parameters, name), True), (built.next(getattr(parameters, name), 0.0), False)):
+            parameters = software.parameters()
+            setattr(parameters.limiter, name, beyond)
+            assert software.function("parameters_valid")(parameters) == fits, "the limiter knows what the controller takes"
     parameters = software.parameters()
     parameters.limiter.speed_max = math.nan
     assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"

@@ -5,6 +5,7 @@ Each check takes a build of that kind and raises AssertionError where it does no
 rate, rad/s. The limits that a check is not about are open.
 """
 
+import math
 from typing import Any
 
 from codegen.sil.software import Controller, Measurement, Status
@@ -45,13 +46,24 @@ def check_tracking_state_after_init(built: Built) -> None:
     assert abs(state.grip - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * state.grip
 
 
-def check_tracking_start_forgets_what_was_reached(built: Built) -> None:
-    """After a standby nothing of what was reached counts."""
-    for before in (3.0, 0.0):
-        controller = built.software.controller(0.0)
-        controller.state.reached = before
-        controller.step(Measurement(SPEED, 0.0, 0.0))
-        assert controller.state.reached == 0.0
+def check_tracking_memory_of_the_road(built: Built) -> None:
+    """What is known of the road survives the fail-safe and a start, and grows old in standby."""
+    controller = built.software.controller(0.0)
+    p, period = controller.parameters, config_of(built).controller.sampling_time_s
+    good, lost = Measurement(SPEED, 0.0, 0.0), Measurement(math.nan, math.nan, math.nan)
+    controller.step(good)
+    controller.state.grip = controller.state.reached = 2.0
+    controller.run([lost] * (p.degraded_samples_max + 3) + [good] * (p.recovery_samples - 1))
+    assert (controller.state.status, controller.state.grip, controller.state.reached) == (Status.FAIL_SAFE, 2.0, 2.0)
+    assert controller.step(good).status in (Status.TRACKING, Status.LIMITED)
+    assert controller.state.grip < 2.1, "one sample of recovery"
+    controller.state.grip = controller.state.reached = 2.0
+    assert controller.step(Measurement(0.0, 0.0, 0.0)).status is Status.STANDBY
+    # Each is rounded twice, near 2.
+    assert abs(controller.state.grip - (2.0 + p.grip_recovery_idle * period)) <= 2.0 * built.eps * 2.0
+    assert abs(controller.state.reached - 2.0 * (1.0 - p.grip_forgetting * period)) <= 2.0 * built.eps * 2.0
+    controller.run([Measurement(0.0, 0.0, 0.0)] * round(20.0 / float(p.grip_recovery_idle) / period))
+    assert abs(controller.state.grip - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * controller.state.grip
 
 
 def _grip_after(built: Built, measurement: Measurement, grip: float, **changes: Any) -> tuple[float, float]:

@@ -6,6 +6,8 @@ It keeps one number type throughout, so the bits of a sample can be compared and
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from enum import Enum, auto
 from typing import Any
 
 from codegen.refmap.lookup import Lookup
@@ -17,6 +19,14 @@ NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
 
 SPEED_UNKNOWN = 1000.0
 """m/s: before a speed was seen the car may be at any, and the fail-safe holds."""
+
+
+class Quality(Enum):
+    """Of a sample."""
+
+    GOOD = auto()
+    LOST = auto()
+    IMPLAUSIBLE = auto()
 
 
 class SecondController:
@@ -42,10 +52,16 @@ class SecondController:
         self.status = Status.STANDBY
         self.above_enabling_speed = False
         self.lost = self.found = self.unbelieved = 0
-        self._last_reference = real(0.0)
+        self.missed = 0
+        self.quality = Quality.GOOD
+        self.error = real(0.0)
+        self._last_good = Measurement(0.0, 0.0, 0.0)
 
     def start(self, m: Measurement) -> None:
         """The law begins: without a jump from the angle that is commanded."""
+
+    def stand_by(self) -> None:
+        """A sample in standby."""
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         """One sample of the law, to `angle`. Returns the reference yaw rate and whether a limit acted."""
@@ -58,7 +74,8 @@ class SecondController:
         numbers = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
         sample = Measurement(**numbers, inhibit=measurement.inhibit)
         yaw_rate_reference = self.real(0.0)
-        if not self._usable(sample):
+        self.quality = self._judge(sample)
+        if self.quality is not Quality.GOOD:
             self.found = 0
             gap_is_short = (
                 self.lost <= self.p.degraded_samples_max
@@ -66,36 +83,39 @@ class SecondController:
                 and self.status is not Status.FAIL_SAFE
             )
             self.status = Status.DEGRADED if gap_is_short else Status.FAIL_SAFE
-            if gap_is_short:
-                yaw_rate_reference = self._last_reference
-            else:
-                self.above_enabling_speed = False
+            self.above_enabling_speed &= gap_is_short
+            if self.above_enabling_speed:
+                yaw_rate_reference = self._predict()
         else:
+            runs = self.above_enabling_speed
             self._recover()
             if self.status is not Status.FAIL_SAFE:
                 self._choose_by_speed(sample.speed)
                 if self.above_enabling_speed:
-                    yaw_rate_reference = self._control(sample)
+                    yaw_rate_reference = self._control(sample, runs)
         if self.status is Status.STANDBY:
             self._approach_zero(self.parameter("standby_rate"))
+            self.stand_by()
         elif self.status is Status.FAIL_SAFE:
             self._fail_safe()
-        self._last_reference = yaw_rate_reference
         limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
         if limited != self.angle and self.status is Status.TRACKING:
             self.status = Status.LIMITED
         self.angle = limited
         return Command(float(self.angle), float(yaw_rate_reference), self.status)
 
-    def _usable(self, m: Measurement) -> bool:
+    def _judge(self, m: Measurement) -> Quality:
+        """Of a sample, which is counted: up to one above each limit, and a good one takes one off both."""
         if abs(m.speed) <= self.parameter("speed_max"):
             self.last_speed = m.speed
         if not self._in_range(m):
-            self.lost += 1
-            return False
-        self.lost = 0
-        self.unbelieved = 0 if self._plausible(m) else self.unbelieved + 1
-        return self.unbelieved == 0
+            self.lost = min(self.lost, self.p.degraded_samples_max) + 1
+            return Quality.LOST
+        if not self._plausible(m):
+            self.unbelieved = min(self.unbelieved, self.p.implausible_samples_max) + 1
+            return Quality.IMPLAUSIBLE
+        self.lost, self.unbelieved = max(self.lost - 1, 0), max(self.unbelieved - 1, 0)
+        return Quality.GOOD
 
     def _in_range(self, m: Measurement) -> bool:
         needed = (("speed", "speed_max"), ("front_angle", "front_angle_max"), ("yaw_rate", "yaw_rate_max"))
@@ -135,12 +155,26 @@ class SecondController:
             at_rest, at_hold = self.parameter("ramp_rate_standstill"), self.parameter("ramp_rate_hold_speed")
             self._approach_zero(at_rest + speed / hold_speed * (at_hold - at_rest))
 
-    def _control(self, m: Measurement) -> Any:
-        if self.status not in (Status.TRACKING, Status.LIMITED):
+    def _control(self, m: Measurement, runs: bool) -> Any:
+        if not runs:
+            self.missed = 0
             self.start(m)
         reference, limited = self.law(m)
         self.status = Status.LIMITED if limited else Status.TRACKING
+        self.error = reference - m.yaw_rate
+        self.missed, self._last_good = 0, m
         return reference
+
+    def _predict(self) -> Any:
+        """The law without a new sample: the last good one again, with the last error; what is implausible is not integrated."""
+        self._last_good = replace(self._last_good, inhibit=self._last_good.inhibit or self.quality is Quality.IMPLAUSIBLE)
+        self.missed += 1
+        reference, _ = self.law(self._last_good)
+        return reference
+
+    def error_to(self, reference: Any, m: Measurement) -> Any:
+        """rad/s of the yaw rate, in this sample."""
+        return reference - m.yaw_rate if self.quality is Quality.GOOD else self.error
 
     def friction(self, m: Measurement) -> Any:
         """The estimate, not below the smallest that is believed; NaN: none."""
@@ -176,7 +210,7 @@ class SecondPi(SecondController):
     def law(self, m: Measurement) -> tuple[Any, bool]:
         p = self.parameter
         reference = self.map_yaw_rate(m)
-        error = reference - m.yaw_rate
+        error = self.error_to(reference, m)
         proportional = p("proportional_gain") * error
         low, high = self.actuator_range(m)
         integral = self.integral if m.inhibit else self.integral - p("integral_gain") * self.period * error

@@ -91,7 +91,7 @@ def _narrow(parameters: Any, generator: np.random.Generator) -> None:
 
 
 def _other(parameter: Parameter, value: Number, generator: np.random.Generator) -> Number:
-    if parameter.low is None or parameter.high is None:
+    if isinstance(parameter.value, int):
         return int(generator.integers(0, COUNT_MAX + 1))
     low, high = parameter.low, parameter.high
     if parameter.high == RATE_OFF:
@@ -109,9 +109,8 @@ def _value(holder: Any, name: str) -> Number:
 
 
 def _rounded(parameter: Parameter, software: Software) -> Number:
-    if parameter.low is None:
-        assert not isinstance(parameter.value, tuple)
-        return int(parameter.value)
+    if isinstance(parameter.value, int):
+        return parameter.value
     if isinstance(parameter.value, tuple):
         return [float(software.real(value)) for value in parameter.value]
     return float(software.real(parameter.value))

@@ -9,7 +9,7 @@ from typing import Any
 
 from codegen.can_sections import FRAME_BYTES, Can
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import SecondController
+from codegen.verify.law.controller import Quality, SecondController
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.diagnostics import DIAGNOSTICS
 from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
@@ -143,9 +143,9 @@ class SecondTask:
 
     def _of_controller(self, is_good: bool) -> int:
         controller, found = self._controller, 0
-        if is_good and controller.lost:
+        if is_good and controller.quality is Quality.LOST:
             found |= _BITS["UNAVAILABLE"]
-        if is_good and controller.unbelieved:
+        if is_good and controller.quality is Quality.IMPLAUSIBLE:
             found |= _BITS["IMPLAUSIBLE"]
         if controller.lost > self.parameters.degraded_samples_max:
             found |= _BITS["TIMEOUT"]

@@ -11,8 +11,8 @@ import numpy as np
 from codegen.config import Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.refmap.lookup import Lookup
-from codegen.sil.software import Measurement, Status
-from codegen.verify.law.controller import SecondController
+from codegen.sil.software import Measurement
+from codegen.verify.law.controller import Quality, SecondController
 from codegen.verify.law.limiter import clip
 from codegen.verify.law.reference_model import SecondReferenceModel
 
@@ -66,16 +66,19 @@ class SecondTracking(SecondController):
         self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
         self.state = self.car_state(m.speed, m.yaw_rate)
         self.starting = True
-        if self.status is Status.STANDBY:
-            self.reached, self.grip = zero, self.full_grip
+
+    def stand_by(self) -> None:
+        self.reached = self.reached - self.parameter("grip_forgetting") * self.period * self.reached
+        self.grip = min(self.grip + self.parameter("grip_recovery_idle") * self.period, self.full_grip)
 
     def look(self, m: Measurement) -> Sample:
         """The map where the front wheels will be after the lead time, on the road that is known or seen."""
         p = self.parameter
         most = p("lead_angle_max")
-        rate = (m.front_angle - self.last_front) / self.period
-        self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
-        self.last_front = m.front_angle
+        if self.quality is Quality.GOOD:
+            rate = (m.front_angle - self.last_front) / (self.period * self.real(self.missed + 1))
+            self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
+            self.last_front = m.front_angle
         lead = clip(p("lead_time") * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = seen if math.isnan(estimated) else min(estimated, seen)
@@ -89,7 +92,7 @@ class SecondTracking(SecondController):
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
         reference = self.reachable_yaw_rate(sample, m.speed)
-        error = reference - m.yaw_rate
+        error = self.error_to(reference, m)
         gain, integral_gain = self.gains(m.speed)
         low, high = self.feedback_range(m, sample.rear_angle)
         if self.starting:
@@ -111,7 +114,7 @@ class SecondTracking(SecondController):
         self.note("limited while inhibited", limited and m.inhibit)
         self.note("free", not limited)
         self.integral, self.angle = integral, reachable
-        if not m.inhibit:
+        if not m.inhibit and self.quality is Quality.GOOD:
             self.update_grip(m, reference)
         self.last_yaw_rate = m.yaw_rate
         inputs = (m.speed, m.front_angle, sample.rear_angle, sample.friction)
