@@ -2,9 +2,10 @@
 
 - lock-step: the car waits for the answer to each of its samples; time is simulated, as fast as the machine allows;
 - real time: cycles begin at absolute deadlines; the command that came within the cycle acts over it, else the last one holds;
-- in process: no bus at all; the task is called after the frames of each cycle, whatever became of them.
+- in process: no bus at all; the task is called after the frames of each cycle, whatever became of them, or by a clock of its
+  own (`hil_sim.clocks`): time is simulated.
 
-Where no frame is lost or late, all three give the same bits.
+Where no frame is lost or late and the clocks run in step, all three give the same bits.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ class _Recorder:
 def run_in_process(
     node: PlantNode, software: Software, *, log: BusLog | None = None, observe: Observer | None = None
 ) -> BenchResult:
-    """Without a bus: the generated task in this process, called once a cycle as by a timer."""
+    """Without a bus: the generated task in this process, called as by a timer: once a cycle, or by a clock of its own."""
     recorder, task = _Recorder(node, observe), software.task()
     running = True
     for cycle in range(node.cycles):
@@ -141,9 +142,10 @@ def run_in_process(
             _note(log, frame, now, received=False)
             if running and not (frame.extended or frame.remote or frame.error):
                 task.on_can_frame(frame.id, frame.data)
-        if running:
+        for elapsed in node.task_starts[cycle] if running else ():
+            node.advance(cycle, elapsed)
             answer = Frame(*task.run())
-            _note(log, answer, now, received=True)
+            _note(log, answer, now + elapsed, received=True)
             node.receive(answer)
         recorder.close_cycle(cycle, 0.0, np.nan)
     return recorder.result()
@@ -153,7 +155,8 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
     """On a bus, simulated time.
 
     Raises:
-        CodegenError: the scenario has faults, which would leave the ECU without a complete set of frames; or no answer comes.
+        CodegenError: the scenario has faults, which would leave the ECU without a complete set of frames, or two clocks; or no
+            answer comes.
     """
     if node.injector.faults:
         raise CodegenError(
@@ -161,6 +164,8 @@ def run_in_lock_step(node: PlantNode, bus: Bus, *, log: BusLog | None = None, ob
             where="--lock-step",
             remedy="take --real-time",
         )
+    if node.is_free_running:
+        raise CodegenError("in lock-step there is one clock", where="--lock-step", remedy="take --real-time")
     recorder = _Recorder(node, observe)
     _drain(bus)
     for cycle in range(node.cycles):
@@ -196,25 +201,27 @@ def run_in_real_time(
     log: BusLog | None = None,
     observe: Observer | None = None,
 ) -> BenchResult:
-    """On a bus, by the clock. `ecu` is taken away and brought back where the scenario says so."""
+    """On a bus, by the clock, which drifts and jitters as the scenario says. `ecu` is taken away and brought back likewise."""
     period, recorder = node.sampling_time, _Recorder(node, observe)
+    after_first = (node.sending_times - node.sending_times[0]).tolist()
     running = True
     _drain(bus)
     with _no_pauses():
-        start = deadline = time.monotonic() + period
+        start = origin = time.monotonic() + period
         for cycle in range(node.cycles):
+            deadline = origin + after_first[cycle]
             _wait(deadline)
             lateness = time.monotonic() - deadline
             if lateness >= period:  # never a burst to catch up: on with the next deadline, in the same phase
                 recorder.late += 1
-                deadline += math.ceil(lateness / period) * period
-                _wait(deadline)
+                origin += math.ceil(lateness / period) * period
+                _wait(origin + after_first[cycle])
             running = _switch(ecu, running, node.injector.ecu_off(cycle))
             sent = time.monotonic()
             for frame in node.outgoing(cycle):
                 recorder.send_errors += not bus.send(frame)
                 _note(log, frame, sent - start, received=False)
-            deadline += period
+            deadline = origin + after_first[cycle + 1]
             response = np.nan
             while (left := deadline - time.monotonic()) > 0.0:
                 received = bus.receive(left)

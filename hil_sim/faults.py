@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -18,6 +19,7 @@ FaultKind = Literal[
     "delay",
     "duplicate",
     "reorder",
+    "burst",
     "corrupt",
     "freeze-counter",
     "stuck-value",
@@ -52,8 +54,10 @@ class Fault:
 
 VALUE_KINDS: frozenset[str] = frozenset({"stuck-value", "not-a-number", "infinity"})
 """Faults of a value, before it is packed."""
-FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "corrupt", "freeze-counter"})
+FRAME_KINDS: frozenset[str] = frozenset({"drop", "delay", "duplicate", "reorder", "burst", "corrupt", "freeze-counter"})
 """Faults of frames: of one message, or of all that the car sends."""
+HELD_PLACES: Mapping[str, int] = {"reorder": sys.maxsize, "burst": 0}
+"""Faults that hold each second frame for a cycle, and where it then goes: behind its successor or before it."""
 
 FRAME_BITS_MAX = 135
 """Bits on the wire of a frame with eight bytes and an 11-bit identifier: 111 with the interframe space, and at most 24 stuff
@@ -83,7 +87,7 @@ class Injector:
         self._stuck: dict[tuple[int, str], float] = {}
         self._frozen: dict[tuple[int, int], int] = {}
         self._later: list[tuple[int, Frame]] = []
-        self._held: dict[int, Frame] = {}
+        self._held: dict[int, tuple[int, Frame]] = {}
 
     def _active(self, cycle: int, kinds: Iterable[str]) -> list[tuple[int, Fault]]:
         now = cycle * self._sampling_time
@@ -146,8 +150,8 @@ class Injector:
         """What becomes of one frame, now."""
         result = [frame]
         active = [pair for pair in self._active(cycle, FRAME_KINDS) if self._concerns(pair[1], frame)]
-        if not any(fault.kind == "reorder" for _, fault in active) and frame.id in self._held:
-            result.append(self._held.pop(frame.id))
+        if not any(fault.kind in HELD_PLACES for _, fault in active) and frame.id in self._held:
+            result.insert(*self._held.pop(frame.id))
         for index, fault in active:
             if fault.kind == "drop":
                 result = []
@@ -156,11 +160,11 @@ class Injector:
             elif fault.kind == "delay":
                 self._later += [(cycle + fault.cycles, one) for one in result]
                 result = []
-            elif fault.kind == "reorder":
+            elif fault.kind in HELD_PLACES:
                 if frame.id in self._held:
-                    result.append(self._held.pop(frame.id))
+                    result.insert(*self._held.pop(frame.id))
                 elif result:
-                    self._held[frame.id] = result.pop()
+                    self._held[frame.id] = HELD_PLACES[fault.kind], result.pop()
             elif fault.kind == "corrupt":
                 result = [self._flipped(one) for one in result]
             else:

@@ -191,6 +191,16 @@ def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
     return drive
 
 
+def yaw_moment(start: float, moment: float) -> Manoeuvre:
+    """Straight on at constant speed, with a yaw moment (N m) from `start` (s) on, the steering wheel held straight."""
+
+    def drive(config: Config, settings: Settings, time: FloatArray) -> Columns:
+        del config
+        return {"speed": settings.speed, "yaw_moment": np.where(time >= start - 1e-9, moment, 0.0)}
+
+    return drive
+
+
 @dataclass(frozen=True)
 class SplitBraking:
     """Braking with one side of the car on a slippery surface, as the plant sees it.

@@ -74,11 +74,14 @@ class PlantNode:
         self._sensors = SensorModel(config.sensors, seed) if sensors else None
         self.injector = Injector(scenario.faults, config.can, self.sampling_time, seed)
         self._actuator = _ActuatorSupervision(config, self.sampling_time)
-        self._waiting: deque[float] = deque([0.0] * config.plant.command_delay_samples)
+        self._waiting: deque[float] = deque([0.0] * (config.plant.command_delay_samples * self._per_sample))
+        clocks = scenario.clocks
+        self.is_free_running = clocks.are_free_running
+        self.sending_times = clocks.sending_times(self.cycles + 1, self.sampling_time, seed)
+        self.task_starts = clocks.task_starts(self.cycles, self.sampling_time, seed)
         self.received = Received()
         self.command: RearSteerCommand | None = None
         self.command_id = config.can.rear_steer_command.id
-        self.diagnostics = 0  # of the commands in the last cycle
         self._reference = 0.0  # rad/s, the last one that was available
         self._warm_up()
         self._restart()
@@ -100,12 +103,17 @@ class PlantNode:
         self._receiver = Receiver(self._can.e2e)
         self._was_off = False
         self._arrived: list[Frame] = []
-        self._fresh = False
+        self._begin_cycle()
+
+    def _begin_cycle(self) -> None:
+        self._fresh = self._heard = False
+        self._moved = 0  # plant steps of this cycle that are done
+        self.diagnostics = 0
 
     def outgoing(self, cycle: int) -> list[Frame]:
         """The frames of the sample at `cycle`: what the node really puts on the bus, faults included."""
         self._sample = self._plant.sample(self._acting(cycle * self._per_sample, 0.0))
-        self._fresh = False
+        self._begin_cycle()
         off = self.injector.plant_off(cycle)
         if self._was_off and not off:
             self._restart()  # a node that was switched on again starts with counters of zero
@@ -169,24 +177,37 @@ class PlantNode:
         self._actuator.command(decoded.rear_angle)
         return True
 
+    def advance(self, cycle: int, elapsed: float) -> None:
+        """Move the car to a time (s) within the cycle, with the commands that came before it."""
+        self._take_arrived(cycle)
+        step = round(elapsed / self._config.plant.sampling_time_s)
+        self._move(cycle, self._actuator.angle, min(step, self._per_sample))
+
     def finish(self, cycle: int) -> list[float]:
         """End of the cycle: the car is moved on with the command that acts; the row of the recording (RECORD_COLUMNS)."""
-        arrived, self._arrived = self._arrived, []
-        self.diagnostics = 0
-        if not self._was_off:
-            arrived = self.injector.incoming(cycle, arrived)
-            taken = [self._take(frame.data) for frame in arrived]  # each of them, good or not
-            self._fresh = any(taken)
-            if not arrived:
-                self._receiver.no_new_data()
+        self._take_arrived(cycle)
+        if not (self._heard or self._was_off):
+            self._receiver.no_new_data()
         if not self._fresh:
             self.received.cycles_without += 1
         commanded = self._actuator.close(self._fresh)
-        self._waiting.append(commanded)
-        acting = self._waiting.popleft()
-        first = cycle * self._per_sample
-        self._plant.advance(self._acting(first + step, acting) for step in range(self._per_sample))
+        self._move(cycle, commanded, self._per_sample)
         return self._row(cycle, commanded)
+
+    def _take_arrived(self, cycle: int) -> None:
+        arrived, self._arrived = self._arrived, []
+        if not self._was_off:
+            for frame in self.injector.incoming(cycle, arrived):
+                self._heard = True
+                self._fresh |= self._take(frame.data)
+
+    def _move(self, cycle: int, commanded: float, end: int) -> None:
+        """Drive up to a plant step of the cycle. Where commands are delayed, each step takes the one from so long ago."""
+        first = cycle * self._per_sample
+        for step in range(self._moved, end):
+            self._waiting.append(commanded)
+            self._plant.advance([self._acting(first + step, self._waiting.popleft())])
+        self._moved = max(self._moved, end)
 
     def _row(self, cycle: int, commanded: float) -> list[float]:
         sample: PlantSample = self._sample
@@ -231,6 +252,11 @@ class _ActuatorSupervision:
     def command(self, angle: float) -> None:
         """A good command, rad."""
         self._angle = angle
+
+    @property
+    def angle(self) -> float:
+        """rad that the actuator goes to."""
+        return self._angle
 
     @property
     def status(self) -> Status | None:

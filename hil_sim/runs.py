@@ -17,11 +17,13 @@ def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> n
     """A recording (samples, 12) of a scenario, columns RECORD_COLUMNS; `controlled=False` is the passive car.
 
     Raises:
-        CodegenError: the scenario has faults on the bus, and here is none; the passive car has nothing to do with the bus.
+        CodegenError: the scenario has faults on the bus or two clocks, and here is no bus. The passive car has nothing to do
+            with it.
     """
-    if scenario.faults and controlled:
+    if (scenario.faults or scenario.clocks.are_free_running) and controlled:
+        kinds = ", ".join(fault.kind for fault in scenario.faults) or "two clocks"
         raise CodegenError(
-            f"it has faults on the bus ({', '.join(fault.kind for fault in scenario.faults)}), and this run has no bus",
+            f"it has faults on the bus ({kinds}), and this run has no bus",
             where=f"scenario {scenario.name}",
             remedy="run it with `codegen hil`, or with `codegen sil --can`",
         )

@@ -18,6 +18,7 @@ from codegen.config import Config
 from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim import manoeuvres
+from hil_sim.clocks import IN_STEP, Clocks
 from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, Settings
 
@@ -50,6 +51,7 @@ class Scenario:
         angle_text: the steering angle in words, where `settings` has no number because it follows from the car.
         adjustable: which keys a scenario file may set.
         faults: what happens on the bus; none for a run without one.
+        clocks: of car and ECU.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Scenario:
     angle_text: str = ""
     adjustable: frozenset[str] = STEERING_KEYS
     faults: tuple[Fault, ...] = ()
+    clocks: Clocks = IN_STEP
 
     @property
     def title(self) -> str:
@@ -211,6 +214,19 @@ SCENARIOS: Mapping[str, Scenario] = {
             settings=Settings(speed_km_h=80.0),
             angle_text="braking for 3 s",
             adjustable=frozenset({"speed_km_h", "friction_estimate"}),
+        ),
+        Scenario(
+            name="yaw-moment",
+            subject="Yaw moment",
+            what="a lasting yaw moment from outside, steering held straight",
+            source="ISO 12021:2010 (sensitivity to lateral wind), the yaw moment alone",
+            duration=8.0,
+            steer_time=1.0,
+            kind="straight",
+            drive=manoeuvres.yaw_moment(1.0, 2000.0),
+            settings=Settings(speed_km_h=90.0),
+            angle_text="2,000 N m",
+            adjustable=_HELD - {"steering_wheel_angle_deg"},
         ),
         Scenario(
             name="ecu-loss",

@@ -14,7 +14,7 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.run_options import build_option, bus_option, clock_option, run_options, xcp_option
+from codegen.cli.run_options import build_option, bus_option, clock_option, run_options, with_clocks, xcp_option
 from codegen.cli.sil_command import sil
 from codegen.cli.values import bus_names, configuration_file
 from codegen.errors import CheckFailed, CodegenError
@@ -34,6 +34,8 @@ class Choices:
     bus: str
     scenario: str
     lock_step: bool
+    drift_ppm: float | None
+    jitter_ms: float | None
     sensors: bool
     seed: int
     log: Path | None
@@ -58,7 +60,7 @@ class Choices:
 
         return Setup(
             config=config,
-            scenario=find(self.scenario, config),
+            scenario=with_clocks(find(self.scenario, config), self.drift_ppm, self.jitter_ms),
             address=BusAddress.parse(self.bus),
             lock_step=self.lock_step,
             precision=precision,

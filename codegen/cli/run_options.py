@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -17,6 +18,9 @@ from codegen.cli.values import (
     run_to_write,
     scenario_names,
 )
+
+if TYPE_CHECKING:
+    from hil_sim.scenarios import Scenario
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -63,10 +67,37 @@ def output_option(text: str, metavar: str = "FILE") -> Callable[[Command], Comma
 
 def sensor_options(command: Command) -> Command:
     """--sensors and --seed."""
-    command = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and faults.")(
-        command
-    )
+    command = click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise, faults and jitter."
+    )(command)
     return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
+
+
+def drift_options(command: Command) -> Command:
+    """--clock-drift and --jitter."""
+    command = click.option(
+        "--jitter",
+        "jitter_ms",
+        type=click.FloatRange(min=0.0, max=100.0),
+        metavar="MS",
+        help="Largest departure of frames and task from their clocks.",
+    )(command)
+    return click.option(
+        "--clock-drift",
+        "drift_ppm",
+        type=click.FloatRange(min=-1e4, max=1e4),
+        metavar="PPM",
+        help="Let the car's clock run faster than the ECU's.",
+    )(command)
+
+
+def with_clocks(scenario: Scenario, drift_ppm: float | None, jitter_ms: float | None) -> Scenario:
+    """The scenario, on two clocks where one of the options is given."""
+    from hil_sim.clocks import Clocks
+
+    if drift_ppm is None and jitter_ms is None:
+        return scenario
+    return replace(scenario, clocks=Clocks(drift_ppm or 0.0, jitter_ms or 0.0))
 
 
 def result_options(command: Command) -> Command:
@@ -79,6 +110,7 @@ def result_options(command: Command) -> Command:
 def run_options(command: Command) -> Command:
     """All options of a run on a bus."""
     output = output_option(OUTPUT_HELP)
-    for option in (result_options, output, log_option, sensor_options, clock_option, scenario_option, bus_option):
+    options = (result_options, output, log_option, drift_options, sensor_options, clock_option, scenario_option, bus_option)
+    for option in options:
         command = option(command)
     return command

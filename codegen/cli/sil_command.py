@@ -10,7 +10,15 @@ import click
 
 from codegen import console
 from codegen.cli.base import example
-from codegen.cli.run_options import OUTPUT_HELP, output_option, result_options, scenario_option, sensor_options
+from codegen.cli.run_options import (
+    OUTPUT_HELP,
+    drift_options,
+    output_option,
+    result_options,
+    scenario_option,
+    sensor_options,
+    with_clocks,
+)
 from codegen.cli.values import build_folder, map_file
 from codegen.errors import CheckFailed, CodegenError
 
@@ -24,7 +32,7 @@ if TYPE_CHECKING:
 
     Record = npt.NDArray[np.float64]
 
-OF_A_SCENARIO = ("map_path", "scenario", "baselines", "through_can", "sensors", "seed", "csv")
+OF_A_SCENARIO = ("map_path", "scenario", "baselines", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed", "csv")
 """Parameters that do not go with --suite."""
 
 
@@ -37,6 +45,8 @@ class Choices:
     scenario: str
     baselines: bool
     through_can: bool
+    drift_ppm: float | None
+    jitter_ms: float | None
     sensors: bool
     seed: int
     plot: Path | None
@@ -63,6 +73,7 @@ class Choices:
 @scenario_option
 @click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
 @click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
+@drift_options
 @sensor_options
 @click.option(
     "--suite",
@@ -113,12 +124,15 @@ def _run_scenario(chosen: Choices) -> None:
     outputs.check((chosen.map_path, Path(chosen.scenario)))
     if chosen.sensors and not chosen.through_can:
         raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
+    if (chosen.drift_ppm is not None or chosen.jitter_ms is not None) and not chosen.through_can:
+        where = "--jitter" if chosen.drift_ppm is None else "--clock-drift"
+        raise CodegenError("two clocks belong to car and ECU on a bus", where=where, remedy="add --can")
     config = npz.load(chosen.map_path).config if chosen.map_path is not None else None
     if chosen.map_path is not None and config is None:
         console.note(f"{chosen.map_path} brings no car; the build's own is taken")
     with console.status(f"compiling {build_path}"):
         software = load(build_path, config)
-    scenario = find(chosen.scenario, software.config)
+    scenario = with_clocks(find(chosen.scenario, software.config), chosen.drift_ppm, chosen.jitter_ms)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     with console.status(scenario.title):

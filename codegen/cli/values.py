@@ -35,6 +35,7 @@ SCENARIOS = (
     "low-friction",
     "low-friction-estimated",
     "split-friction",
+    "yaw-moment",
     "ecu-loss",
 )
 INTERFACES = ("socketcan:vcan0", "udp_multicast:239.74.163.2", "virtual:bench")

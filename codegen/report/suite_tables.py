@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hil_sim.suite.conditions import LAGS, NOMINAL
 from hil_sim.suite.price import compare_rise
+from hil_sim.suite.sample_timing import TIMINGS
 from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     yield "Sine at the steering wheel, 10 % of the largest front angle: gain over the map's / phase (deg)", sine_table(result)
     if BASELINE in result.subjects and result.tested != BASELINE:
         yield f"Where {result.tested} is worse", worse_text(result)
+    if result.timing:
+        yield "Yaw moment of 2,000 N m at 90 km/h: rms yaw-rate error (deg/s), settled / from its onset", timing_table(result)
     if result.third_party:
         yield "Third party's multi-body car: overshoot (%) / settling (s) / largest |sideslip| (deg)", third_party_table(result)
     yield "What was tuned on what", sets_text(result)
@@ -285,6 +288,21 @@ def _largest(summary: Summary) -> float:
 
 
 # --- elsewhere ---------------------------------------------------------------------------------------------------------
+
+
+def timing_table(result: SuiteResult) -> str:
+    """A row for each timing of the frames."""
+    rows = [
+        (
+            name,
+            *(
+                f"{math.degrees(runs[name].settled_rad_s):.3f} / {math.degrees(runs[name].whole_rad_s):.3f}"
+                for runs in result.timing.values()
+            ),
+        )
+        for name in TIMINGS
+    ]
+    return columns([("", *result.timing)], rows)
 
 
 def third_party_table(result: SuiteResult) -> str:

@@ -50,6 +50,7 @@ def measure_straight(run: Run) -> list[Metric]:
     return [
         Metric("heading_end_deg", "heading at the end", "deg", math.degrees(float(heading[-1])), 2, end),
         Metric("offset_end_m", "sideways offset at the end", "m", float(offset[-1]), 2, end),
+        Metric("yaw_rate_rms_deg_s", "yaw rate, rms", "deg/s", _rms(run.degrees("yaw_rate_rad_s")[run.after]), 2, end),
         *common(run),
     ]
 

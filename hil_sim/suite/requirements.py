@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
 from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
 from hil_sim.suite.runs import CellResult
+from hil_sim.suite.sample_timing import IN_STEP, TIMINGS, TimingError
 from hil_sim.suite.summary import Extreme, Summary
 
 Sense = Literal["at most", "at least"]
@@ -20,6 +22,8 @@ GAIN_MARGIN_DB, PHASE_MARGIN_DEG, SENSITIVITY = 8.0, 45.0, 1.8
 THIRD_PARTY_OVERSHOOT_PERCENT = 3.0
 WET_SIDESLIP_DEG, SNOW_SIDESLIP_DEG, SNOW_SPINS_WITHOUT_ESTIMATE = 3.5, 5.5, 1
 INSTRUCTIONS = 1500
+TIMING_FACTOR, TIMING_RESOLUTION_RAD_S = 1.05, 2e-4
+"""Of the error in step, and one code of the yaw rate on the bus beside it: in step the error is below that."""
 
 NOT_MEASURED = "not measured in this run"
 ROUNDING = 1e-9
@@ -70,6 +74,7 @@ class Measured:
         margins: None where there is no feedback.
         third_party: cells on the third party's plant; None where it was not driven.
         instructions: of a step in the worst case on a Cortex-M4F; None where they were not counted.
+        timing: name of the timing of the frames to the error under a yaw moment.
     """
 
     summaries: Mapping[str, Summary]
@@ -77,6 +82,7 @@ class Measured:
     margins: FamilyMargins | None
     third_party: Summary | None = None
     instructions: int | None = None
+    timing: Mapping[str, TimingError] = field(default_factory=dict)
 
 
 def _row(
@@ -209,6 +215,20 @@ def _third_party(summary: Summary | None) -> list[Requirement]:
     ]
 
 
+def _timing(errors: Mapping[str, TimingError]) -> list[Requirement]:
+    rows = []
+    for name in TIMINGS:
+        if name == IN_STEP:
+            continue
+        matter, figure, unit = f"yaw moment, {name}", "yaw-rate error, rms", "deg/s"
+        if not errors:
+            rows.append(_absent(matter, figure, unit, ("at most", round(math.degrees(TIMING_RESOLUTION_RAD_S), 3))))
+            continue
+        limit = round(math.degrees(TIMING_FACTOR * errors[IN_STEP].settled_rad_s + TIMING_RESOLUTION_RAD_S), 3)
+        rows.append(_row(matter, figure, unit, ("at most", limit), math.degrees(errors[name].settled_rad_s)))
+    return rows
+
+
 def _instructions(count: int | None) -> Requirement:
     matter, figure, asked = "Cortex-M4F", "instructions of the worst step", ("at most", float(INSTRUCTIONS))
     sense: Sense = "at most"
@@ -225,6 +245,7 @@ def requirements(measured: Measured) -> tuple[Requirement, ...]:
         *_margins(measured.margins),
         *_third_party(measured.third_party),
         *_on_slippery_roads(measured.summaries),
+        *_timing(measured.timing),
         _instructions(measured.instructions),
     )
 

@@ -17,6 +17,7 @@ from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_cell, software_of
+from hil_sim.suite.sample_timing import TimingError, timing_errors
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
 from hil_sim.suite.summary import Summary, summarise
 from hil_sim.suite.third_party import CONDITION
@@ -78,6 +79,7 @@ class SuiteResult:
         shown: recordings as configured: the paper's step first, then some of the cells.
         margins: of those that have feedback.
         rise_times, sine: where speed costs.
+        timing: each controlled subject against a yaw moment, on each timing of its frames.
         third_party: each subject on the third party's plant.
         instructions: of a step of the subject under test in the worst case; None where they were not counted.
         requirements: figures asked beside figures measured.
@@ -94,6 +96,7 @@ class SuiteResult:
     margins: Mapping[str, FamilyMargins]
     rise_times: Mapping[str, tuple[RiseTime, ...]]
     sine: Mapping[str, tuple[SineTracking, ...]]
+    timing: Mapping[str, Mapping[str, TimingError]] = field(default_factory=dict)
     third_party: Mapping[str, tuple[CellResult, ...]] = field(default_factory=dict)
     instructions: int | None = None
     requirements: tuple[Requirement, ...] = ()
@@ -121,6 +124,7 @@ class SuiteResult:
             margins=self.margins.get(self.tested),
             third_party=full.third_party_summary(self.tested) if self.tested in third_party else None,
             instructions=outside.instructions,
+            timing=self.timing.get(self.tested, {}),
         )
         return replace(full, requirements=requirements(measured))
 
@@ -146,6 +150,7 @@ class SuiteResult:
             "margins": {name: found.to_dict() for name, found in self.margins.items()},
             "rise_times": {name: [row.to_dict() for row in rows] for name, rows in self.rise_times.items()},
             "sine": {name: [row.to_dict() for row in rows] for name, rows in self.sine.items()},
+            "timing": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.timing.items()},
             "third_party": {name: [found.to_dict() for found in rows] for name, rows in self.third_party.items()},
             "results": {
                 subject: {name: [found.to_dict() for found in rows] for name, rows in tables.items()}
@@ -209,6 +214,7 @@ def run_suite(
         margins={subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))},
         rise_times={name: rise_times(name, tables[nominal]) for name, tables in results.items() if nominal in tables},
         sine={subject.name: sine_tracking(subject, points) for subject in subjects},
+        timing={subject.name: timing_errors(subject) for subject in subjects if subject.controlled},
     )
     return measured.with_outside(Outside() if outside is None else outside)
 

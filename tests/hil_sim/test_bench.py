@@ -3,6 +3,7 @@
 import math
 import os
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from codegen.sil.software import Software, Status
 from hil_sim import bench, manoeuvres, session
 from hil_sim.bench import run_in_lock_step, run_in_process, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
+from hil_sim.clocks import Clocks
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.frames import Frame
@@ -128,11 +130,12 @@ def test_late_cycles_are_counted_not_made_up_for_and_without_an_ecu_the_actuator
     monkeypatch.setattr(bench, "time", clock)
     with Bus(channel) as bus:
         monkeypatch.setattr(bus, "receive", lambda timeout: clock.sleep(max(timeout, 0.0)))
-        result = run_in_real_time(Recorded(software.config, short(0.5)), bus)
+        fast = replace(short(0.5), clocks=Clocks(drift_ppm=1e4))
+        result = run_in_real_time(Recorded(software.config, fast), bus)
     assert result.late_cycles == 1
-    steps = np.diff(sent)
-    assert steps[20] == pytest.approx(0.04)
-    assert np.delete(steps, 20) == pytest.approx(0.01)  # never shorter
+    steps, period = np.diff(sent), 0.01 / 1.01
+    assert steps[20] == pytest.approx(0.03 + period)
+    assert np.delete(steps, 20) == pytest.approx(period)  # never shorter
     assert result.received == {"commands": 0, "refused": 0, "cycles_without": 50, "lost": 0}
     assert not column(result.record, "rear_angle_command_rad").any()
     assert column(result.record, "status").tolist() == [Status.DEGRADED] * 3 + [Status.FAIL_SAFE] * 47
@@ -178,6 +181,48 @@ def test_a_restarted_node_counts_from_zero(software: Software) -> None:
         counters.append([frame.data[1] & 0xF for frame in node.outgoing(cycle)])
         node.finish(cycle)
     assert counters[29:] == [[14, 14], *[[]] * 10, [0, 0], [1, 1]]
+
+
+def frames_of_each_task(clocks: Clocks, cycles: int, seed: int = 0) -> list[int]:
+    """How many frames of a message each start of the task finds."""
+    found, waiting = [], 0
+    for starts in clocks.task_starts(cycles, 0.01, seed):
+        waiting += 1
+        for _ in starts:
+            found.append(waiting)
+            waiting = 0
+    return found
+
+
+def test_two_clocks_give_0_1_or_2_frames_and_lose_none(software: Software, wanted: np.ndarray) -> None:
+    # A car that is 1 % fast gains a cycle in a second; the clocks tick together in the middle of the run.
+    assert Counter(frames_of_each_task(Clocks(drift_ppm=1e4), 200)) == {1: 198, 2: 1}
+    assert Counter(frames_of_each_task(Clocks(drift_ppm=-1e4), 200))[0] == 2
+    # Jitter alone decides which comes first, so a quarter of the cycles has none: 500 +- 4 standard deviations of 19.
+    counts = Counter(frames_of_each_task(Clocks(jitter_ms=0.7), 2000))
+    assert set(counts) == {0, 1, 2} and abs(counts[0] - 500) < 77 and abs(counts[0] - counts[2]) <= 1
+
+    uneven = replace(short(), clocks=Clocks(100.0, 0.7))
+    one, again, other = (run_through_can(software, uneven, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(one.record, again.record) and not np.array_equal(one.record, other.record)
+    assert (one.received["lost"], one.received["refused"]) == (0, 0)
+    # A command acts from when it comes: at the end of a cycle that is a sample of delay.
+    node = PlantNode(software.config, short())
+    node.task_starts = [(0.01,)] * node.cycles
+    late = ClosedLoop(software, LoopOptions(through_can=True, delay_samples=1)).run(short().inputs(software.config))
+    found = run_in_process(node, software).record
+    assert np.array_equal(column(found, "yaw_rate_rad_s"), column(late, "yaw_rate_rad_s"))
+    assert not np.array_equal(found, wanted)
+
+
+def test_two_clocks_where_they_have_no_meaning(software: Software, channel: BusAddress) -> None:
+    uneven = replace(short(), clocks=Clocks(jitter_ms=0.7))
+    with pytest.raises(CodegenError, match="two clocks"):
+        run(software, uneven)
+    with Bus(channel) as bus, pytest.raises(CodegenError, match="one clock"):
+        run_in_lock_step(PlantNode(software.config, uneven), bus)
+    with pytest.raises(CodegenError, match="half of the period"):
+        PlantNode(software.config, replace(short(), clocks=Clocks(jitter_ms=5.0)))
 
 
 def test_sensors(software: Software) -> None:

@@ -64,6 +64,7 @@ LOST = [[0], [1], [], [], [], [5], [6], [7]]
         # A frame comes after its successor; none is lost when the fault ends in between.
         ([fault("reorder")], [[0], [1], [], [3, 2], [], [5, 4], [6], [7]]),
         ([fault("reorder", count=4)], [[0], [1], [], [3, 2], [], [5, 4], [6], [7]]),
+        ([fault("burst")], [[0], [1], [], [2, 3], [], [4, 5], [6], [7]]),
         # A dropped frame does not come back in another order.
         ([fault("drop"), fault("reorder", 0, 10)], [[], [1, 0], [], [], [], [], [6, 5], []]),
         # A bus that is down keeps no delayed frame.

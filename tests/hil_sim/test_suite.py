@@ -30,6 +30,7 @@ from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
+from hil_sim.suite.sample_timing import TIMINGS, TimingError, timing_errors
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
 from hil_sim.suite.summary import summarise
 from hil_sim.suite.third_party import third_party_cells
@@ -197,6 +198,7 @@ def good() -> Measured:
         margins=FamilyMargins(points),
         third_party=summarise("good", "third-party", rows),
         instructions=1040,
+        timing={name: TimingError(2e-4, 0.01) for name in TIMINGS},
     )
 
 
@@ -213,8 +215,9 @@ def test_a_good_controller_passes_every_row() -> None:
     rows = requirements(good())
     assert all(row.passed for row in rows)
     assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
-    # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads, 1 count.
-    assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 1
+    # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads,
+    # 2 timings, 1 count.
+    assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 2 + 1
     # A limit itself is met in spite of rounding: 1.6 - 1.0 > 0.6, as a settling time is computed.
     assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
 
@@ -251,6 +254,9 @@ def test_a_stretch_goal_may_be_missed_and_what_is_not_measured_neither_passes_no
     rows = requirements(with_rows("lag-100", result(1.0, overshoot_percent=6.0)))
     assert [(row.figure, row.stretch) for row in rows if row.passed is False] == [("overshoot", True)]
     assert all_passed(rows)
+    # In step 2e-4 rad/s: 1.05 times that and one code of 2e-4 rad/s are 4.1e-4.
+    uneven = {**good().timing, "free-running clocks": TimingError(4.2e-4, 0.01)}
+    assert failing(replace(good(), timing=uneven)) == {("yaw moment, free-running clocks", "yaw-rate error, rms")}
     assert not all_passed(requirements(with_rows("lag-100", result(1.0, overshoot_percent=16.1))))
     measured = replace(good(), c1={**good().c1, "lag-50": SWINGING})
     (row,) = [row for row in requirements(measured) if row.passed is False]
@@ -276,6 +282,13 @@ def test_margins_name_the_speed_and_an_unstable_loop() -> None:
     assert (row.measured, row.passed) == (math.inf, True)
     text = json.dumps([loop.to_dict(), row.to_dict()], allow_nan=False)
     assert json.loads(text)[0]["points"][0]["phase_margin_deg"] is None
+
+
+def test_an_integral_on_the_measured_yaw_rate_does_not_mind_how_its_samples_come(pi: Subject) -> None:
+    errors = timing_errors(pi)
+    # The last code of the yaw rate on the bus is 2e-4 rad/s; the car without control has 0.043 rad/s.
+    assert list(errors) == list(TIMINGS) and all(error.settled_rad_s < 2e-4 for error in errors.values())
+    assert errors["0 and 2 frames in turn"].whole_rad_s > errors["in step"].whole_rad_s > 1e-3
 
 
 def test_a_subject_keeps_its_controller_on_every_plant(pi: Subject, build_folder: Any) -> None:

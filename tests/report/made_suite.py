@@ -11,6 +11,7 @@ from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint
 from hil_sim.suite.price import SINE_FREQUENCIES_HZ, SineTracking, rise_times
 from hil_sim.suite.runs import CellResult
+from hil_sim.suite.sample_timing import TIMINGS, TimingError
 from hil_sim.suite.tracking import Outside, Shown, SuiteResult
 
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
@@ -106,6 +107,7 @@ def made(**changes: Any) -> SuiteResult:
     results = {name: {condition.name: table(name, condition.name) for condition in CONDITIONS} for name in SUBJECTS}
     step = Cell(42.5, 6.75)
     values: dict[str, Any] = {
+        "timing": {name: {timing: TimingError(1e-4, 0.01) for timing in TIMINGS} for name in SUBJECTS if name != "passive"},
         "tested": "tracking",
         "subjects": SUBJECTS,
         "cells": CELLS,
