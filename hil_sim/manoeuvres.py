@@ -191,6 +191,12 @@ def speed_ramp(times: tuple[float, float, float, float]) -> Manoeuvre:
     return drive
 
 
+def straight(config: Config, settings: Settings, time: FloatArray) -> Columns:
+    """Straight on at constant speed; a driver steers where there is one (`Scenario.path`)."""
+    del config, time
+    return {"speed": settings.speed}
+
+
 def yaw_moment(start: float, moment: float) -> Manoeuvre:
     """Straight on at constant speed, with a yaw moment (N m) from `start` (s) on, the steering wheel held straight."""
 

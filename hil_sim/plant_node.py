@@ -69,6 +69,7 @@ class PlantNode:
         inputs = scenario.inputs(config)
         self.cycles = len(inputs) // self._per_sample
         self._rows = inputs[: self.cycles * self._per_sample].tolist()
+        self._driver = scenario.driver(config)
         self._plant = Plant(config)
         self._codec = Codec(config.can, precision)
         self._sensors = SensorModel(config.sensors, seed) if sensors else None
@@ -114,6 +115,10 @@ class PlantNode:
         """The frames of the sample at `cycle`: what the node really puts on the bus, faults included."""
         self._sample = self._plant.sample(self._acting(cycle * self._per_sample, 0.0))
         self._begin_cycle()
+        if self._driver is not None:
+            wheel = self._driver.steer(self._plant.position, self._sample.sideslip_angle, self._sample.yaw_rate)
+            for row in range(cycle * self._per_sample, (cycle + 1) * self._per_sample):
+                self._rows[row][1] = wheel
         off = self.injector.plant_off(cycle)
         if self._was_off and not off:
             self._restart()  # a node that was switched on again starts with counters of zero

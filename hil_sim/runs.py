@@ -28,7 +28,8 @@ def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> n
             remedy="run it with `codegen hil`, or with `codegen sil --can`",
         )
     loop = ClosedLoop(software, LoopOptions(controlled=controlled))
-    return loop.run(scenario.inputs(software.config))
+    driver, inputs = scenario.driver(software.config), scenario.inputs(software.config)
+    return loop.run(inputs) if driver is None else loop.run_stepped(inputs, driver.steer)
 
 
 def run_through_can(software: Software, scenario: Scenario, *, sensors: bool = False, seed: int = 0) -> BenchResult:

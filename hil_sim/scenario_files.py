@@ -29,7 +29,7 @@ from codegen.sections import Range, Section, check_name
 from hil_sim import recorded_drives
 from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.recorded_drives import MAX_DURATION, MIN_DURATION
-from hil_sim.scenarios import SCENARIOS, Scenario
+from hil_sim.scenarios import BUILT_IN, Scenario
 
 MAX_FILE_BYTES, MAX_TOML_BYTES = 64 * 2**20, 2**20
 
@@ -107,10 +107,10 @@ def _from_toml(text: str, path: Path, config: Config) -> Scenario:
         given = ScenarioFile.model_validate(data)
     except ValidationError as error:
         raise _first_fault(error, path) from None
-    if given.base not in SCENARIOS:
-        remedy = _remedy(given.base, SCENARIOS)
+    if given.base not in BUILT_IN:
+        remedy = _remedy(given.base, BUILT_IN)
         raise CodegenError(f"there is no scenario {given.base!r}", where=f"{path}: base", remedy=remedy)
-    return _changed(SCENARIOS[given.base], given, path, config)
+    return _changed(BUILT_IN[given.base], given, path, config)
 
 
 def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) -> Scenario:

@@ -17,10 +17,12 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.errors import CodegenError, suggestion
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from hil_sim import manoeuvres
+from hil_sim import manoeuvres, paths
 from hil_sim.clocks import IN_STEP, Clocks
+from hil_sim.driver import PreviewDriver
 from hil_sim.faults import Fault
 from hil_sim.manoeuvres import Manoeuvre, Settings
+from hil_sim.paths import PathOf, RoadPath
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,8 +31,11 @@ DEFAULT = "step-steer"
 MAX_STEPS = 10_000_000
 """Plant steps of one run: 2.8 hours at 1 ms, and half a gigabyte of inputs."""
 
-Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "straight", "corner", "recording"]
+Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "straight", "corner", "path", "recording"]
 """Which figures are told of a run; see `hil_sim.metrics`."""
+
+DEPARTURE_TIME_S = 2.0
+"""s of driving straight on before a path leaves the straight."""
 
 STEERING_KEYS = frozenset({"speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estimate"})
 
@@ -52,6 +57,7 @@ class Scenario:
         adjustable: which keys a scenario file may set.
         faults: what happens on the bus; none for a run without one.
         clocks: of car and ECU.
+        path: what a driver follows; None where the steering wheel is turned as `drive` says.
     """
 
     name: str
@@ -67,6 +73,7 @@ class Scenario:
     adjustable: frozenset[str] = STEERING_KEYS
     faults: tuple[Fault, ...] = ()
     clocks: Clocks = IN_STEP
+    path: PathOf | None = None
 
     @property
     def title(self) -> str:
@@ -83,6 +90,17 @@ class Scenario:
         if settings.friction_estimate is not None:
             parts.append(f"estimated {settings.friction_estimate:g}")
         return f"{self.subject}: {', '.join(parts)}" if parts else self.subject
+
+    def road_path(self, config: Config) -> RoadPath | None:
+        """The path for a car, DEPARTURE_TIME_S from the beginning; None for a scenario without one."""
+        return None if self.path is None else self.path(config, DEPARTURE_TIME_S * self.settings.speed)
+
+    def driver(self, config: Config) -> PreviewDriver | None:
+        """A driver of the path, at rest; None for a scenario without one."""
+        path = self.road_path(config)
+        if path is None:
+            return None
+        return PreviewDriver(config, path, self.settings.speed, config.controller.sampling_time_s)
 
     def inputs(self, config: Config) -> FloatArray:
         """Inputs (steps, 6) of the whole scenario for a car: columns INPUT_COLUMNS.
@@ -245,6 +263,43 @@ SCENARIOS: Mapping[str, Scenario] = {
     )
 }
 
+_FOLLOWED = frozenset({"speed_km_h", "friction", "friction_estimate", "duration_s"})
+PATH_SCENARIOS: Mapping[str, Scenario] = {
+    scenario.name: scenario
+    for scenario in (
+        Scenario(
+            name="double-lane-change",
+            subject="Double lane change",
+            what="obstacle avoidance by a driver who follows a path through its three lanes",
+            source="ISO 3888-2:2011 (track); MacAdam 1981 (driver)",
+            duration=9.0,
+            steer_time=1.0,
+            kind="path",
+            drive=manoeuvres.straight,
+            settings=Settings(speed_km_h=60.0),
+            angle_text="by a driver",
+            adjustable=_FOLLOWED,
+            path=paths.double_lane_change,
+        ),
+        Scenario(
+            name="slalom",
+            subject="Slalom",
+            what="six cones 36 m apart, by a driver who follows a sine around them",
+            source="MacAdam 1981 (driver); no standard fixes the cones",
+            duration=16.0,
+            steer_time=1.0,
+            kind="path",
+            drive=manoeuvres.straight,
+            settings=Settings(speed_km_h=80.0),
+            angle_text="by a driver",
+            adjustable=_FOLLOWED,
+            path=paths.slalom,
+        ),
+    )
+}
+"""Scenarios in which a driver sees where the car goes: their steering is no input that is known before."""
+BUILT_IN: Mapping[str, Scenario] = {**SCENARIOS, **PATH_SCENARIOS}
+
 
 @dataclass(frozen=True)
 class Listed:
@@ -267,7 +322,7 @@ def listing() -> tuple[Listed, ...]:
             scenario.duration,
             tuple(f"{fault.kind} at {fault.start:g} s for {fault.duration:g} s" for fault in scenario.faults),
         )
-        for scenario in SCENARIOS.values()
+        for scenario in BUILT_IN.values()
     )
 
 
@@ -281,8 +336,8 @@ def find(name: str, config: Config | None = None) -> Scenario:
     Raises:
         CodegenError: with the nearest name where there is none, or the first fault of the file.
     """
-    if name in SCENARIOS:
-        return SCENARIOS[name]
+    if name in BUILT_IN:
+        return BUILT_IN[name]
     if Path(name).suffix.lower() in (".csv", ".toml") or "/" in name or "\\" in name:
         from hil_sim import scenario_files
 
@@ -290,5 +345,5 @@ def find(name: str, config: Config | None = None) -> Scenario:
     raise CodegenError(
         f"there is no scenario {name!r}",
         where="--scenario",
-        remedy=f"known: {', '.join(SCENARIOS)}, or a .csv or .toml file{suggestion(name, SCENARIOS)}",
+        remedy=f"known: {', '.join(BUILT_IN)}, or a .csv or .toml file{suggestion(name, BUILT_IN)}",
     )

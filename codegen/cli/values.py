@@ -37,6 +37,8 @@ SCENARIOS = (
     "split-friction",
     "yaw-moment",
     "ecu-loss",
+    "double-lane-change",
+    "slalom",
 )
 INTERFACES = ("socketcan:vcan0", "udp_multicast:239.74.163.2", "virtual:bench")
 SCENARIO_ENDINGS = (".csv", ".toml")

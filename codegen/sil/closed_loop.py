@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,10 @@ FloatArray = npt.NDArray[np.float64]
 
 INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit")
 """Columns of a scenario, a row for each plant step: m/s, rad, -, - (NaN: none), N m, 0 or 1."""
+
+
+Driver = Callable[[tuple[float, float, float], float, float], float]
+"""From position (m forward, m to the left, heading in rad), sideslip (rad) and yaw rate (rad/s) to the wheel's angle (rad)."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +88,13 @@ class ClosedLoop:
         )
         return record
 
-    def run_stepped(self, inputs: FloatArray) -> FloatArray:
-        """The same run with the loop in Python: controller and plant are called sample by sample and step by step."""
+    def run_stepped(self, inputs: FloatArray, driver: Driver | None = None) -> FloatArray:
+        """The same run with the loop in Python: controller and plant are called sample by sample and step by step.
+
+        Args:
+            inputs: as `run` takes them.
+            driver: turns the steering wheel in each sample, in place of its column of the inputs.
+        """
         inputs, samples = self._checked(inputs)
         ffi, lib, software = self._software.ffi, self._lib, self._software
         plant, setup = ffi.addressof(self.state, "plant"), self._setup
@@ -98,6 +108,9 @@ class ClosedLoop:
             speed, wheel, friction, estimate, moment, inhibit = (float(value) for value in steps[0])
             plant_input[0] = (speed, wheel, 0.0, friction, moment)
             lib.plant_output(plant, plant_input, output)
+            if driver is not None:
+                steps = steps.copy()
+                steps[:, 1] = driver((plant.position_x, plant.position_y, plant.heading), output.sideslip_angle, plant.yaw_rate)
             rear_angle, reference, status = 0.0, 0.0, 2
             if setup.controlled:
                 measurement[0] = (

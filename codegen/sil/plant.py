@@ -67,6 +67,11 @@ class Plant:
             output.slip_rear,
         )
 
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """m forward and m to the left in the road frame, heading in rad."""
+        return self._state.position_x, self._state.position_y, self._state.heading
+
     def advance(self, acting: Iterable[PlantInput]) -> None:
         """One plant step for each input."""
         for values in acting:

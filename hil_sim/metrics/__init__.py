@@ -25,6 +25,7 @@ MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
     "speed-ramp": others.measure_speed_ramp,
     "straight": others.measure_straight,
     "corner": others.measure_corner,
+    "path": others.measure_path,
     "recording": others.measure_recording,
 }
 

@@ -46,7 +46,7 @@ def measure_speed_ramp(run: Run) -> list[Metric]:
 def measure_straight(run: Run) -> list[Metric]:
     """How far a car that should go straight on is turned."""
     end = float(run.time[-1])
-    heading, offset = path(run)
+    heading, _, offset = path(run)
     return [
         Metric("heading_end_deg", "heading at the end", "deg", math.degrees(float(heading[-1])), 2, end),
         Metric("offset_end_m", "sideways offset at the end", "m", float(offset[-1]), 2, end),
@@ -55,15 +55,34 @@ def measure_straight(run: Run) -> list[Metric]:
     ]
 
 
-def path(run: Run) -> tuple[FloatArray, FloatArray]:
-    """Heading (rad) and sideways position (m) of the centre of gravity, each (samples,) and zero at the start."""
+def path(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Heading (rad), and position forward and to the left (m) of the centre of gravity, each (samples,), zero at the start."""
     yaw_rate, speed, sideslip = run["yaw_rate_rad_s"], run["speed_m_s"], run["sideslip_rad"]
 
     def integral(values: FloatArray) -> FloatArray:
         return np.concatenate([[0.0], np.cumsum(0.5 * run.step * (values[1:] + values[:-1]))])
 
-    heading = integral(yaw_rate)
-    return heading, integral(speed * np.sin(heading) + speed * np.tan(sideslip) * np.cos(heading))
+    heading, aside = integral(yaw_rate), speed * np.tan(sideslip)
+    along, across = np.cos(heading), np.sin(heading)
+    return heading, integral(speed * along - aside * across), integral(speed * across + aside * along)
+
+
+def measure_path(run: Run) -> list[Metric]:
+    """How far the car is from the path that its driver follows, along the whole path, and how much he steers."""
+    followed = run.scenario.road_path(run.config)
+    assert followed is not None  # every scenario of this kind has one
+    _, forward, left = path(run)
+    on_path = (forward >= followed.start) & (forward <= followed.start + followed.length)
+    error = (left - followed.lateral(forward))[on_path]
+    wheel = np.rad2deg(run.steering_wheel_angle)
+    end = float(run.time[-1])
+    return [
+        Metric("path_error_rms_m", "path error, rms", "m", _rms(error), 3, end),
+        Metric("path_error_max_m", "path error, largest", "m", largest(error), 3, end),
+        Metric("steering_wheel_max_deg", "|steering wheel|, largest", "deg", largest(wheel, run.after), 1),
+        Metric("steering_wheel_rate_rms_deg_s", "steering wheel rate, rms", "deg/s", _rms(np.diff(wheel) / run.step), 1),
+        *common(run),
+    ]
 
 
 def measure_corner(run: Run) -> list[Metric]:

@@ -108,6 +108,7 @@ def run(
     """
     inputs = scenario.inputs(config)
     plant = MultiBodyPlant(config, float(inputs[0, 0]), parameters)
+    driver = scenario.driver(config)
     controller = None if software is None else software.controller(parameters=controller_parameters)
     period = config.controller.sampling_time_s
     per_sample = round(period / config.plant.sampling_time_s)
@@ -120,6 +121,9 @@ def run(
         speed, wheel, friction, estimate, moment, inhibit = steps[0]
         try:
             car = plant.sample(PlantInput(speed, wheel, 0.0, friction, moment))
+            if driver is not None:
+                wheel = driver.steer(plant.position, car.sideslip_angle, car.yaw_rate)
+                steps = [[step[0], wheel, *step[2:]] for step in steps]
             if controller is not None:
                 measured = Measurement(plant.speed, car.front_angle, car.yaw_rate, car.rear_angle, estimate, bool(inhibit))
                 answer = controller.step(measured)

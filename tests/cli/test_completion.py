@@ -75,7 +75,7 @@ def test_bash_gets_the_part_that_it_takes_for_the_word(monkeypatch: pytest.Monke
 def test_names_repeated_for_speed_are_those_of_the_project() -> None:
     (isa,) = (parameter.type for parameter in cli.commands["sweep"].params if parameter.name == "isa")
     assert isinstance(isa, click.Choice) and tuple(isa.choices) == ISAS
-    assert list(values.SCENARIOS) == list(scenarios.SCENARIOS)
+    assert list(values.SCENARIOS) == list(scenarios.BUILT_IN)
     for preset in get_args(Preset):
         assert list(configuration.preset(preset).cases) == list(values.OF_EVERY_CASE)
     assert set(values.run_to_write.endings or ()) == set(runs.FORMATS)

@@ -225,7 +225,7 @@ def test_corner() -> None:
 
 def test_path_of_a_circle() -> None:
     radius, rate = 50.0, 0.4
-    heading, offset = others.path(run_of("split-friction", record(4.0, speed_m_s=radius * rate, yaw_rate_rad_s=rate)))
+    heading, _, offset = others.path(run_of("split-friction", record(4.0, speed_m_s=radius * rate, yaw_rate_rad_s=rate)))
     assert heading[-1] == pytest.approx(rate * 3.99)
     # The trapezoidal rule over 10 ms: (0.4 * 0.01)^2 / 12 of the whole.
     assert offset[-1] == pytest.approx(radius * (1.0 - math.cos(rate * 3.99)), rel=1e-5)

@@ -1,0 +1,89 @@
+"""Paths that a driver follows: the lateral position (m, to the left) over the position along the road (m)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import Config
+
+FloatArray = npt.NDArray[np.float64]
+
+BODY_BEYOND_TRACK_M = 0.25
+"""m of the body beyond the track: one tyre's width. The configuration has no width of the body."""
+
+CONES, CONE_SPACING_M, CONE_CLEARANCE_M = 6, 36.0, 0.3
+"""Of the slalom: how many, m from cone to cone, and m from a cone to the side of the car. No standard fixes them."""
+
+
+@dataclass(frozen=True)
+class RoadPath:
+    """What is to be driven.
+
+    Attributes:
+        lateral: positions along the road (m, any shape) to lateral positions (m).
+        start, length: m. Before and after it is straight.
+    """
+
+    lateral: Callable[[FloatArray], FloatArray]
+    start: float
+    length: float
+
+
+PathOf = Callable[[Config, float], RoadPath]
+"""From the car and the position (m) at which it starts to the path."""
+
+
+def _rise(x: FloatArray, start: float, length: float) -> FloatArray:
+    """Half a cosine from 0 to 1."""
+    result: FloatArray = 0.5 - 0.5 * np.cos(np.pi * np.clip((x - start) / length, 0.0, 1.0))
+    return result
+
+
+def body_width(config: Config) -> float:
+    """m."""
+    return config.vehicle.track_m + BODY_BEYOND_TRACK_M
+
+
+def double_lane_change(config: Config, start: float) -> RoadPath:
+    """The obstacle avoidance track of ISO 3888-2:2011, table 1, that begins at `start` (m).
+
+    Lanes of 12 m, 11 m and 12 m, of width 1.1 b + 0.25 m, b + 1 m, and 1.3 b + 0.25 m or 3 m where that is more, with b the
+    width of the car. Gaps of 13.5 m and 12.5 m. The second lane is 1 m to the left of the others, whose left edges are in line.
+    The path runs along the middle of the lanes. It changes between them by half a cosine, the longest on which the car just
+    clears the cones at the ends of both lanes.
+    """
+    width = body_width(config)
+    widths = (1.1 * width + 0.25, width + 1.0, max(1.3 * width + 0.25, 3.0))
+    middles = (0.0, 0.5 * widths[0] + 1.0 + 0.5 * widths[1], 0.5 * (widths[0] - widths[2]))
+    ends, begins = (start + 12.0, start + 36.5), (start + 25.5, start + 49.0)
+    changes = []
+    for lane in range(2):
+        size = middles[lane + 1] - middles[lane]
+        # Shares of the half cosine at which the sides of the car are in line with the cones.
+        leaves, enters = (math.acos(1.0 - (widths[place] - width) / abs(size)) / math.pi for place in (lane, lane + 1))
+        length = (begins[lane] - ends[lane]) / (1.0 - enters - leaves)
+        changes.append((size, ends[lane] - leaves * length, length))
+
+    def lateral(x: FloatArray) -> FloatArray:
+        result: FloatArray = np.sum([size * _rise(x, begin, length) for size, begin, length in changes], axis=0)
+        return result
+
+    return RoadPath(lateral, start, 61.0)
+
+
+def slalom(config: Config, start: float) -> RoadPath:
+    """A sine around cones in line; from `start` (m) it grows to its amplitude, and back, within one spacing of the cones."""
+    amplitude = 0.5 * body_width(config) + CONE_CLEARANCE_M
+    length = (CONES + 1) * CONE_SPACING_M
+
+    def lateral(x: FloatArray) -> FloatArray:
+        envelope = _rise(x, start, CONE_SPACING_M) - _rise(x, start + length - CONE_SPACING_M, CONE_SPACING_M)
+        result: FloatArray = amplitude * envelope * np.cos(np.pi * (x - start) / CONE_SPACING_M)
+        return result
+
+    return RoadPath(lateral, start, length)
