@@ -260,7 +260,7 @@ def status_machine() -> Figure:
         _box(axes, 2.2, 6.6, "STANDBY 2\nrear angle to zero", size)
         _box(axes, 8.0, 6.6, "TRACKING 0\nfollows the reference", (3.3, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
         _box(axes, 12.3, 6.6, "LIMITED 1\nat a limit", (2.5, 1.15), edgecolor=GREEN, facecolor="#E9F6F1")
-        _box(axes, 8.0, 2.7, "DEGRADED 3\nholds the last command", (3.5, 1.15), edgecolor=ORANGE, facecolor="#FDF3E1")
+        _box(axes, 8.0, 2.7, "DEGRADED 3\npredicts", (3.5, 1.15), edgecolor=ORANGE, facecolor="#FDF3E1")
         _box(axes, 2.2, 2.7, "FAIL_SAFE 4\nholds, or ramps to zero", (3.3, 1.15), edgecolor=VERMILION, facecolor="#FCEEE5")
         axes.plot(0.35, 8.05, "o", color=BLACK, markersize=7)
         _arrow(axes, (0.45, 7.98), (1.1, 7.22))
@@ -278,7 +278,7 @@ def status_machine() -> Figure:
         _arrow(axes, (8.6, 3.3), (8.6, 5.2))
         axes.text(8.75, 4.25, "a good sample", va="center", fontsize=8)
         _arrow(axes, (6.2, 2.7), (3.9, 2.7), color=VERMILION)
-        axes.text(5.05, 2.55, "lost for longer,\nor implausible\nfor too long", ha="center", va="top", fontsize=8)
+        axes.text(5.05, 2.55, "more bad than\ngood samples,\nor bad for long", ha="center", va="top", fontsize=8)
         _arrow(axes, (2.2, 3.3), (2.2, 5.2))
         axes.text(2.35, 4.25, "enough good\nsamples in a row", va="center", fontsize=8)
         axes.text(

@@ -33,7 +33,8 @@ def open_limiter(built: Built) -> dict[str, Any]:
     """A limiter that only bounds the angle."""
     parameters = built.software.parameters()  # owns the limiter's
     limiter = parameters.limiter
-    return {"rear_rate_max": 1000.0, "opposite_phase_max": [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))}
+    bounds = [limiter.rear_angle_max] * len(list(limiter.opposite_phase_max))
+    return {"rear_rate_max": 1000.0, "opposite_phase_max": bounds, **WIDE}
 
 
 def model_of(built: Built, parameters: Any, start: float) -> SecondController:
@@ -41,12 +42,20 @@ def model_of(built: Built, parameters: Any, start: float) -> SecondController:
     return second_controller(config_of(built), parameters, built.lookup, built.total, start)
 
 
+WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
+"""Ranges of a limiter that takes every input that a controller may."""
 EXTREMES: dict[str, Mapping[str, Any]] = {
     "as built": {},
     "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
     "slow": {"rear_rate_max": 0.01, "rear_angle_error_max": 1e-4},
     "forgiving": {"grip_shortfall": 20.0, "grip_recovery": 100.0, "trim_share": 0.2, "trim_rate": 20.0},
-    "wide inputs": {"yaw_rate_tolerance": 20.0, "front_angle_max": 1.5, "speed_max": 200.0, "yaw_rate_max": 20.0},
+    "wide inputs": {
+        "yaw_rate_tolerance": 20.0,
+        "front_angle_max": 1.5,
+        "speed_max": 200.0,
+        "yaw_rate_max": 20.0,
+        "limiter": WIDE,
+    },
 }
 
 
@@ -54,7 +63,7 @@ def check_kind_always_bounded(built: Built, count: int = 20_000, seed: int = 0) 
     """Whatever arrives, the command is finite and within its limit, and so is everything that the state keeps."""
     software, ffi = built.software, built.software.ffi
     rng = np.random.default_rng(seed)
-    names = dir(software.parameters())
+    names = {*dir(software.parameters())}
     seen: set[int] = set()
     for changes in EXTREMES.values():
         parameters = parameters_of(built, {name: value for name, value in changes.items() if name in names})

@@ -1,7 +1,7 @@
 /*
  * Yaw-rate controller for active rear steering. See ars_controller.h.
  *
- * Order of a step: judge the inputs, choose the status, then hold, ramp or control; the limiter comes last.
+ * Order of a step: judge the sample, choose the status, then control, predict, hold or ramp; the limiter comes last.
  *
  * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -25,6 +25,12 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
+
+/* Of memory that ars_controller_init() has been at; not zero, which is what memory holds before. */
+ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
+
+/* No sum of the state is ever so large. */
+ARS_SECTION_CONST static const float state_sum_max = 1.0e+06f;
 
 /* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
 ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
@@ -101,32 +107,45 @@ ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, con
         && !(measurement->friction < 0.0f);
 }
 
-/* Whether this sample may be used. A sample that is lost and a yaw rate that cannot be are counted apart: a sensor may be
- * implausible for longer than it may be silent, because a bump is not a fault. Neither is controlled upon. */
-ARS_SECTION_CODE static bool is_trusted(
+/* What the control law does in a sample. */
+typedef enum {
+    LAW_STARTS,   /* it did not run before: without a jump of the command */
+    LAW_CONTINUES,
+    LAW_PREDICTS  /* without a new sample: the model moves on, the last error stays */
+} law_phase_t;
+
+/* Up to one above the limit, at which the fail-safe acts. */
+ARS_SECTION_CODE static uint16_t counted(uint16_t count, uint16_t limit)
+{
+    return (count <= limit) ? (uint16_t)(count + 1u) : count;
+}
+
+ARS_SECTION_CODE static uint16_t leaked(uint16_t count)
+{
+    return (count > 0u) ? (uint16_t)(count - 1u) : count;
+}
+
+/* Lost samples and implausible ones are counted apart: a sensor may be implausible for longer than it may be silent, because a
+ * bump is not a fault. A good sample takes one off both counts, so that intermittent faults end in the fail-safe too. */
+ARS_SECTION_CODE static ars_quality_t judge(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
-    bool trusted = false;
+    ars_quality_t quality = ARS_QUALITY_GOOD;
 
     if (is_within(measurement->speed, parameters->speed_max)) {
         self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
     }
     if (!is_in_range(parameters, measurement)) {
-        if (self->bad_samples < UINT16_MAX) {
-            self->bad_samples++;
-        }
+        self->bad_samples = counted(self->bad_samples, parameters->degraded_samples_max);
+        quality = ARS_QUALITY_LOST;
+    } else if (!is_plausible(parameters, measurement)) {
+        self->implausible_samples = counted(self->implausible_samples, parameters->implausible_samples_max);
+        quality = ARS_QUALITY_IMPLAUSIBLE;
     } else {
-        self->bad_samples = 0u;
-        if (is_plausible(parameters, measurement)) {
-            self->implausible_samples = 0u;
-            trusted = true;
-        } else if (self->implausible_samples <= parameters->implausible_samples_max) {
-            self->implausible_samples++;
-        } else {
-            /* the count stays above its limit */
-        }
+        self->bad_samples = leaked(self->bad_samples);
+        self->implausible_samples = leaked(self->implausible_samples);
     }
-    return trusted;
+    return quality;
 }
 
 ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
@@ -142,8 +161,7 @@ ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, con
     }
 }
 
-/* Returns whether the control law runs in this sample; it starts afresh where it did not run in the one before. */
-ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
+ARS_SECTION_CODE static void update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         self->good_samples++;
@@ -164,7 +182,6 @@ ARS_SECTION_CODE static bool update_after_good_sample(ars_controller_t *self, co
             self->status = ARS_STATUS_STANDBY;
         }
     }
-    return self->enabled;
 }
 
 /* Never simply to zero: at speed, taking the rear angle away can spin the car. Held above a speed, and below it ramped, the
@@ -197,6 +214,13 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
     const float behind = parameters->limiter.rear_rate_max;
 
     return ((own < behind) ? own : behind) * sampling_time;
+}
+
+/* rad/s. Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
+ARS_SECTION_CODE static float yaw_rate_error(
+    const ars_controller_t *self, const ars_measurement_t *measurement, float reference, law_phase_t phase)
+{
+    return (phase == LAW_PREDICTS) ? self->yaw_rate_error : (reference - measurement->yaw_rate);
 }
 
 /* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
@@ -266,14 +290,19 @@ ARS_SECTION_CODE static float friction_now(
 
 /* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, float friction)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, float friction,
+    law_phase_t phase)
 {
-    const float rate = (measurement->front_angle - self->front_angle) / sampling_time;
     ars_map_reference_t reference;
     float lead;
 
-    self->front_angle = measurement->front_angle;
-    self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
+    if (phase != LAW_PREDICTS) {
+        const float age = sampling_time * ((float)self->missed_samples + 1.0f);
+        const float rate = (measurement->front_angle - self->front_angle) / age;
+
+        self->front_angle = measurement->front_angle;
+        self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
+    }
     lead = clamp(parameters->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
     reference = ars_map_reference(measurement->speed, measurement->front_angle + lead, friction);
     reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
@@ -287,11 +316,8 @@ ARS_SECTION_CODE static void start_law(ars_controller_t *self, const ars_measure
     self->front_rate = 0.0f;
     self->yaw_rate = measurement->yaw_rate;
     self->trim = 0.0f;
+    self->missed_samples = 0u;
     ars_reference_model_start(&self->model, measurement->speed, measurement->yaw_rate, self->rear_angle);
-    if (self->status == ARS_STATUS_STANDBY) { /* what was known of the road is old */
-        self->reached = 0.0f;
-        self->grip = grip_max;
-    }
 }
 
 /* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
@@ -357,15 +383,24 @@ ARS_SECTION_CODE static void update_grip(
     self->grip = clamp(grip, parameters->friction_min / friction_per_grip, grip_max);
 }
 
+/* In standby nothing is learned of the road, and what is known of it grows old. It survives the fail-safe. */
+ARS_SECTION_CODE static void let_grip_recover(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    const float grip = self->grip + (parameters->grip_recovery_idle * sampling_time);
+
+    self->reached -= (parameters->grip_forgetting * sampling_time) * self->reached;
+    self->grip = (grip < grip_max) ? grip : grip_max;
+}
+
 /* One sample of the law. */
 ARS_SECTION_CODE static bool track(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, bool starts)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, law_phase_t phase)
 {
     const float friction = friction_now(self, parameters, measurement);
-    const ars_map_reference_t map = reference_ahead(self, parameters, measurement, friction);
+    const ars_map_reference_t map = reference_ahead(self, parameters, measurement, friction, phase);
     const ars_reference_model_input_t input = { measurement->speed, measurement->front_angle, map.rear_angle, friction };
     const float reference = reachable_yaw_rate(self, parameters, &map, measurement->speed);
-    const float error = reference - measurement->yaw_rate;
+    const float error = yaw_rate_error(self, measurement, reference, phase);
     const gains_t gains = gains_at(parameters, measurement->speed);
     const range_t range = feedback_range(self, parameters, measurement, map.rear_angle);
     const float proportional = gains.proportional * error;
@@ -376,7 +411,7 @@ ARS_SECTION_CODE static bool track(
     float command;
     bool limited;
 
-    if (starts) {
+    if (phase == LAW_STARTS) {
         self->integral = self->rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
     }
     integral = self->integral;
@@ -407,7 +442,7 @@ ARS_SECTION_CODE static bool track(
     self->integral = integral;
     self->rear_angle = command;
     self->yaw_rate_reference = reference;
-    if (!measurement->inhibit) {
+    if (!measurement->inhibit && (phase != LAW_PREDICTS)) {
         update_grip(self, parameters, measurement);
     }
     self->yaw_rate = measurement->yaw_rate;
@@ -417,21 +452,31 @@ ARS_SECTION_CODE static bool track(
 
 /* Returns whether a limit acted. */
 ARS_SECTION_CODE static bool law_step(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, bool starts)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, law_phase_t phase)
 {
-    if (starts) {
+    if (phase == LAW_STARTS) {
         start_law(self, measurement);
     }
-    return track(self, parameters, measurement, starts);
+    return track(self, parameters, measurement, phase);
 }
 
 ARS_SECTION_CODE static void control(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, law_phase_t phase)
 {
-    const bool starts = (self->status != ARS_STATUS_TRACKING) && (self->status != ARS_STATUS_LIMITED);
+    const bool limited = law_step(self, parameters, measurement, phase);
 
-    self->status = law_step(self, parameters, measurement, starts) ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+    self->status = limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
     self->yaw_rate_error = self->yaw_rate_reference - measurement->yaw_rate;
+    self->sample = *measurement;
+    self->missed_samples = 0u;
+}
+
+/* The last good sample stands for the missing one. What an implausible yaw rate was about to do is not integrated. */
+ARS_SECTION_CODE static void predict(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    self->sample.inhibit = self->sample.inhibit || (self->quality == ARS_QUALITY_IMPLAUSIBLE);
+    (void)law_step(self, parameters, &self->sample, LAW_PREDICTS);
+    self->missed_samples++;
 }
 
 /* The last word on the command. */
@@ -493,10 +538,14 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
         && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
         && (parameters->disable_speed < parameters->enable_speed)
-        && (parameters->implausible_samples_max < UINT16_MAX)
-        && (parameters->degraded_samples_max < UINT16_MAX)
-        && (parameters->recovery_samples > 0u)
-        && (parameters->recovery_samples < UINT16_MAX)
+        && (parameters->enable_speed <= parameters->speed_max)
+        && (parameters->friction_min <= parameters->friction_max)
+        && (parameters->speed_max <= parameters->limiter.speed_max)
+        && (parameters->front_angle_max <= parameters->limiter.front_angle_max)
+        && (parameters->implausible_samples_max <= 1000u)
+        && (parameters->degraded_samples_max <= 100u)
+        && (parameters->recovery_samples >= 1u)
+        && (parameters->recovery_samples <= 10000u)
         && are_valid_arrays(parameters)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_limiter_parameters_valid(&parameters->limiter)
@@ -514,13 +563,46 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
     self->speed = speed_unknown;
+    self->sample.speed = 0.0f;
+    self->sample.front_angle = 0.0f;
+    self->sample.yaw_rate = 0.0f;
+    self->sample.rear_angle = start;
+    self->sample.friction = 0.0f;
+    self->sample.inhibit = true;
+    self->missed_samples = 0u;
     self->bad_samples = 0u;
     self->good_samples = 0u;
     self->implausible_samples = 0u;
     self->enabled = false;
+    self->quality = ARS_QUALITY_GOOD;
     self->status = ARS_STATUS_STANDBY;
+    self->initialised = initialised;
     ars_limiter_init(&self->limiter, start);
     law_init(self);
+}
+
+/* False for memory that was never initialised, and where a number of the state is none: their sum is none then. */
+ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
+{
+    const float sum = self->trim
+        + self->integral
+        + self->front_angle
+        + self->front_rate
+        + self->yaw_rate
+        + self->reached
+        + self->grip
+        + self->rear_angle
+        + self->yaw_rate_reference
+        + self->yaw_rate_error
+        + self->speed
+        + self->model.sideslip_angle
+        + self->model.yaw_rate
+        + self->model.rear_angle
+        + self->limiter.rear_angle
+        + self->limiter.speed
+        + self->limiter.front_angle;
+
+    return (self->initialised == initialised) && is_within(sum, state_sum_max);
 }
 
 ARS_SECTION_CODE ars_command_t ars_controller_step(
@@ -528,17 +610,29 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
 {
     ars_command_t command;
 
-    if (!is_trusted(self, parameters, measurement)) {
-        update_after_bad_sample(self, parameters);
-    } else if (update_after_good_sample(self, parameters)) {
-        control(self, parameters, measurement);
+    if (!is_sound(self)) { /* afresh, from where the rear wheels stand, and not before good samples */
+        ars_controller_init(self, measurement->rear_angle);
+        self->status = ARS_STATUS_FAIL_SAFE;
+    }
+    self->quality = judge(self, parameters, measurement);
+    if (self->quality == ARS_QUALITY_GOOD) {
+        const law_phase_t phase = self->enabled ? LAW_CONTINUES : LAW_STARTS;
+
+        update_after_good_sample(self, parameters);
+        if (self->enabled) {
+            control(self, parameters, measurement, phase);
+        }
     } else {
-        /* standby, or still fail-safe: below */
+        update_after_bad_sample(self, parameters);
+        if (self->enabled) {
+            predict(self, parameters);
+        }
     }
     if (self->status == ARS_STATUS_STANDBY) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
         self->yaw_rate_reference = 0.0f;
         self->yaw_rate_error = 0.0f;
+        let_grip_recover(self, parameters);
     }
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);

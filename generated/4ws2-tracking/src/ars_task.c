@@ -210,10 +210,10 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
     const ars_controller_t *controller = &self->controller;
     uint32_t causes = 0u;
 
-    if (good && (controller->bad_samples > 0u)) {
+    if (good && (controller->quality == ARS_QUALITY_LOST)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
-    if (good && (controller->implausible_samples > 0u)) {
+    if (good && (controller->quality == ARS_QUALITY_IMPLAUSIBLE)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_IMPLAUSIBLE;
     }
     if (controller->bad_samples > self->parameters->degraded_samples_max) {

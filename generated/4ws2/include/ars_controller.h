@@ -34,9 +34,16 @@ typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
     ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
-    ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the last command is held */
-    ARS_STATUS_FAIL_SAFE = 4 /* they stay so: held at high speed, ramped to zero below */
+    ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the law predicts */
+    ARS_STATUS_FAIL_SAFE = 4 /* they stay so, or come too often: held at high speed, ramped to zero below */
 } ars_status_t;
+
+/* What a sample is worth. */
+typedef enum {
+    ARS_QUALITY_GOOD = 0,
+    ARS_QUALITY_LOST = 1,       /* a signal is absent or out of its range */
+    ARS_QUALITY_IMPLAUSIBLE = 2 /* speed and steering do not explain the yaw rate */
+} ars_quality_t;
 
 /* One sample of what the vehicle measures. */
 typedef struct {
@@ -51,7 +58,7 @@ typedef struct {
 /* What the controller asks for, and why. */
 typedef struct {
     float rear_angle;           /* rad, within +-rear_angle_max */
-    float yaw_rate_reference;   /* rad/s, what is followed; held while degraded, 0 in standby and fail-safe */
+    float yaw_rate_reference;   /* rad/s, what is followed; predicted while degraded, 0 in standby and fail-safe */
     ars_status_t status;        /* what the step did */
 } ars_command_t;
 
@@ -76,9 +83,9 @@ typedef struct {
     float hold_speed;                   /* m/s, fail-safe holds the rear angle from here */
     float ramp_rate_standstill;         /* rad/s, fail-safe ramp at rest */
     float ramp_rate_hold_speed;         /* rad/s, fail-safe ramp just below hold_speed */
-    uint16_t implausible_samples_max;   /* samples that an implausible yaw rate is held, then fail-safe */
-    uint16_t degraded_samples_max;      /* lost samples before the fail-safe */
-    uint16_t recovery_samples;          /* good samples that end the fail-safe */
+    uint16_t implausible_samples_max;   /* implausible samples less good ones that are predicted, then fail-safe */
+    uint16_t degraded_samples_max;      /* lost samples less good ones that are predicted, then fail-safe */
+    uint16_t recovery_samples;          /* good ones that end the fail-safe */
     ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
 } ars_parameters_t;
 
@@ -89,11 +96,15 @@ typedef struct {
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
     float speed;                        /* m/s, last one in range */
-    uint16_t bad_samples;               /* in a row */
+    uint16_t missed_samples;            /* in a row, that the law predicted */
+    uint16_t bad_samples;               /* lost less good ones, at most one above the limit */
     uint16_t good_samples;              /* in a row, counted in fail-safe */
-    uint16_t implausible_samples;       /* in a row */
-    bool enabled;                       /* above the enabling speed, with hysteresis */
+    uint16_t implausible_samples;       /* less good ones, at most one above the limit */
+    bool enabled;                       /* above the enabling speed, with hysteresis: the law runs */
+    uint32_t initialised;               /* a mark, of which memory without an initialisation has none */
+    ars_measurement_t sample;           /* the last good one, while the law runs */
     ars_limiter_t limiter;              /* last in the chain */
+    ars_quality_t quality;              /* of the last sample */
     ars_status_t status;                /* of the last step */
 } ars_controller_t;
 
@@ -118,6 +129,9 @@ void ars_controller_init(ars_controller_t *self, float rear_angle);
 
 /*
  * One sample: check the measurement, look the reference up, control, limit (ars_limiter.h has the last word).
+ *
+ * Without a good sample the law goes on with the last one and the last yaw-rate error. Memory that was never initialised, or
+ * that holds NaN or infinity, starts afresh from the measured rear angle, in the fail-safe.
  *
  * None of the pointers may be null; parameters must be valid; measurement may hold any number,
  * and inhibit must be true or false.
