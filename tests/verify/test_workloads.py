@@ -57,7 +57,6 @@ def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> No
 def test_long_ways_are_as_long_as_their_limits() -> None:
     fail_safe = GROUND.config.controller.fail_safe
     ways = long_ways(GROUND)
-    assert max(len(way.before) for way in ways) > 2**16
     assert any(len(way.before) == 1 + fail_safe.degraded_samples_max + 2 + fail_safe.recovery_samples - 1 for way in ways)
     of_task = long_ways_of_task(GROUND)
     seen = statuses(np.concatenate([of_task[-1].before, of_task[-1].then]))  # a silence, and frames after it

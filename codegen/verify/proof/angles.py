@@ -203,8 +203,8 @@ def commanded(program: Program, function: Function, sampling_time: float) -> Cla
             "in fail-safe the angle is held from hold_speed on, where the limiter lets it",
             implied(pool, held, may_stay, stays),
         )
-        degraded = is_status("DEGRADED")
-        yield "degraded, the angle is held, where the limiter lets it", implied(pool, degraded, may_stay, stays)
+        idle = pool.and_(is_status("DEGRADED"), pool.not_(call.behind("self", ("enabled",))))
+        yield "degraded without control, the angle is held, where the limiter lets it", implied(pool, idle, may_stay, stays)
 
     return controller_step
 

@@ -224,7 +224,7 @@ class Session:
                     place = state.written.get(entry.key(parameter.name, (*inner, *path)), entry.function.place)
                     yield Obligation(Kind.INVARIANT, place or entry.function.place, pool.true, goal, text)
                 for path, scalar in own_leaves(each.ctype, self.states):
-                    if isinstance(scalar, Scalar) and scalar.family == Family.FLOAT and not self._may_be_absent(invariant):
+                    if isinstance(scalar, Scalar) and scalar.family == Family.FLOAT and not self._may_be_absent(invariant, path):
                         place = state.written.get(entry.key(parameter.name, (*inner, *path)), entry.function.place)
                         text = f"{dotted((*inner, *path))} stays finite"
                         yield Obligation(Kind.CLAIM, place or entry.function.place, pool.true, pool.is_finite(leaf(path)), text)
@@ -232,9 +232,9 @@ class Session:
                 text = f"{dotted(error.args[0][1])} is written"
                 yield Obligation(Kind.WRITTEN, entry.function.place, pool.true, pool.false, text)
 
-    def _may_be_absent(self, invariant: Invariant) -> bool:
-        """Whether its floats may be NaN: a task keeps signals as they were received."""
-        return invariant.ctype.name == f"{self.prefix}_task_t"
+    def _may_be_absent(self, invariant: Invariant, path: Path) -> bool:
+        """Whether a float may be NaN: a task keeps signals as they were received, a controller the optional ones of a sample."""
+        return invariant.ctype.name == f"{self.prefix}_task_t" or path in (("sample", "rear_angle"), ("sample", "friction"))
 
     def _claims(self, function: Function) -> list[Claims]:
         return of_function(self.machine.program, function, self.prefix, self.sampling_time)
