@@ -22,10 +22,11 @@ NAMES = {
     "flash": "flash",
     "batch": "batch",
     "campaign": "campaign",
+    "minimal-error": "minimal_error",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

@@ -6,9 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import minimal_error
 from benchmarks.closed_loop import Loops, slalom, step_steer
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.dynamics import PLANT_STATES
+from hil_sim.suite.cells import Cell
+from tests import builds
 
 DURATION = 0.5
 
@@ -40,3 +43,16 @@ def test_the_plant_written_by_hand_is_that_from_casadi() -> None:
         np.testing.assert_allclose(by_hand, generated, rtol=SAME, atol=SAME)
         for state in PLANT_STATES:
             assert getattr(hand_state, state) == pytest.approx(getattr(generated_state, state), rel=SAME, abs=SAME), state
+
+
+def test_no_control_near_the_minimal_one_has_a_smaller_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(minimal_error, "AFTER_S", 0.4)
+    step = minimal_error.StepSteer(builds.paper().software, Cell(100.0, 3.0))
+    found = step.optimum()
+    assert found.rms < 0.2 * step.rms(step.replay(np.zeros_like(found.command))[0][:: step.per_sample])
+    assert found.rear_angle.min() < 0.0 < found.yaw_rate[-1]  # opposite first
+    sooner, later = np.roll(found.command, -step.per_sample), np.roll(found.command, step.per_sample)
+    for other in (0.9 * found.command, 1.1 * found.command, sooner, later):
+        # 1 %: the optimum is one of a coarser integration.
+        assert step.rms(step.replay(other)[0][:: step.per_sample]) > 0.99 * found.rms
+    assert step.optimum(rear_slip_max=math.radians(1.0)).rms > found.rms
