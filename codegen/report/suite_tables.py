@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.conditions import LAGS, NOMINAL
 from hil_sim.suite.price import compare_rise
 from hil_sim.suite.sample_timing import TIMINGS
@@ -44,6 +45,8 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
         yield f"Where {result.tested} is worse", worse_text(result)
     if result.timing:
         yield "Yaw moment of 2,000 N m at 90 km/h: rms yaw-rate error (deg/s), settled / from its onset", timing_table(result)
+    if result.path_errors:
+        yield "With a driver: rms path error (m)", path_table(result)
     if result.third_party:
         yield "Third party's multi-body car: overshoot (%) / settling (s) / largest |sideslip| (deg)", third_party_table(result)
     yield "What was tuned on what", sets_text(result)
@@ -303,6 +306,15 @@ def timing_table(result: SuiteResult) -> str:
         for name in TIMINGS
     ]
     return columns([("", *result.timing)], rows)
+
+
+def path_table(result: SuiteResult) -> str:
+    """A row for each scenario."""
+    rows = [
+        (name, *(SPUN if errors[name] is None else _number(errors[name], 3) for errors in result.path_errors.values()))
+        for name in PATH_SCENARIOS
+    ]
+    return columns([("", *result.path_errors)], rows)
 
 
 def third_party_table(result: SuiteResult) -> str:

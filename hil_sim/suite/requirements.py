@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
 from hil_sim.suite.loop_margins import FamilyMargins, finite_or_none
+from hil_sim.suite.path_following import FEEDFORWARD
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.sample_timing import IN_STEP, TIMINGS, TimingError
 from hil_sim.suite.summary import Extreme, Summary
@@ -75,6 +76,8 @@ class Measured:
         third_party: cells on the third party's plant; None where it was not driven.
         instructions: of a step in the worst case on a Cortex-M4F; None where they were not counted.
         timing: name of the timing of the frames to the error under a yaw moment.
+        path_errors: name of the scenario to the rms path error in m, and to that of the feedforward; None for a car that spins,
+            empty where the feedforward was not driven beside.
     """
 
     summaries: Mapping[str, Summary]
@@ -83,6 +86,7 @@ class Measured:
     third_party: Summary | None = None
     instructions: int | None = None
     timing: Mapping[str, TimingError] = field(default_factory=dict)
+    path_errors: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
 
 
 def _row(
@@ -229,6 +233,17 @@ def _timing(errors: Mapping[str, TimingError]) -> list[Requirement]:
     return rows
 
 
+def _path_errors(errors: Mapping[str, tuple[float | None, float | None]]) -> list[Requirement]:
+    rows = []
+    for name, (own, beside) in errors.items():
+        if beside is None:
+            continue  # the feedforward spins: nothing is asked
+        measured, note = (None, "the car spins") if own is None else (round(own, 3), "")
+        asked: tuple[Sense, float] = ("at most", round(beside, 3))
+        rows.append(_row(f"{name}, with a driver", f"path error, rms, beside {FEEDFORWARD}", "m", asked, measured, note))
+    return rows
+
+
 def _instructions(count: int | None) -> Requirement:
     matter, figure, asked = "Cortex-M4F", "instructions of the worst step", ("at most", float(INSTRUCTIONS))
     sense: Sense = "at most"
@@ -246,6 +261,7 @@ def requirements(measured: Measured) -> tuple[Requirement, ...]:
         *_third_party(measured.third_party),
         *_on_slippery_roads(measured.summaries),
         *_timing(measured.timing),
+        *_path_errors(measured.path_errors),
         _instructions(measured.instructions),
     )
 

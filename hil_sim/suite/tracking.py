@@ -14,6 +14,7 @@ from hil_sim.metrics.run import FloatArray
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
+from hil_sim.suite.path_following import FEEDFORWARD, path_errors
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
 from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_cell, software_of
@@ -80,6 +81,7 @@ class SuiteResult:
         margins: of those that have feedback.
         rise_times, sine: where speed costs.
         timing: each controlled subject against a yaw moment, on each timing of its frames.
+        path_errors: rms in m of each subject in each scenario with a driver; None for a car that spins.
         third_party: each subject on the third party's plant.
         instructions: of a step of the subject under test in the worst case; None where they were not counted.
         requirements: figures asked beside figures measured.
@@ -97,6 +99,7 @@ class SuiteResult:
     rise_times: Mapping[str, tuple[RiseTime, ...]]
     sine: Mapping[str, tuple[SineTracking, ...]]
     timing: Mapping[str, Mapping[str, TimingError]] = field(default_factory=dict)
+    path_errors: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     third_party: Mapping[str, tuple[CellResult, ...]] = field(default_factory=dict)
     instructions: int | None = None
     requirements: tuple[Requirement, ...] = ()
@@ -125,8 +128,14 @@ class SuiteResult:
             third_party=full.third_party_summary(self.tested) if self.tested in third_party else None,
             instructions=outside.instructions,
             timing=self.timing.get(self.tested, {}),
+            path_errors=self._beside_feedforward(),
         )
         return replace(full, requirements=requirements(measured))
+
+    def _beside_feedforward(self) -> dict[str, tuple[float | None, float | None]]:
+        """Path errors of the subject under test and of the feedforward; empty where that was not driven beside it."""
+        own, beside = self.path_errors.get(self.tested, {}), self.path_errors.get(FEEDFORWARD)
+        return {} if beside is None else {name: (error, beside[name]) for name, error in own.items()}
 
     def summaries(self) -> tuple[Summary, ...]:
         """Of all conditions and subjects: conditions in order, and the subjects beside each other in each."""
@@ -151,6 +160,7 @@ class SuiteResult:
             "rise_times": {name: [row.to_dict() for row in rows] for name, rows in self.rise_times.items()},
             "sine": {name: [row.to_dict() for row in rows] for name, rows in self.sine.items()},
             "timing": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.timing.items()},
+            "path_errors": {name: dict(errors) for name, errors in self.path_errors.items()},
             "third_party": {name: [found.to_dict() for found in rows] for name, rows in self.third_party.items()},
             "results": {
                 subject: {name: [found.to_dict() for found in rows] for name, rows in tables.items()}
@@ -214,6 +224,7 @@ def run_suite(
         margins={subject.name: found for subject in subjects if subject.controlled and (found := margins_of(subject.config))},
         rise_times={name: rise_times(name, tables[nominal]) for name, tables in results.items() if nominal in tables},
         sine={subject.name: sine_tracking(subject, points) for subject in subjects},
+        path_errors={subject.name: path_errors(subject) for subject in subjects},
         timing={subject.name: timing_errors(subject) for subject in subjects if subject.controlled},
     )
     return measured.with_outside(Outside() if outside is None else outside)

@@ -21,6 +21,7 @@ from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim import second_plant
 from hil_sim.metrics import column
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
 from hil_sim.suite import conditions as known
 from hil_sim.suite import plants, tracking
@@ -199,6 +200,7 @@ def good() -> Measured:
         third_party=summarise("good", "third-party", rows),
         instructions=1040,
         timing={name: TimingError(2e-4, 0.01) for name in TIMINGS},
+        path_errors=dict.fromkeys(PATH_SCENARIOS, (0.2, 0.2)),
     )
 
 
@@ -216,8 +218,8 @@ def test_a_good_controller_passes_every_row() -> None:
     assert all(row.passed for row in rows)
     assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
     # 3 lags of C1, 3 plants of 4 rows, 2 of the slow actuator, 3 margins, 2 of the third party, 11 of slippery roads,
-    # 2 timings, 1 count.
-    assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 2 + 1
+    # 2 timings, 2 paths, 1 count.
+    assert len(rows) == 9 + 12 + 2 + 3 + 2 + 11 + 2 + 2 + 1
     # A limit itself is met in spite of rounding: 1.6 - 1.0 > 0.6, as a settling time is computed.
     assert failing(replace(good(), c1={lag.name: result(1.0, settling_time_s=1.6 - 1.0) for lag in LAGS})) == set()
 
@@ -257,6 +259,10 @@ def test_a_stretch_goal_may_be_missed_and_what_is_not_measured_neither_passes_no
     # In step 2e-4 rad/s: 1.05 times that and one code of 2e-4 rad/s are 4.1e-4.
     uneven = {**good().timing, "free-running clocks": TimingError(4.2e-4, 0.01)}
     assert failing(replace(good(), timing=uneven)) == {("yaw moment, free-running clocks", "yaw-rate error, rms")}
+    for own, note in ((0.201, ""), (None, "the car spins")):
+        paths = {**good().path_errors, "slalom": (own, 0.2)}
+        (row,) = [row for row in requirements(replace(good(), path_errors=paths)) if row.passed is False]
+        assert (row.subject_matter, row.measured, row.note) == ("slalom, with a driver", own, note)
     assert not all_passed(requirements(with_rows("lag-100", result(1.0, overshoot_percent=16.1))))
     measured = replace(good(), c1={**good().c1, "lag-50": SWINGING})
     (row,) = [row for row in requirements(measured) if row.passed is False]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from codegen.sil.software import RECORD_COLUMNS
+from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint
@@ -108,6 +109,7 @@ def made(**changes: Any) -> SuiteResult:
     step = Cell(42.5, 6.75)
     values: dict[str, Any] = {
         "timing": {name: {timing: TimingError(1e-4, 0.01) for timing in TIMINGS} for name in SUBJECTS if name != "passive"},
+        "path_errors": {name: dict.fromkeys(PATH_SCENARIOS, 0.1) for name in SUBJECTS},
         "tested": "tracking",
         "subjects": SUBJECTS,
         "cells": CELLS,

@@ -1,0 +1,23 @@
+"""A driver in the loop: how far each subject is from the path that he follows."""
+
+from __future__ import annotations
+
+from hil_sim.metrics import evaluate
+from hil_sim.scenarios import PATH_SCENARIOS
+from hil_sim.suite.subjects import Subject
+
+FEEDFORWARD = "feedforward"
+"""What a controller with feedback is compared with."""
+
+
+def path_errors(subject: Subject) -> dict[str, float | None]:
+    """Name of the scenario to the rms path error in m of a subject; None for a car that spins. Raises BuildError."""
+    software, config = subject.around(subject.config), subject.config
+    errors = {}
+    for name, scenario in PATH_SCENARIOS.items():
+        driver = scenario.driver(config)
+        assert driver is not None  # every scenario of this table has a path
+        record = subject.loop(software).run_stepped(scenario.inputs(config), driver.steer)
+        found = evaluate(scenario, config, {name: record}).runs[name]["path_error_rms_m"]
+        errors[name] = None if found is None else float(found)
+    return errors
