@@ -1,8 +1,7 @@
 """Ways to compute a tyre's curve, sin(C atan(x - E (x - atan x))), in C: the generated table, and what one would take instead.
 
-Each is C with a function `float curve(float x)`, which takes any number: NaN gives 0, and what is larger than any slip counts
-as that. Polynomials are the best ones of their degree: the coefficients, by linear programming, are those that make the
-largest error on a dense grid smallest.
+Each is C with a function `float curve(float x)`, which takes any finite number. Polynomials are the best ones of their degree:
+the coefficients, by linear programming, are those that make the largest error on a dense grid smallest.
 """
 
 from __future__ import annotations
@@ -26,18 +25,12 @@ COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0)
 GUARD = """float curve(float x);
 float curve(float x)
 {
-    float magnitude = 0.0f;
+    const float sign = (x < 0.0f) ? -1.0f : 1.0f;
 
-    if ((x > 0.0f) || (x < 0.0f)) {
-        magnitude = (x < 0.0f) ? -x : x;
-    }
-    if (magnitude > 1000000.0f) {
-        magnitude = 1000000.0f;
-    }
-    return (x < 0.0f) ? -half(magnitude) : half(magnitude);
+    return sign * half(sign * x);
 }
 """
-"""Around a function for what is not negative: what the generated one does as well."""
+"""Makes an odd function of one for what is not negative, as the generated one does."""
 
 LIBM = """const std = @import("std");
 export fn atanf(x: f32) f32 {
@@ -87,7 +80,13 @@ def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") ->
 def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes]:
     own = f"{prefix}_reference_model"
     names = (f"include/{own}.h", f"include/{prefix}_sections.h", f"src/{own}.c")
-    call = f'#include "{own}.h"\nfloat curve(float x);\nfloat curve(float x)\n{{\n    return {own}_front_curve(x);\n}}\n'
+    call = f"""#include "src/{own}.c"
+float curve(float x);
+float curve(float x)
+{{
+    return front_curve(x).value;
+}}
+"""
     return {**{name: files[name] for name in names}, "curve.c": call}
 
 

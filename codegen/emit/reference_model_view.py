@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H, Config
-from codegen.emit.dynamics_view import FunctionView, function_view
+from codegen.emit.dynamics_view import SPEED_MIN, FunctionView, function_view
 from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError
-from codegen.vehicle.dynamics import single_track_from_shapes
+from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
@@ -29,10 +29,6 @@ ERROR_ALLOWANCE = 1.02
 for the rounding of the target's precision."""
 
 SIDESLIP_MAX = math.radians(20.0)
-STEP_STABLE = 1.0
-"""Largest product of step and fastest pole: Heun's method is stable up to 2."""
-ARGUMENT_MAX = 64.0
-"""Of the curve: beyond B alpha of any slip that a rolling wheel can have, its value is held."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,6 @@ class CurveView:
     title: str
     cells: int
     compression: str
-    cells_per_share: str
     lines: tuple[str, ...]
     error: float
     error_text: str
@@ -57,9 +52,8 @@ class ReferenceModelView:
     front: CurveView
     rear: CurveView
     arguments: FunctionView
-    derivative: FunctionView
+    change: FunctionView
     period_text: str
-    step: str
     speed_min: str
     speed_min_text: str
     speed_max: str
@@ -76,12 +70,11 @@ class ReferenceModelView:
     actuator_step_max: str
     rear_arm: str
     rear_slip: str
-    argument_max: str
 
 
 @dataclass(frozen=True)
 class Curve:
-    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), from x = 0 to ARGUMENT_MAX.
+    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), from x = 0 (s = 0) to infinity (s = 1).
 
     Attributes:
         compression: of the argument.
@@ -92,15 +85,6 @@ class Curve:
     compression: float
     values: FloatArray
     error: float
-
-    @property
-    def last_share(self) -> float:
-        """s at the end of the table."""
-        return _last_share(self.compression)
-
-
-def _last_share(compression: float) -> float:
-    return ARGUMENT_MAX / (ARGUMENT_MAX + compression)
 
 
 def tabulate(tyre: MagicFormulaTyre, where: str = "tyre") -> Curve:
@@ -117,16 +101,17 @@ def tabulate(tyre: MagicFormulaTyre, where: str = "tyre") -> Curve:
 
 
 def _curve(tyre: MagicFormulaTyre, cells: int, compression: float) -> Curve:
-    last = _last_share(compression)
-    points, places = (np.linspace(0.0, last, count) for count in (cells + 1, cells * ERROR_SAMPLES + 1))
+    points, places = (np.linspace(0.0, 1.0, count) for count in (cells + 1, cells * ERROR_SAMPLES + 1))
     values = _shape(tyre, points, compression)
     error = np.abs(np.interp(places, points, values) - _shape(tyre, places, compression)).max()
     return Curve(compression, values, float(error) * ERROR_ALLOWANCE)
 
 
 def _shape(tyre: MagicFormulaTyre, places: FloatArray, compression: float) -> FloatArray:
-    x = compression * places / (1.0 - places)
-    result: FloatArray = np.sin(tyre.shape_factor * np.arctan(x - tyre.curvature_factor * (x - np.arctan(x))))
+    with np.errstate(divide="ignore"):
+        x = compression * places / (1.0 - places)  # infinite at the end
+    straight = (1.0 - tyre.curvature_factor) * x if tyre.curvature_factor < 1.0 else 0.0
+    result: FloatArray = np.sin(tyre.shape_factor * np.arctan(straight + tyre.curvature_factor * np.arctan(x)))
     return result
 
 
@@ -136,27 +121,11 @@ def rounded_up(value: float) -> str:
     return f"{math.ceil(value / 10.0 ** (exponent - 1)) * 10.0 ** (exponent - 1):.1e}"
 
 
-def speed_min(config: Config) -> float:
-    """m/s: from here on a step of the sampling time is short enough for the car's fastest pole, which goes with 1/speed."""
-    car = SingleTrack.from_config(config)
-    lateral = (car.front_stiffness + car.rear_stiffness) / car.mass
-    yaw = (car.front_arm**2 * car.front_stiffness + car.rear_arm**2 * car.rear_stiffness) / car.yaw_inertia
-    return max(lateral, yaw) * config.controller.sampling_time_s / STEP_STABLE
-
-
 def reference_model_view(config: Config, precision: Precision) -> ReferenceModelView:
-    """The view of a car's reference model. Raises BuildError where the sampling time is too long for it."""
-    slowest = speed_min(config)
-    if slowest > config.controller.enable_speed_km_h * KM_H:
-        raise BuildError(
-            f"the reference model needs shorter steps below {slowest / KM_H:.1f} km/h, and control starts at "
-            f"{config.controller.enable_speed_km_h:g} km/h",
-            where="controller.sampling_time_s",
-            remedy="shorten it, or raise controller.enable_speed_km_h",
-        )
-    model, tyres = single_track_from_shapes(config), AxleTyres.from_config(config)
-    car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
+    """Return the view of a car's reference model."""
     period = config.controller.sampling_time_s
+    model, tyres = single_track_step(config, period), AxleTyres.from_config(config)
+    car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
 
     def text(value: float) -> str:
         return literal(value, precision)
@@ -165,11 +134,10 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         front=_curve_view(tyres.front, "front", precision),
         rear=_curve_view(tyres.rear, "rear", precision),
         arguments=function_view(model.arguments, "arguments_of", precision),
-        derivative=function_view(model.derivative, "derivative_of", precision),
+        change=function_view(model.change, "change_of", precision),
         period_text=f"{period * 1e3:g} ms",
-        step=text(period),
-        speed_min=text(slowest),
-        speed_min_text=f"{slowest:.3g} m/s",
+        speed_min=text(SPEED_MIN),
+        speed_min_text=f"{SPEED_MIN:.3g} m/s",
         speed_max=text(inputs.speed_max_km_h * KM_H),
         speed_max_text=f"{inputs.speed_max_km_h * KM_H:.3g} m/s",
         front_angle_max=text(math.radians(inputs.front_angle_max_deg)),
@@ -184,7 +152,6 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),
         rear_slip=text(car.rear_slip_per_lateral_acceleration),
-        argument_max=text(ARGUMENT_MAX),
     )
 
 
@@ -196,7 +163,6 @@ def _curve_view(tyre: MagicFormulaTyre, name: str, precision: Precision) -> Curv
         title=f"{name.capitalize()} tyre",
         cells=curve.values.size - 1,
         compression=literal(curve.compression, precision),
-        cells_per_share=literal((curve.values.size - 1) / curve.last_share, precision),
         lines=lines_of([literal(float(value), precision) for value in curve.values]),
         error=curve.error,
         error_text=rounded_up(curve.error),

@@ -19,7 +19,7 @@ from typing import Any, Literal
 import casadi as ca
 
 from codegen.config import Config
-from codegen.vehicle.expressions import Model, curve, curve_argument, make_model, shaped_force
+from codegen.vehicle.expressions import Model, curve_argument, magic_formula, make_model
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, load_transfer_per_lateral_acceleration, plant_parameters
 from codegen.vehicle.two_track import (
     PLANT_INPUTS,
@@ -44,12 +44,12 @@ __all__ = [
     "WHEEL_SPEED_MIN",
     "Model",
     "ParametricModel",
-    "ShapedSingleTrack",
+    "SingleTrackStep",
     "TyreModel",
     "load_transfer_per_lateral_acceleration",
     "plant_parameters",
     "single_track",
-    "single_track_from_shapes",
+    "single_track_step",
     "two_track",
     "two_track_of_parameters",
 ]
@@ -61,58 +61,20 @@ SINGLE_TRACK_INPUTS = ("speed", "front_angle", "rear_angle", "friction")
 
 
 @dataclass(frozen=True)
-class ShapedSingleTrack:
-    """The single-track model with its tyres' curve left open, so that a caller may evaluate that curve in its own way.
+class SingleTrackStep:
+    """One linearly implicit step of the single-track model with Magic Formula tyres, split around the tyre curves.
 
-    With s = (sin(C atan(X - E (X - atan X))) of the front and of the rear tyre) at X = arguments(x, u), derivative(x, u, s)
-    is that of `single_track(config, "magic-formula")`.
+    The caller evaluates curve(X) = sin(C atan(X - E (X - atan X))) and its slope in its own way, at X = arguments(x, u).
 
     Attributes:
-        states, inputs: names of the elements of x and u: SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS.
         arguments: (x, u) -> X (2,): B (alpha - S_H) of the front and of the rear tyre.
-        derivative: (x, u, shape (2,)) -> x'.
+        change: (x, u, curve (2,), slope (2,)) -> change of x over the step.
+
+    x is [beta (rad), r (rad/s)], u is [1/vx (s/m), delta_f (rad), delta_r (rad), friction].
     """
 
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
     arguments: Any
-    derivative: Any
-
-
-class _SingleTrackTerms:
-    """Expressions of the single-track model over its symbols x and u."""
-
-    def __init__(self, config: Config) -> None:
-        self.tyres = AxleTyres.from_config(config)
-        self.vehicle = config.vehicle
-        beta, self.yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")
-        self.speed, front, rear, self.friction = (ca.SX.sym(name) for name in ("vx", "delta_f", "delta_r", "mu"))
-        self.x = ca.vertcat(beta, self.yaw_rate)
-        self.u = ca.vertcat(self.speed, front, rear, self.friction)
-        self.slip_front = beta + self.vehicle.cg_to_front_axle_m * self.yaw_rate / self.speed - front
-        self.slip_rear = beta - self.vehicle.cg_to_rear_axle_m * self.yaw_rate / self.speed - rear
-
-    @property
-    def arguments(self) -> tuple[Any, Any]:
-        """X of front and rear."""
-        return curve_argument(self.tyres.front, self.slip_front), curve_argument(self.tyres.rear, self.slip_rear)
-
-    def derivative_of_shapes(self, front: Any, rear: Any) -> Any:
-        """x' from the values of both curves, at static wheel loads."""
-        tyres = self.tyres
-        return self.derivative(
-            -2.0 * shaped_force(tyres.front, front, tyres.front.static_load, self.friction),
-            -2.0 * shaped_force(tyres.rear, rear, tyres.rear.static_load, self.friction),
-        )
-
-    def derivative(self, force_front: Any, force_rear: Any) -> Any:
-        """x' from the side forces of the axles in N, positive to the left."""
-        vehicle = self.vehicle
-        moment = vehicle.cg_to_front_axle_m * force_front - vehicle.cg_to_rear_axle_m * force_rear
-        return ca.vertcat(
-            (force_front + force_rear) / (vehicle.mass_kg * self.speed) - self.yaw_rate,
-            moment / vehicle.yaw_inertia_kg_m2,
-        )
+    change: Any
 
 
 def single_track(config: Config, tyre_model: TyreModel) -> Model:
@@ -121,35 +83,69 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
     States [beta (rad), r (rad/s)], inputs [vx (m/s, above zero), delta_f (rad), delta_r (rad), friction]. With linear tyres
     the friction has no effect.
     """
-    terms = _SingleTrackTerms(config)
-    tyres = terms.tyres
-    if tyre_model == "linear":
-        derivative = terms.derivative(
-            -2.0 * tyres.front.cornering_stiffness * terms.slip_front,
-            -2.0 * tyres.rear.cornering_stiffness * terms.slip_rear,
-        )
-    else:
-        front, rear = terms.arguments
-        derivative = terms.derivative_of_shapes(curve(tyres.front, front), curve(tyres.rear, rear))
+    tyres, vehicle = AxleTyres.from_config(config), config.vehicle
+    beta, yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")
+    speed, front, rear, friction = (ca.SX.sym(name) for name in ("vx", "delta_f", "delta_r", "mu"))
+    slips = (
+        beta + vehicle.cg_to_front_axle_m * yaw_rate / speed - front,
+        beta - vehicle.cg_to_rear_axle_m * yaw_rate / speed - rear,
+    )
+    force_front, force_rear = (
+        -2.0 * tyre.cornering_stiffness * slip
+        if tyre_model == "linear"
+        else -2.0 * magic_formula(tyre, slip, tyre.static_load, friction)
+        for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
+    )
+    moment = vehicle.cg_to_front_axle_m * force_front - vehicle.cg_to_rear_axle_m * force_rear
     return make_model(
         f"single_track_{tyre_model.replace('-', '_')}",
         (SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS, ()),
-        terms.x,
-        terms.u,
-        derivative,
+        ca.vertcat(beta, yaw_rate),
+        ca.vertcat(speed, front, rear, friction),
+        ca.vertcat(
+            (force_front + force_rear) / (vehicle.mass_kg * speed) - yaw_rate,
+            moment / vehicle.yaw_inertia_kg_m2,
+        ),
         None,
     )
 
 
-def single_track_from_shapes(config: Config) -> ShapedSingleTrack:
-    """`single_track(config, "magic-formula")` in two parts, around the tyres' curve."""
-    terms = _SingleTrackTerms(config)
-    shape = ca.SX.sym("shape", 2)
-    derivative = terms.derivative_of_shapes(shape[0], shape[1])
-    x, u = terms.x, terms.u
-    return ShapedSingleTrack(
-        states=SINGLE_TRACK_STATES,
-        inputs=SINGLE_TRACK_INPUTS,
-        arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*terms.arguments)], ["x", "u"], ["argument"]),
-        derivative=ca.Function("single_track_from_shapes", [x, u, shape], [derivative], ["x", "u", "shape"], ["dx"]),
+def single_track_step(config: Config, step: float) -> SingleTrackStep:
+    """Return the step over `step` seconds of the model of `single_track(config, "magic-formula")`.
+
+    The change d of the state solves (I - step/2 J) d = step f(x): the linearly implicit midpoint rule, a Rosenbrock method of
+    one stage (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7). It is of second order, needs one
+    evaluation of each tyre curve, and damps whatever the car damps at any speed, as long as no slope is negative.
+    """
+    tyres, vehicle = AxleTyres.from_config(config), config.vehicle
+    mass, inertia = vehicle.mass_kg, vehicle.yaw_inertia_kg_m2
+    front_arm, rear_arm = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
+    x, u, value, slope = (ca.SX.sym(name, size) for name, size in (("x", 2), ("u", 4), ("curve", 2), ("slope", 2)))
+    beta, yaw_rate = x[0], x[1]
+    slowness, front, rear, friction = u[0], u[1], u[2], u[3]
+    turning = yaw_rate * slowness
+    arguments = (
+        curve_argument(tyres.front, beta + front_arm * turning - front),
+        curve_argument(tyres.rear, beta - rear_arm * turning - rear),
+    )
+    # Side force of an axle against its slip, times step / mass, and half of its slope against the slip.
+    force, stiffness = [], []
+    for k, tyre in enumerate((tyres.front, tyres.rear)):
+        scale = 2.0 * step / mass
+        peak = scale * tyre.peak(tyre.static_load, 1.0) * friction
+        force.append(peak * value[k] + scale * tyre.vertical_shift)
+        stiffness.append(0.5 * tyre.stiffness_factor * peak * slope[k])
+    front_yaw, rear_yaw = (mass * arm / inertia * half for arm, half in zip((front_arm, rear_arm), stiffness, strict=True))
+    # (I - step/2 J) = [[m00, m01], [m10, m11]], and step f(x) = [-drift, yaw].
+    drift = slowness * (force[0] + force[1]) + step * yaw_rate
+    yaw = mass * rear_arm / inertia * force[1] - mass * front_arm / inertia * force[0]
+    m00 = 1.0 + slowness * (stiffness[0] + stiffness[1])
+    m10 = front_yaw - rear_yaw
+    m01 = 0.5 * step + inertia / mass * (slowness * slowness) * m10
+    m11 = 1.0 + slowness * (front_arm * front_yaw + rear_arm * rear_yaw)
+    determinant = m00 * m11 - m01 * m10
+    change = ca.vertcat(-(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant)
+    return SingleTrackStep(
+        arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*arguments)], ["x", "u"], ["argument"]),
+        change=ca.Function("single_track_step", [x, u, value, slope], [change], ["x", "u", "curve", "slope"], ["change"]),
     )

@@ -49,17 +49,12 @@ def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
     return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
 
 
-def shaped_force(tyre: MagicFormulaTyre, shape: Any, load: Any, friction: Any) -> Any:
-    """F in N for one wheel from the value of its curve."""
+def magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
+    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
     relative: Any = tyre.peak_factor
     if not is_zero(tyre.peak_load_sensitivity):
         relative = ca.fmax(tyre.peak_factor + tyre.peak_load_sensitivity * (load / tyre.static_load - 1.0), 0.0)
-    return friction * relative * load * shape + tyre.vertical_shift
-
-
-def magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
-    """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
-    return shaped_force(tyre, curve(tyre, curve_argument(tyre, slip)), load, friction)
+    return friction * relative * load * curve(tyre, curve_argument(tyre, slip)) + tyre.vertical_shift
 
 
 def clamp(value: Any, limit: Any) -> Any:

@@ -216,10 +216,11 @@ class Modelled:
 
 
 def answers_of_model(units: Units, count: int = 30_000) -> list[Modelled]:
-    """From any state, with plausible inputs and with any bit patterns."""
+    """From any state with plausible inputs and with any bit patterns, and from damaged states."""
     model = SecondReferenceModel(units.config, units.real)
-    states, known = random_states(units, count, 1), []
-    for inputs in (random_inputs(units, count, 2), wild_inputs(units, count, 3)):
+    usual, plausible = random_states(units, count, 1), random_inputs(units, count, 2)
+    wild, damaged, known = wild_inputs(units, count, 3), wild_inputs(units, count, 4)[:, :3], []
+    for states, inputs in ((usual, plausible), (usual, wild), (damaged, plausible)):
         starts = inputs[:, :3].copy()
         with np.errstate(all="ignore"):
             starts[:, 1] *= units.real(4.0)  # the yaw rate reaches farther than the front angle

@@ -11,7 +11,6 @@ void probe_limiter(ars_limiter_t *self, const ars_limiter_parameters_t *paramete
     "reference_model": """
 void probe_model_from(const REAL *from, const REAL *inputs, REAL *states, uint32_t count);
 void probe_model_start(const REAL *inputs, REAL *states, uint32_t count);
-void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count);
 """,
 }
 DEFINITIONS = {
@@ -56,13 +55,6 @@ void probe_model_start(const REAL *inputs, REAL *states, uint32_t count)
         ars_reference_model_t self;
         ars_reference_model_start(&self, inputs[3u * k], inputs[3u * k + 1u], inputs[3u * k + 2u]);
         memcpy(&states[3u * k], &self, sizeof(self));
-    }
-}
-void probe_curves(const REAL *x, REAL *front, REAL *rear, uint32_t count)
-{
-    for (uint32_t k = 0u; k < count; k++) {
-        front[k] = ars_reference_model_front_curve(x[k]);
-        rear[k] = ars_reference_model_rear_curve(x[k]);
     }
 }
 """,

@@ -139,7 +139,13 @@ static void cars(void)
         if ((k % 100u) == 0u) {
             ars_reference_model_start(model, any(120), any(2), any(0.06f));
         }
-        sink = ars_reference_model_front_curve(any(70)) + ars_reference_model_rear_curve(any(70));
+    }
+    for (uint32_t k = 0u; k < 4u; k++) { /* a damaged state */
+        const ars_reference_model_input_t input = { 20, 0, 0, 1 };
+        const float bad[] = { NAN, INFINITY, 1e30f, -1e30f };
+        *model = (ars_reference_model_t){ bad[k], 0, 0 };
+        ars_reference_model_step(model, &input);
+        sink = model->sideslip_angle;
     }
     free(model);
 #endif

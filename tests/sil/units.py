@@ -99,10 +99,3 @@ class Units:
         states, pointer = self._out(len(inputs), 3)
         self.library.lib.probe_model_start(self._in(inputs), pointer, len(inputs))
         return states
-
-    def curves(self, x: Any) -> tuple[RealArray, RealArray]:
-        """Values of the front and the rear tyre's curve."""
-        front, front_pointer = self._out(len(x))
-        rear, rear_pointer = self._out(len(x))
-        self.library.lib.probe_curves(self._in(x), front_pointer, rear_pointer, len(x))
-        return front, rear

@@ -17,12 +17,13 @@ import numpy.typing as npt
 
 from codegen.config import Config
 from codegen.emit.reference_model_view import tabulate
-from codegen.vehicle.dynamics import single_track_from_shapes
+from codegen.vehicle.dynamics import single_track_step
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 FloatArray = npt.NDArray[np.float64]
 SIDESLIP_MAX = math.radians(20.0)
-ARGUMENT_MAX = 64.0
+SPEED_MIN = 1.0
+"""m/s. Lower speeds count as this."""
 
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ADD: lambda a, b: a + b,
@@ -92,22 +93,24 @@ class TableCurve:
 
     values: Any
     compression: Any
-    cells_per_share: Any
 
     @classmethod
     def of(cls, tyre: MagicFormulaTyre, real: Any) -> TableCurve:
         """The table that a build has."""
         curve = tabulate(tyre)
-        return cls(curve.values.astype(real), real(curve.compression), real((curve.values.size - 1) / curve.last_share))
+        return cls(curve.values.astype(real), real(curve.compression))
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Any) -> tuple[Any, Any]:
+        """Value and slope; where the curve falls, its slope counts as zero."""
         real = self.values.dtype.type
-        cells = self.values.size - 1
-        magnitude = np.abs(within(x, real(ARGUMENT_MAX)))
-        position = magnitude / (magnitude + self.compression) * self.cells_per_share
-        cell = np.minimum(position.astype(np.int64), cells - 1)
-        value = self.values[cell] + (position - cell.astype(real)) * (self.values[cell + 1] - self.values[cell])
-        return np.where(x < 0.0, -value, value)
+        cells, one = self.values.size - 1, real(1.0)
+        inverse = one / (np.abs(x) + self.compression)
+        position = np.abs(x) * inverse * real(cells)
+        cell = np.where(position < cells, position, cells - 1).astype(np.int64)
+        rise = self.values[cell + 1] - self.values[cell]
+        value = self.values[cell] + (position - cell.astype(real)) * rise
+        slope = np.maximum(rise, real(0.0)) * (self.compression * real(cells) * (inverse * inverse))
+        return np.where(x < 0.0, -value, value), slope
 
 
 class SecondReferenceModel:
@@ -118,13 +121,10 @@ class SecondReferenceModel:
         vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
         stiffness = 2.0 * tyres.rear.cornering_stiffness
         self.real = real
-        functions = single_track_from_shapes(config)
-        self.arguments, self.derivative = (
-            Instruction.all_of(each, real) for each in (functions.arguments, functions.derivative)
-        )
+        functions = single_track_step(config, period)
+        self.arguments, self.change = (Instruction.all_of(each, real) for each in (functions.arguments, functions.change))
         self.curves = [TableCurve.of(tyre, real) for tyre in (tyres.front, tyres.rear)]
-        self.period = real(period)
-        self.speeds = real(speed_min(config)), real(config.controller.inputs.speed_max_km_h / 3.6)
+        self.speeds = real(SPEED_MIN), real(config.controller.inputs.speed_max_km_h / 3.6)
         self.front_angle_max = real(math.radians(config.controller.inputs.front_angle_max_deg))
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
         self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
@@ -141,36 +141,20 @@ class SecondReferenceModel:
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
 
-    def slope(self, x: Sequence[Any], u: Sequence[Any]) -> list[Any]:
-        arguments = walk(self.arguments, [x, u])
-        shapes = [curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)]
-        return walk(self.derivative, [x, u, shapes])
-
     def step(self, state: Iterable[Any], inputs: Iterable[Any]) -> tuple[Any, Any, Any]:
-        """One sampling time later, by Heun's method; the rear wheels stand in the middle of their way."""
+        """One sampling time later; the rear wheels stand in the middle of their way."""
         sideslip, yaw_rate, rear_angle = state
         speed, front, commanded, friction = inputs
-        half = self.real(0.5)
+        half, one = self.real(0.5), self.real(1.0)
         moved = np.clip(self.share * (within(commanded, self.rear_angle_max) - rear_angle), -self.travel, self.travel)
         road = np.where(np.isnan(friction), self.friction, np.clip(friction, self.real(0.0), self.friction))
-        u = [between(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
-        first = self.slope([sideslip, yaw_rate], u)
-        ahead = [x + self.period * slope for x, slope in zip((sideslip, yaw_rate), first, strict=True)]
-        second = self.slope(ahead, u)
-        after = [
-            x + half * self.period * (one + other) for x, one, other in zip((sideslip, yaw_rate), first, second, strict=True)
-        ]
+        u = [one / between(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
+        x = [sideslip, yaw_rate]
+        arguments = walk(self.arguments, [x, u])
+        values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)
+        change = walk(self.change, [x, u, values, slopes])
         return (
-            within(after[0], self.real(SIDESLIP_MAX)),
-            within(after[1], self.yaw_rate_max),
+            within(sideslip + change[0], self.real(SIDESLIP_MAX)),
+            within(yaw_rate + change[1], self.yaw_rate_max),
             within(rear_angle + moved, self.rear_angle_max),
         )
-
-
-def speed_min(config: Config) -> float:
-    """m/s at which the faster of lateral and yaw motion decays within one sampling time (poles go with 1/speed)."""
-    vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
-    front, rear = 2.0 * tyres.front.cornering_stiffness, 2.0 * tyres.rear.cornering_stiffness
-    lateral = (front + rear) / vehicle.mass_kg
-    yaw = (vehicle.cg_to_front_axle_m**2 * front + vehicle.cg_to_rear_axle_m**2 * rear) / vehicle.yaw_inertia_kg_m2
-    return max(lateral, yaw) * config.controller.sampling_time_s

@@ -182,8 +182,7 @@ def _batches(software: Software, files: Mapping[str, bytes]) -> Iterator[Batch]:
     yield batch("lookup", lookup)
     yield batch("limiter", [Column("result", "bits(result)")], "limiter")
     if f"include/{software.prefix}_reference_model.h" in files:
-        curves = [Column(f"{end}_curve", f"bits({end}_curve)") for end in ("front", "rear")]
-        yield batch("model", curves, "reference_model")
+        yield batch("model", [], "reference_model")
     frames = [column for name in _MESSAGES for column in _data_columns(f"{name}_data")]
     kinds = ("vehicle_motion_t", "vehicle_conditions_t", "rear_steer_command_t")
     signals = [column for name, kind in zip(_MESSAGES, kinds, strict=True) for column in _columns(software, kind, name)]

@@ -2,7 +2,10 @@
  * Reference model: the yaw rate that the car can have now.
  *
  * The single-track car with Magic Formula tyres at static wheel loads, driven by the front angle and by what a first-order actuator
- * makes of the rear angle. One step is 10 ms by Heun's method. Calls no library: the curve of each tyre is a table.
+ * makes of the rear angle. One step is 10 ms by the linearly implicit midpoint rule, which is stable at every speed.
+ *
+ * Calls no library: each tyre's curve sin(C atan(x - E (x - atan x))), whose peak is at most 1, is a table,
+ * off by at most 2.7e-04 in front and 2.7e-04 at the rear.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -27,7 +30,7 @@ typedef struct {
 
 /* What drives it over one step. Any numbers; what is no number counts as zero, a friction that is none as 0.9. */
 typedef struct {
-    float speed;       /* m/s; below 2.19 m/s it counts as that, above 111 m/s as that */
+    float speed;       /* m/s; below 1 m/s it counts as that, above 111 m/s as that */
     float front_angle; /* rad, at the road wheel */
     float rear_angle;  /* rad, commanded */
     float friction;    /* peak friction of the road */
@@ -40,13 +43,6 @@ void ars_reference_model_start(ars_reference_model_t *self, float speed, float y
 
 /* One step of 10 ms. */
 void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input);
-
-/*
- * Curve sin(C atan(x - E (x - atan x))) of the front and the rear tyre, interpolated in x / (|x| + const); beyond
- * |x| = 64.0f held. Between the table's points it is off by at most 2.6e-04 in front and 2.6e-04 at the rear, of a curve whose peak is at most 1.
- */
-float ars_reference_model_front_curve(float x);
-float ars_reference_model_rear_curve(float x);
 
 #ifdef __cplusplus
 }

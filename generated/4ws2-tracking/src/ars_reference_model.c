@@ -2,7 +2,7 @@
  * Reference model. See ars_reference_model.h.
  *
  * The straight-line functions are CasADi expression graphs printed one operation a line. Arrays hold
- * x = [sideslip angle, yaw rate], u = [speed, front angle, rear angle, friction] and shape = [front curve, rear curve].
+ * x = [sideslip angle, yaw rate], u = [1/speed, front angle, rear angle, friction], curve and slope = [front tyre, rear tyre].
  *
  * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -22,7 +22,7 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-ARS_SECTION_CONST static const float model_speed_min = 2.1948507f; /* m/s: below, a step would be too long for the model */
+ARS_SECTION_CONST static const float model_speed_min = 1.0f; /* m/s, above zero: the step divides by the speed */
 ARS_SECTION_CONST static const float model_speed_max = 111.111115f; /* m/s */
 ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad */
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
@@ -50,116 +50,147 @@ ARS_SECTION_CODE static float bounded(float value, float limit)
 {
     float result = 0.0f;
 
-    if ((value > 0.0f) || (value < 0.0f)) {
-        result = between(value, -limit, limit);
+    if (value > limit) {
+        result = limit;
+    } else if (value >= -limit) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -limit;
+    } else {
+        /* NaN */
     }
     return result;
 }
 
-/* An odd function from its half for positive x. */
-ARS_SECTION_CODE static float curve_at(
-    const float curve[], uint32_t cells, float compression, float cells_per_share, float x)
-{
-    const float magnitude = (x < 0.0f) ? -x : x;
-    const float position = (magnitude / (magnitude + compression)) * cells_per_share;
-    uint32_t index = (uint32_t)position;
+/* Value and slope of a tyre curve at one argument. */
+typedef struct {
     float value;
+    float slope;
+} curve_t;
 
-    if (index >= cells) {
-        index = cells - 1u;
+/* The curve is odd. Its table holds the half for positive x, in even steps of x / (x + compression). The slope is that of the
+ * table, but zero where the curve falls, because the step below is stable for slopes that are not negative. */
+ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
+{
+    const float sign = (x < 0.0f) ? -1.0f : 1.0f;
+    const float magnitude = sign * x;
+    const float inverse = 1.0f / (magnitude + compression);
+    const float position = (magnitude * inverse) * (float)cells;
+    uint32_t index = cells - 1u; /* for NaN too */
+    const float *cell;
+    float rise;
+    curve_t result;
+
+    if (position < (float)cells) {
+        index = (uint32_t)position;
     }
-    value = curve[index] + ((position - (float)index) * (curve[index + 1u] - curve[index]));
-    return (x < 0.0f) ? -value : value;
+    cell = &curve[index];
+    rise = cell[1] - cell[0];
+    result.value = sign * (cell[0] + ((position - (float)index) * rise));
+    result.slope = (rise > 0.0f) ? (rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
+    return result;
 }
 
-/* Front tyre: even steps of x / (x + compression), cells_per_share of them from 0 to 1. */
-ARS_SECTION_CODE float ars_reference_model_front_curve(float x)
+ARS_SECTION_CODE static curve_t front_curve(float x)
 {
     const float compression = 1.0f;
-    const float cells_per_share = 65.0f;
-    ARS_SECTION_CONST static const float front_curve[FRONT_CELLS + 1] = {
-        0.0f, 0.020310277f, 0.041251197f, 0.06283723f, 0.08508172f, 0.10799656f, 0.13159183f, 0.1558753f,
-        0.18085197f, 0.20652343f, 0.23288725f, 0.2599361f, 0.28765696f, 0.3160302f, 0.34502852f, 0.37461582f,
-        0.4047461f, 0.43536225f, 0.46639505f, 0.49776205f, 0.5293668f, 0.56109816f, 0.5928305f, 0.6244235f,
-        0.6557235f, 0.6865649f, 0.71677256f, 0.7461649f, 0.774558f, 0.80176985f, 0.8276256f, 0.85196245f,
-        0.8746349f, 0.8955195f, 0.9145186f, 0.93156326f, 0.9466151f, 0.9596666f, 0.9707401f, 0.97988576f,
-        0.9871784f, 0.9927138f, 0.9966042f, 0.99897397f, 0.9999554f, 0.9996846f, 0.9982976f, 0.99592805f,
-        0.9927042f, 0.9887474f, 0.9841707f, 0.97907776f, 0.9735632f, 0.96771175f, 0.9615991f, 0.95529175f,
-        0.948848f, 0.9423183f, 0.93574613f, 0.9291683f, 0.92261606f, 0.9161155f, 0.9096883f, 0.9033521f,
-        0.8971211f
+    ARS_SECTION_CONST static const float values[FRONT_CELLS + 1] = {
+        0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
+        0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
+        0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
+        0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
+        0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
+        0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
+        0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
+        0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
+        0.8910065f
     };
 
-    return curve_at(front_curve, (uint32_t)FRONT_CELLS, compression, cells_per_share, bounded(x, 64.0f));
+    return curve_at(values, (uint32_t)FRONT_CELLS, compression, x);
 }
 
-/* Rear tyre: even steps of x / (x + compression), cells_per_share of them from 0 to 1. */
-ARS_SECTION_CODE float ars_reference_model_rear_curve(float x)
+ARS_SECTION_CODE static curve_t rear_curve(float x)
 {
     const float compression = 1.0f;
-    const float cells_per_share = 65.0f;
-    ARS_SECTION_CONST static const float rear_curve[REAR_CELLS + 1] = {
-        0.0f, 0.020310277f, 0.041251197f, 0.06283723f, 0.08508172f, 0.10799656f, 0.13159183f, 0.1558753f,
-        0.18085197f, 0.20652343f, 0.23288725f, 0.2599361f, 0.28765696f, 0.3160302f, 0.34502852f, 0.37461582f,
-        0.4047461f, 0.43536225f, 0.46639505f, 0.49776205f, 0.5293668f, 0.56109816f, 0.5928305f, 0.6244235f,
-        0.6557235f, 0.6865649f, 0.71677256f, 0.7461649f, 0.774558f, 0.80176985f, 0.8276256f, 0.85196245f,
-        0.8746349f, 0.8955195f, 0.9145186f, 0.93156326f, 0.9466151f, 0.9596666f, 0.9707401f, 0.97988576f,
-        0.9871784f, 0.9927138f, 0.9966042f, 0.99897397f, 0.9999554f, 0.9996846f, 0.9982976f, 0.99592805f,
-        0.9927042f, 0.9887474f, 0.9841707f, 0.97907776f, 0.9735632f, 0.96771175f, 0.9615991f, 0.95529175f,
-        0.948848f, 0.9423183f, 0.93574613f, 0.9291683f, 0.92261606f, 0.9161155f, 0.9096883f, 0.9033521f,
-        0.8971211f
+    ARS_SECTION_CONST static const float values[REAR_CELLS + 1] = {
+        0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
+        0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
+        0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
+        0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
+        0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
+        0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
+        0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
+        0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
+        0.8910065f
     };
 
-    return curve_at(rear_curve, (uint32_t)REAR_CELLS, compression, cells_per_share, bounded(x, 64.0f));
+    return curve_at(values, (uint32_t)REAR_CELLS, compression, x);
 }
 
 /* Arguments of both curves. */
 ARS_SECTION_CODE static void arguments_of(const float x[2], const float u[4], float argument[2])
 {
-    const float t0 = 1.574f * x[1];
-    const float t1 = t0 / u[0];
+    const float t0 = x[1] * u[0];
+    const float t1 = 1.574f * t0;
     const float t2 = x[0] + t1;
     const float t3 = t2 - u[1];
     const float t4 = 17.886541f * t3;
-    const float t5 = 1.566f * x[1];
-    const float t6 = t5 / u[0];
-    const float t7 = x[0] - t6;
-    const float t8 = t7 - u[2];
-    const float t9 = 17.838802f * t8;
+    const float t5 = 1.566f * t0;
+    const float t6 = x[0] - t5;
+    const float t7 = t6 - u[2];
+    const float t8 = 17.838802f * t7;
     argument[0] = t4;
-    argument[1] = t9;
+    argument[1] = t8;
 }
 
-/* Time derivative of the state from the values of both curves. */
-ARS_SECTION_CODE static void derivative_of(
-    const float x[2], const float u[4], const float shape[2], float dx[2])
+/* Change of the state over a step, from the values and slopes of both curves. */
+ARS_SECTION_CODE static void change_of(
+    const float x[2], const float u[4], const float curve[2], const float slope[2], float change[2])
 {
-    const float t0 = 5712.169f * u[3];
-    const float t1 = t0 * shape[0];
-    const float t2 = (-2.0f) * t1;
-    const float t3 = 5741.3496f * u[3];
-    const float t4 = t3 * shape[1];
-    const float t5 = (-2.0f) * t4;
+    const float t0 = 0.4375498f * u[3];
+    const float t1 = t0 * slope[0];
+    const float t2 = 1.0760072f * t1;
+    const float t3 = 0.43861127f * u[3];
+    const float t4 = t3 * slope[1];
+    const float t5 = 1.0650972f * t4;
     const float t6 = t2 + t5;
-    const float t7 = 2335.07f * u[0];
-    const float t8 = t6 / t7;
-    const float t9 = t8 - x[1];
-    const float t10 = (-3.148f) * t1;
-    const float t11 = (-3.132f) * t4;
-    const float t12 = t10 - t11;
-    const float t13 = t12 / 5376.432f;
-    dx[0] = t9;
-    dx[1] = t13;
-}
-
-ARS_SECTION_CODE static void slope_at(const float x[2], const float u[4], float slope[2])
-{
-    float arguments[2];
-    float shape[2];
-
-    arguments_of(x, u, arguments);
-    shape[0] = ars_reference_model_front_curve(arguments[0]);
-    shape[1] = ars_reference_model_rear_curve(arguments[1]);
-    derivative_of(x, u, shape, slope);
+    const float t7 = u[0] * t6;
+    const float t8 = 1.0f + t7;
+    const float t9 = 0.04892503f * u[3];
+    const float t10 = t9 * curve[0];
+    const float t11 = 0.04917497f * u[3];
+    const float t12 = t11 * curve[1];
+    const float t13 = t10 + t12;
+    const float t14 = u[0] * t13;
+    const float t15 = 0.01f * x[1];
+    const float t16 = t14 + t15;
+    const float t17 = t8 * t16;
+    const float t18 = u[0] * u[0];
+    const float t19 = 2.3024714f * t18;
+    const float t20 = 0.68361324f * t1;
+    const float t21 = 0.6801387f * t4;
+    const float t22 = t20 - t21;
+    const float t23 = t19 * t22;
+    const float t24 = 0.005f + t23;
+    const float t25 = 0.6801387f * t12;
+    const float t26 = 0.68361324f * t10;
+    const float t27 = t25 - t26;
+    const float t28 = t24 * t27;
+    const float t29 = t17 + t28;
+    const float t30 = t1 + t4;
+    const float t31 = u[0] * t30;
+    const float t32 = 1.0f + t31;
+    const float t33 = t32 * t8;
+    const float t34 = t24 * t22;
+    const float t35 = t33 - t34;
+    const float t36 = t29 / t35;
+    const float t37 = -t36;
+    const float t38 = t32 * t27;
+    const float t39 = t22 * t16;
+    const float t40 = t38 + t39;
+    const float t41 = t40 / t35;
+    change[0] = t37;
+    change[1] = t41;
 }
 
 ARS_SECTION_CODE void ars_reference_model_start(
@@ -179,7 +210,6 @@ ARS_SECTION_CODE void ars_reference_model_start(
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
 {
-    const float step = 0.01f; /* s */
     const float front_angle_max = 0.7853982f; /* rad */
     const float friction_max = 0.9f; /* the map's own */
     /* The actuator with the computation's delay as one first-order lag: the share of the way that it goes in a step, and rad at most. */
@@ -189,20 +219,26 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     const float way = bounded(input->rear_angle, model_rear_angle_max) - self->rear_angle;
     const float moved = between(actuator_share * way, -actuator_step_max, actuator_step_max);
     const float u[4] = {
-        between(input->speed, model_speed_min, model_speed_max),
+        1.0f / between(input->speed, model_speed_min, model_speed_max),
         bounded(input->front_angle, front_angle_max),
         self->rear_angle + (0.5f * moved), /* in the middle of the step */
         (input->friction < friction_max) ? between(input->friction, 0.0f, friction_max) : friction_max
     };
-    float slope[2];
-    float ahead[2];
-    float slope_ahead[2];
+    float argument[2];
+    float change[2];
+    curve_t front;
+    curve_t rear;
 
-    slope_at(x, u, slope);
-    ahead[0] = x[0] + (step * slope[0]);
-    ahead[1] = x[1] + (step * slope[1]);
-    slope_at(ahead, u, slope_ahead);
-    self->sideslip_angle = bounded(x[0] + ((0.5f * step) * (slope[0] + slope_ahead[0])), model_sideslip_max);
-    self->yaw_rate = bounded(x[1] + ((0.5f * step) * (slope[1] + slope_ahead[1])), model_yaw_rate_max);
+    arguments_of(x, u, argument);
+    front = front_curve(argument[0]);
+    rear = rear_curve(argument[1]);
+    {
+        const float curve[2] = { front.value, rear.value };
+        const float slope[2] = { front.slope, rear.slope };
+
+        change_of(x, u, curve, slope, change);
+    }
+    self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
+    self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
     self->rear_angle = bounded(self->rear_angle + moved, model_rear_angle_max);
 }

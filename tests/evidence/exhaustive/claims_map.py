@@ -7,9 +7,10 @@ from itertools import pairwise
 
 from codegen.config import KM_H
 from codegen.emit.dynamics_view import SPEED_MIN
+from codegen.emit.reference_model_view import tabulate
 from codegen.errors import BuildError
 from codegen.refmap.problem import breakpoints
-from codegen.sections import Tyre
+from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.evidence.exhaustive.claim import Claim, Source, edges, number
 from tests.evidence.exhaustive.claims_control import between, held
 
@@ -91,9 +92,8 @@ CURVE_SETUP = """
 static uint32_t {{ axle }}_block;
 static double {{ axle }}_value;
 static double {{ axle }}_slope;
-static float {{ axle }}_end;
 
-static double {{ axle }}_curve(double x)
+static double {{ axle }}_formula(double x)
 {
     return sin({{ shape }} * atan(x - ({{ curvature }} * (x - atan(x)))));
 }
@@ -106,23 +106,23 @@ static inline double {{ axle }}_exact(uint32_t bits, float x)
         const double to = (double)number_of(bits | 0xFFu);
 
         {{ axle }}_block = bits >> 8u;
-        {{ axle }}_value = {{ axle }}_curve(from);
-        {{ axle }}_slope = ({{ axle }}_curve(to) - {{ axle }}_value) / (to - from);
+        {{ axle }}_value = {{ axle }}_formula(from);
+        {{ axle }}_slope = ({{ axle }}_formula(to) - {{ axle }}_value) / (to - from);
     }
     return {{ axle }}_value + ({{ axle }}_slope * ((double)x - from));
 }
 """
-CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;\n{{ axle }}_end = {{ function }}(64.0f);"
+CURVE_START = "{{ axle }}_block = 0xFFFFFFFFu;"
 CURVE = """
-    const float got = {{ function }}(x);
+    const curve_t got = {{ function }}(x);
 
-    if (is_nan(bits)) {
-        SAME("NaN counts as zero", got, 0.0f);
-    } else if (size_of(bits) > bits_of(64.0f)) {
-        SAME("held beyond the table", got, (bits > 0x7FFFFFFFu) ? -{{ axle }}_end : {{ axle }}_end);
-    } else {
-        NEAR("the Magic Formula", got, {{ axle }}_exact(bits, x), {{ tolerance }});
-        SAME("odd, to the bit", got, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x) : got);
+    if (size_of(bits) < bits_of(1e6f)) {
+        const double value = {{ axle }}_exact(bits, x);
+        const double inverse = 1.0 / (fabs((double)x) + {{ compression }});
+
+        NEAR("the Magic Formula", got.value, value, {{ tolerance }});
+        NEAR("its slope, or zero where it falls", got.slope, fmax({{ axle }}_slope, 0.0), {{ slope }} * inverse * inverse);
+        SAME("odd, to the bit", got.value, (bits > 0x7FFFFFFFu) ? -{{ function }}(-x).value : got.value);
     }
 """
 ARRANGE = """
@@ -139,6 +139,9 @@ _STATED = re.compile(r"off by at most (\S+) in front and (\S+) at the rear")
 ROUNDING = 5e-7
 """Rounding of a tyre curve in single precision, added to the error of its table: three roundings by 2^-24 of the place in the
 table, times the rise of the curve over the whole table, about two; and three of the value."""
+SLOPE_ALLOWANCE = 1.1
+"""A chord of width h is off by at most h^2 f''/8, and its slope by h f''/2: four times that over h. The rest
+is for the change of f'' within a cell."""
 
 
 def claims(source: Source) -> Iterator[Claim]:
@@ -180,23 +183,27 @@ def _reference_model(source: Source) -> Iterator[Claim]:
     yield held(
         "reference_model", "between", [("2.0f", number(config.controller.inputs.speed_max_km_h * KM_H)), (f"-{step}", step)]
     )
-    limits = [number(actuator.angle_max), "64.0f"]
+    limits = [number(actuator.angle_max), number(math.radians(config.controller.inputs.yaw_rate_max_deg_s))]
     text = "the value within its limit on both sides, NaN as zero"
     yield Claim("reference_model", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
     stated = _STATED.search(source.subject.files[f"include/{source.subject.prefix}_reference_model.h"].decode("ascii"))
     if stated is None:
         raise BuildError("the header no longer states the error of its curves", where="reference_model.h")
-    yield _curve("front", config.tyre.front, float(stated[1]))
-    yield _curve("rear", config.tyre.rear, float(stated[2]))
+    tyres = AxleTyres.from_config(config)
+    yield _curve("front", tyres.front, float(stated[1]))
+    yield _curve("rear", tyres.rear, float(stated[2]))
 
 
-def _curve(axle: str, tyre: Tyre, error: float) -> Claim:
+def _curve(axle: str, tyre: MagicFormulaTyre, error: float) -> Claim:
+    table = tabulate(tyre)
     values = {
         "axle": axle,
-        "shape": repr(tyre.shape_factor_c),
-        "curvature": repr(tyre.curvature_factor_e),
+        "shape": repr(tyre.shape_factor),
+        "curvature": repr(tyre.curvature_factor),
         "tolerance": repr(error + ROUNDING),
+        "compression": repr(table.compression),
+        "slope": repr(SLOPE_ALLOWANCE * 4.0 * error * (table.values.size - 1) * table.compression),
     }
-    text = "the tyre's curve within the error that the header states; odd, and held beyond its table"
-    function = f"@_reference_model_{axle}_curve"
-    return Claim("reference_model", function, text, CURVE, edges("64.0f"), CURVE_SETUP, CURVE_START, values=values)
+    text = "the tyre's curve within the error that the header states, and its slope; odd"
+    setup = CURVE_SETUP, CURVE_START
+    return Claim("reference_model", f"{axle}_curve", text, CURVE, edges("1e6f"), *setup, values=values)

@@ -35,8 +35,8 @@ SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
 OTHERS: Mapping[str, str] = {
     "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
     "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
-    "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "reference_model: curve_at": "judged through both curves, for every argument",
+    "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     **{f"controller: {name}": SEVERAL for name in ("allowed", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
