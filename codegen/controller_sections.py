@@ -152,13 +152,12 @@ class Limiter(Section):
     Opposite phase (front and rear wheels turned to different sides) makes the car turn more: its bound falls with speed. In
     phase the whole angle is free once the front wheels are turned by `in_phase_from_front_angle_deg`; with them straight
     ahead the bound of the opposite phase holds to both sides. "from-car" takes the angle that alone makes the linear car turn
-    with `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2.
+    with `opposite_phase_lateral_acceleration_m_s2`: a (L + K vx^2) / vx^2. The speeds "from-car" begin where that angle is the
+    actuator's own, so that slower the whole angle is free.
     """
 
     rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 30.0
-    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] = Field(
-        default_factory=lambda: [50.0, 62.0, 80.0, 110.0, 160.0, 400.0]
-    )
+    opposite_phase_speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")] | Literal["from-car"] = "from-car"
     opposite_phase_max_deg: list[Annotated[float, Range(0.0, 20.0, "deg")]] | Literal["from-car", "off"] = "from-car"
     opposite_phase_lateral_acceleration_m_s2: Annotated[float, Range(0.5, 10.0, "m/s^2")] = 4.0
     in_phase_from_front_angle_deg: Annotated[float, Range(0.05, 20.0, "deg")] = 1.0
@@ -166,7 +165,10 @@ class Limiter(Section):
     @model_validator(mode="after")
     def _one_length(self) -> Self:
         speeds, angles = self.opposite_phase_speed_km_h, self.opposite_phase_max_deg
-        if not isinstance(angles, str) and len(angles) != len(speeds):
+        if isinstance(speeds, str):
+            if not isinstance(angles, str):
+                raise ValueError("opposite_phase_max_deg is a list; give opposite_phase_speed_km_h as a list as long")
+        elif not isinstance(angles, str) and len(angles) != len(speeds):
             raise ValueError(
                 f"opposite_phase_max_deg has {len(angles)} values for {len(speeds)} speeds; give one for each speed"
             )

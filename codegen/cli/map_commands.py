@@ -135,7 +135,7 @@ def build(
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
-    from codegen.emit.evidence import excess_note, margin_note
+    from codegen.emit.evidence import critical_speed_note, cut_note, excess_note, margin_note
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
@@ -164,12 +164,14 @@ def build(
             console.say(f"{target}: up to date")
         return
     changed = write_folder(prepared.folder, target)
-    found_notes = (margin_note(prepared.folder.manifest), excess_note(prepared.folder.manifest))
-    cautions = [text for text in found_notes if text]
+    manifest = prepared.folder.manifest
+    of_speed = critical_speed_note(prepared.chosen.config)
+    cautions = [text for text in (margin_note(manifest), of_speed, cut_note(manifest), excess_note(manifest)) if text]
     notes = [*prepared.chosen.notes, *cautions]
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
+    result["limiter_cut"] = manifest["limiter_cut"]
     if request is not None:
-        result["placement"] = placement_summary(prepared.folder.manifest)
+        result["placement"] = placement_summary(manifest)
     if as_json:
         console.print_json({**result, "notes": notes})
         return
@@ -177,8 +179,10 @@ def build(
     for text in cautions:
         console.note(text)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
+    if not manifest["limiter_cut"]["cells"]:
+        console.say("limiter: it cuts nothing off the map")
     if request is not None:
-        console.say(placement_line(prepared.folder.manifest))
+        console.say(placement_line(manifest))
 
 
 def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: str | None) -> Request | None:

@@ -45,6 +45,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.design.tune import design
+    from codegen.emit.evidence import critical_speed_note
     from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
@@ -64,10 +65,12 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
         config, trim = _with_trim(reference_map, config, config_path or map_path)
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
+    notes = [text for text in (*chosen.notes, critical_speed_note(config)) if text]
     if as_json:
-        console.print_json({"map": str(output), "configuration": chosen.source, **_to_dict(config, made, least), **trim})
+        facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
+        console.print_json({**facts, **_to_dict(config, made, least), **trim})
         return
-    for text in chosen.notes:
+    for text in notes:
         console.note(text)
     _print(output, config, made, least)
     if trim:

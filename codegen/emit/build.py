@@ -21,6 +21,7 @@ from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
 from codegen.emit.evidence import Evidence, margins_text
 from codegen.emit.laws import law_of
+from codegen.emit.limiter_cut import cut_text
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
 from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
@@ -250,6 +251,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
         "title": law_of(config).title,
         "margins": margins_text(parts.evidence.margins),
         "loss": parts.evidence.loss_rows(),
+        "limiter_cut": cut_text(parts.evidence.limiter_cut.to_dict()),
         "margin_range": _margin_range(config),
         "loss_share": parts.evidence.loss.share_of_feasible,
         "loss_percent": _percent(parts.evidence.loss.share_of_feasible),

@@ -1,5 +1,5 @@
-"""What a build knows of its own safety before it runs: margins of its feedback, what losing the function means, and by how much
-its reference model turns more than a map of the nonlinear car allows."""
+"""What a build knows of its own safety before it runs: margins of its feedback, what losing the function means, what the
+limiter cuts off the map, and by how much its reference model turns more than a map of the nonlinear car allows."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from codegen.config import KM_H, Config
 from codegen.controller_sections import TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.emit.laws import law_of
+from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.model_excess import COARSE, Excess, asks_for_more, model_excess
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
+from codegen.vehicle.single_track import SingleTrack
 
 MUCH = 2.0
 """Times the trim that is needed: what is beyond is told, for it costs overshoot."""
@@ -29,6 +31,7 @@ class Evidence:
     config: Config
     margins: Weakest | None
     loss: LossOfFunction
+    limiter_cut: LimiterCut
     excess: Excess | None
 
     @classmethod
@@ -42,13 +45,15 @@ class Evidence:
             config,
             margins_of(config),
             loss_of_function(reference_map, config),
+            LimiterCut.of_map(reference_map, config),
             model_excess(reference_map, total, config, real) if asks_for_more(reference_map, config) else None,
         )
 
     def to_dict(self) -> dict[str, Any]:
         """For the manifest. Margins and excess are rounded so that no machine's last bits show."""
         excess = {} if self.excess is None else {"reference_model_excess": self._excess(self.excess)}
-        return {"margins": self._margins(), "loss_of_function": self.loss.to_dict(), **excess}
+        facts = {"margins": self._margins(), "loss_of_function": self.loss.to_dict(), "limiter_cut": self.limiter_cut.to_dict()}
+        return {**facts, **excess}
 
     def _excess(self, found: Excess) -> dict[str, Any]:
         return {
@@ -132,6 +137,28 @@ def margin_note(manifest: Mapping[str, Any]) -> str:
         f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
         f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
         'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
+    )
+
+
+def cut_note(manifest: Mapping[str, Any]) -> str:
+    """Return a warning where the limiter makes part of the map unreachable, else ""."""
+    found = manifest["limiter_cut"]
+    if not found["cells"]:
+        return ""
+    return (
+        f"the limiter cuts {cut_text(found)}; raise its bounds, "
+        'or take limiter.opposite_phase_speed_km_h = "from-car" with opposite_phase_max_deg = "from-car"'
+    )
+
+
+def critical_speed_note(config: Config) -> str:
+    """Return a warning where the controller accepts speeds at which its reference model is unstable, else ""."""
+    critical, top = SingleTrack.from_config(config).critical_speed / KM_H, config.controller.inputs.speed_max_km_h
+    if config.controller.kind != "tracking" or critical > top:
+        return ""
+    return (
+        f"the car is unstable from {critical:.0f} km/h without rear steering, and so is the controller's reference model: "
+        f"margins do not count there; set controller.inputs.speed_max_km_h below that (it is {top:g})"
     )
 
 

@@ -11,6 +11,10 @@ from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack
 
 POINTS = "{PREFIX}_LIMITER_POINTS"
+POINTS_FROM_CAR = 6
+"""Breakpoints of the bound against the front wheels where they are derived from the car."""
+FIRST_SPEED_SHARE_MAX = 0.9
+"""The first of them is at most this share of the last, so that they differ in any precision."""
 
 
 @dataclass(frozen=True)
@@ -23,26 +27,54 @@ class LimiterView:
     period_text: str
 
 
-def _opposite_phase_max(config: Config) -> list[float]:
-    """rad at each breakpoint."""
-    limiter = config.limiter
+def opposite_phase_speeds_km_h(config: Config) -> list[float]:
+    """Return the breakpoints of the bound against the front wheels: as listed, or from the car.
+
+    From the car, the first is the speed at which a (L + K vx^2) / vx^2 comes down to the actuator's angle, rounded down, and
+    the last is the largest that the controller accepts. They are evenly spaced in 1/vx. That minimises the largest
+    interpolation error: the curvature of a bound in 1/vx^2 goes with 1/vx^4, and the best density of breakpoints with its
+    square root (C. de Boor, A Practical Guide to Splines, chapter III).
+    """
+    limiter, top = config.limiter, config.controller.inputs.speed_max_km_h
+    if not isinstance(limiter.opposite_phase_speed_km_h, str):
+        return limiter.opposite_phase_speed_km_h
+    wheelbase, understeer = _wheelbase_and_understeer(config)
+    wanted = limiter.opposite_phase_lateral_acceleration_m_s2
+    falling = config.rear_actuator.angle_max / wanted - understeer  # what is left for L / vx^2
+    first = math.sqrt(wheelbase / falling) / KM_H if falling > 0.0 else math.inf
+    first = math.floor(10.0 * min(first, FIRST_SPEED_SHARE_MAX * top)) / 10.0
+    steps = POINTS_FROM_CAR - 1
+    inside = (1.0 / (1.0 / first + (1.0 / top - 1.0 / first) * k / steps) for k in range(1, steps))
+    return [first, *(round(speed, 1) for speed in inside), top]
+
+
+def opposite_phase_max(config: Config) -> list[float]:
+    """Return the bound against the front wheels at each of these breakpoints, in rad, at most the actuator's angle."""
+    limiter, speeds, largest = config.limiter, opposite_phase_speeds_km_h(config), config.rear_actuator.angle_max
     bounds = limiter.opposite_phase_max_deg
     if bounds == "off":
-        return [math.inf] * len(limiter.opposite_phase_speed_km_h)
+        return [largest] * len(speeds)
     if bounds == "from-car":
-        car, wanted = SingleTrack.from_config(config), limiter.opposite_phase_lateral_acceleration_m_s2
-        squares = [(speed * KM_H) ** 2 for speed in limiter.opposite_phase_speed_km_h]
-        # An oversteering car reaches it with less and less, beyond its critical speed with none.
-        return [max(wanted * (car.wheelbase + car.understeer_coefficient * square) / square, 0.0) for square in squares]
-    return [math.radians(angle) for angle in bounds]
+        wheelbase, understeer = _wheelbase_and_understeer(config)
+        wanted = limiter.opposite_phase_lateral_acceleration_m_s2
+        return [min(wanted * (wheelbase / (speed * KM_H) ** 2 + understeer), largest) for speed in speeds]
+    return [min(math.radians(angle), largest) for angle in bounds]
+
+
+def _wheelbase_and_understeer(config: Config) -> tuple[float, float]:
+    """Return L in m, and K in s^2/m, that of an oversteering car as zero.
+
+    The bound of an oversteering car would reach zero at its critical speed, where only feedback keeps it stable: the limiter
+    must leave that feedback some angle to steer with.
+    """
+    car = SingleTrack.from_config(config)
+    return car.wheelbase, max(car.understeer_coefficient, 0.0)
 
 
 def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
     """The fields of `<prefix>_limiter_parameters_t`, in order."""
     limiter, inputs, angle_max = config.limiter, config.controller.inputs, config.rear_actuator.angle_max
-    rate, bounds = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg
-    off = bounds == "off"
-    angles = [min(angle, angle_max) for angle in _opposite_phase_max(config)]
+    rate, off = limiter.rear_rate_max_deg_s, limiter.opposite_phase_max_deg == "off"
     return (
         Parameter("rear_angle_max", angle_max, "rad, of the demand in any case", 1e-4, 1.0),
         Parameter(
@@ -54,7 +86,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         ),
         Parameter(
             "opposite_phase_speed",
-            tuple(speed * KM_H for speed in limiter.opposite_phase_speed_km_h),
+            tuple(speed * KM_H for speed in opposite_phase_speeds_km_h(config)),
             "m/s, breakpoints, increasing",
             0.0,
             200.0,
@@ -63,7 +95,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
         ),
         Parameter(
             "opposite_phase_max",
-            tuple(angles),
+            tuple(opposite_phase_max(config)),
             "rad against the front wheels, at those speeds" + (" (off)" if off else ""),
             0.0,
             1.0,
@@ -88,7 +120,7 @@ def limiter_view(config: Config, prefix: str, precision: Precision, real: str) -
     period = config.controller.sampling_time_s
     return LimiterView(
         parameters=parameter_views(limiter_parameters(config), prefix, precision, real),
-        points=len(config.limiter.opposite_phase_speed_km_h),
+        points=len(opposite_phase_speeds_km_h(config)),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
     )

@@ -9,6 +9,7 @@ All is computed here from nothing but a build.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,6 +26,7 @@ from codegen.emit.laws import law_of
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sweep.lanes import cars
+from codegen.vehicle.single_track import SingleTrack
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -63,6 +65,7 @@ class Region:
         gain_limit: straight ahead, the factor of the loop's gain at which it becomes unstable: above 1, or below where less
             gain does it; NaN where there is none.
         limit_growth: (2, masses, frictions, speeds), `growth` at MARGIN_SHARES of that; NaN where there is none.
+        critical_speed_km_h: from which the controller's reference model is unstable; inf for a kind without such a model.
         driven: whether it was stable when driven; None where it was not driven.
         margin_driven: as `limit_growth`, whether it was stable when driven so (1 and 0), NaN where it was not driven.
     """
@@ -81,6 +84,7 @@ class Region:
     without: BoolArray
     gain_limit: FloatArray
     limit_growth: FloatArray
+    critical_speed_km_h: float = math.inf
     driven: BoolArray | None = None
     margin_driven: FloatArray | None = None
 
@@ -120,6 +124,31 @@ class Region:
         otherwise: BoolArray = self.margin_sample & ~self.margin_undecided & ~((within == 1.0) & (beyond == 0.0))
         return otherwise
 
+    @property
+    def beyond_linear(self) -> BoolArray:
+        """Cells in which a disagreement is explained: the car alone, or the reference model, is unstable.
+
+        The linear loop leaves out that the feedback is bounded and that the reference comes from a model of the car itself.
+        """
+        beyond: BoolArray = ~self.without | (np.array(self.speeds_km_h) >= self.critical_speed_km_h)
+        return beyond
+
+    @property
+    def disagreement(self) -> str:
+        """A warning where computed and driven stability disagree, with what explains it and what to do; "" where not."""
+        cells = self.contradicted | self.margin_contradicted
+        if not cells.any():
+            return ""
+        counts = (self.contradicted.sum(), cells.size, self.margin_contradicted.sum(), self.margin_sample.sum())
+        first = self.speeds_km_h[int(np.flatnonzero(cells.any(axis=(0, 1)))[0])]
+        unexplained = int((cells & ~self.beyond_linear).sum())
+        why = "the car alone or the reference model is unstable there, and feedback of bounded authority does not hold it"
+        why += f" (but for {unexplained} unexplained)" if unexplained else ""
+        return (
+            "driven otherwise than computed: {} of {} cells and {} of {} gain margins".format(*counts)
+            + f", from {first:g} km/h on; {why}; set controller.inputs.speed_max_km_h below {first:g}"
+        )
+
     def unstable_from(self, mass: int, friction: int, feedback: bool = True) -> float | None:
         """The lowest speed of the grid, km/h, at which the loop, or the car alone, is unstable; None where there is none."""
         found = np.flatnonzero(~(self.stable if feedback else self.without)[mass, friction])
@@ -135,7 +164,7 @@ def region(config: Config) -> Region | None:
     gains = law_of(config).gains(config)
     if gains is None:
         return None
-    mass, friction, speed = _grid()
+    mass, friction, speed = _grid(config)
     kp, ki = gains(speed.ravel())
     shape, frequency = speed.shape, frequency_grid(config.controller.sampling_time_s)
     arguments = (speed.ravel(), friction.ravel(), 1.0 + mass.ravel() / 100.0)
@@ -143,8 +172,9 @@ def region(config: Config) -> Region | None:
     turn = linearised(config, *arguments, grip_share=TURN_SHARE)
     straight, turning = (loop_margins(found.sampled, kp, ki, frequency) for found in (ahead, turn))
     limit, limit_growth = _limits(ahead.sampled, kp, ki, straight)
+    model = SingleTrack.from_config(config).critical_speed / KM_H if law_of(config).uses_reference_model else math.inf
     return Region(
-        SPEEDS_KM_H,
+        speeds_of(config),
         FRICTIONS,
         MASSES_PERCENT,
         straight.gain_margin_db.reshape(shape),
@@ -158,6 +188,7 @@ def region(config: Config) -> Region | None:
         ahead.sampled.open_loop_stable().reshape(shape),
         limit.reshape(shape),
         limit_growth.reshape(-1, *shape),
+        model,
     )
 
 
@@ -177,9 +208,14 @@ def _gains_about(limit: FloatArray) -> list[FloatArray]:
     return [np.where(limit < 1.0, limit / share, limit * share) for share in MARGIN_SHARES]
 
 
-def _grid() -> tuple[FloatArray, FloatArray, FloatArray]:
+def speeds_of(config: Config) -> tuple[float, ...]:
+    """Return those of SPEEDS_KM_H that the controller accepts."""
+    return tuple(speed for speed in SPEEDS_KM_H if speed <= config.controller.inputs.speed_max_km_h)
+
+
+def _grid(config: Config) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mass in %, friction, speed in m/s, (masses, frictions, speeds) each."""
-    found = np.meshgrid(MASSES_PERCENT, FRICTIONS, np.array(SPEEDS_KM_H) * KM_H, indexing="ij")
+    found = np.meshgrid(MASSES_PERCENT, FRICTIONS, np.array(speeds_of(config)) * KM_H, indexing="ij")
     return found[0], found[1], found[2]
 
 
@@ -194,7 +230,7 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
     """
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
     software = compile_batch(files, manifest, config, isa=isa)
-    mass, friction, speed = (values.ravel() for values in _grid())
+    mass, friction, speed = (values.ravel() for values in _grid(config))
     driven = _is_stable(software, config, mass, friction, speed, np.ones(mass.size))
     sample = linear.margin_sample.ravel()
     margin = np.full((len(MARGIN_SHARES), mass.size), np.nan)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import KM_H, Config
+from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
@@ -70,7 +71,7 @@ class Ground:
         schedule = controller.tracking.schedule
         speeds = [
             *(controller.enable_speed_km_h, controller.disable_speed_km_h, controller.fail_safe.hold_above_km_h),
-            *config.limiter.opposite_phase_speed_km_h,
+            *opposite_phase_speeds_km_h(config),
             *(schedule.speed_km_h if schedule else ()),
             controller.inputs.speed_max_km_h,
         ]

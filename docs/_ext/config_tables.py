@@ -80,7 +80,7 @@ MEANINGS = {
     "controller.tracking.grip_recovery_idle_m_s3": "the same where less than half of that grip is asked for",
     "controller.rear_rate_max_deg_s": 'limit on the rate of the command, or `"off"` as in the paper',
     "limits.rear_angle_max_deg": "bound on |δr| in the map; what the actuator can stands in `[rear_actuator]`",
-    "limiter.opposite_phase_speed_km_h": "breakpoints of the next key",
+    "limiter.opposite_phase_speed_km_h": 'breakpoints of the next key, or `"from-car"`: the car\'s own',
     "limiter.opposite_phase_lateral_acceleration_m_s2": "for `from-car`",
     "plant.sampling_time_s": "the plant's step; the controller's sampling time is a whole multiple",
     "can.bitrate_kbit_s": "for those who set a bus up; `vcan` has none",

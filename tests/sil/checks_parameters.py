@@ -9,6 +9,7 @@ from typing import Any
 
 from codegen.config import Config
 from codegen.emit.controller_view import controller_view
+from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
 from tests.sil.checks_kinds import config_of
@@ -89,14 +90,14 @@ def _configured_limiter(config: Config) -> dict[str, Any]:
         "in_phase_from_front_angle": math.radians(config.limiter.in_phase_from_front_angle_deg),
         "speed_max": config.controller.inputs.speed_max_km_h / 3.6,
         "front_angle_max": math.radians(config.controller.inputs.front_angle_max_deg),
-        "opposite_phase_speed": [speed / 3.6 for speed in config.limiter.opposite_phase_speed_km_h],
+        "opposite_phase_speed": [speed / 3.6 for speed in opposite_phase_speeds_km_h(config)],
         "opposite_phase_max": [min(angle, most) for angle in opposite_phase_bounds(config)],
     }
 
 
 def opposite_phase_bounds(config: Config) -> list[float]:
     """rad at each breakpoint: as listed, or with which the steady linear car reaches a lateral acceleration."""
-    angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in config.limiter.opposite_phase_speed_km_h]
+    angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in opposite_phase_speeds_km_h(config)]
     if angles == "off":
         return [math.inf] * len(speeds)
     if angles == "from-car":

@@ -53,7 +53,7 @@ def test_drives_confirm_the_gain_margins(driven: Region) -> None:
     assert driven.margin_driven is not None
     assert (driven.margin_driven[0][sample] == 1.0).all() and (driven.margin_driven[1][sample] == 0.0).all()
     assert np.isnan(driven.margin_driven[:, ~sample]).all()
-    assert not driven.margin_contradicted.any()
+    assert not driven.margin_contradicted.any() and driven.disagreement == ""
     assert driven.margin_undecided.sum() < 0.05 * sample.sum()
 
 
@@ -69,7 +69,16 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     other = region(builds.CONFIG.model_copy(update={"controller": changed}))
     assert other is not None
     assert not wrong.contradicted.any()
-    assert replace(other, driven=wrong.driven).contradicted.sum() > 20
+    disagreeing = replace(other, driven=wrong.driven)
+    cells = int(disagreeing.contradicted.sum())
+    assert cells > 20
+    first = SPEEDS_KM_H[int(disagreeing.contradicted.any(axis=(0, 1)).argmax())]
+    told = disagreeing.disagreement
+    # The paper's car is stable by itself and its law has no reference model: nothing explains them.
+    assert f"{cells} of {linear.stable.size} cells" in told and f"{cells} unexplained" in told and f"below {first:g}" in told
+    assert "unexplained" not in replace(disagreeing, critical_speed_km_h=first).disagreement
+    blocks = list(region_blocks({"other": disagreeing}))
+    assert [block.text for block in blocks if isinstance(block, Text) and block.kind == "notice"] == [f"other: {told}."]
 
 
 def test_kinds_without_feedback_are_reported_as_the_car_alone(linear: Region) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.emit.folder import BESIDE, MANIFEST, read_manifest, verify_hashes
+from codegen.emit.limiter_cut import cut_text
 from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "failed": "bad"}
@@ -137,6 +138,8 @@ def manifest_blocks(folder: Path) -> Iterator[Block]:
 def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "build", f"{manifest['name']}, id {manifest['build_id']}"
     yield "generator", f"{manifest['generator']} {manifest['version']}"
+    if "limiter_cut" in manifest:  # builds from before know nothing of it
+        yield "cut off the map by the limiter", cut_text(manifest["limiter_cut"])
     for what, entry in manifest["inputs"].items():
         told = ", ".join(f"{key} {value}" for key, value in entry.items() if key != "sha256" and value is not None)
         yield f"input: {what}", f"{told}; SHA-256 {entry.get('sha256', '-')}"

@@ -129,7 +129,8 @@ def gather(found: Read, steps: Steps) -> Material:
     if material.loops and not material.regions:
         material = replace(material, regions=_regions(material.loops, {}))
     steps(PARTS, PARTS)
-    return material
+    warnings = [f"{name}: {found.disagreement}." for name, found in material.regions.items() if found.disagreement]
+    return replace(material, notes=(*material.notes, *warnings))
 
 
 PARTS = 6

@@ -39,6 +39,8 @@ def region_blocks(regions: Mapping[str, Region]) -> Iterator[Block]:
         f'chart; the rows "{WITHOUT}" of the first table are those of all of them.'
     )
     for name, region in regions.items():
+        if region.disagreement:
+            yield Text(f"{name}: {region.disagreement}.", "notice")
         yield Gallery([_chart(name, region, mass) for mass in range(len(region.masses_percent))], "17rem")
     header = ("controller", "mass", *(f"friction {friction:g}" for friction in _shown(next(iter(regions.values())))))
     yield Table(
@@ -162,11 +164,14 @@ def _chart(name: str, region: Region, mass: int) -> Chart:
             margin={"l": 60, "r": 20, "t": 20, "b": 120},
         ),
     }
-    share = 100.0 * region.stable[mass].mean()
+    share = f"stable in {100.0 * region.stable[mass].mean():.0f} % of the cells"
+    if region.driven is not None:
+        share += f" as computed, in {100.0 * region.driven[mass].mean():.0f} % when driven"
+    otherwise = int((region.contradicted | region.margin_contradicted)[mass].sum())
+    share += f"; otherwise than computed in {otherwise}" if otherwise else ""
     signs = f"In white: {', '.join(told)}. " if told else ""
     caption = (
-        f"{name}, {weight}: gain margin straight ahead; stable in {share:.0f} % of the cells. {signs}"
-        f"More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
+        f"{name}, {weight}: gain margin straight ahead; {share}. {signs}More than {GAIN_MARGIN_SHOWN:g} dB is drawn as that."
     )
     return Chart(f"region-{name}-{mass}", figure, caption, caption, 400)
 

@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 
 from codegen.config import KM_H
+from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
 
 MAGNITUDE = 'SAME("the number without its sign", {{ function }}(x), number_of(size_of(bits)));'
@@ -109,7 +110,7 @@ def claims(source: Source) -> Iterator[Claim]:
     yield Claim("controller", "@_controller_init", text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
     yield Claim("limiter", "@_limiter_init", "starts within a radian, all else as zero", LIMITER_INIT, edges("1.0f"))
     # The bounds of a build may all be equal, which would test little: these fall with speed.
-    speeds = [speed * KM_H for speed in config.limiter.opposite_phase_speed_km_h]
+    speeds = [speed * KM_H for speed in opposite_phase_speeds_km_h(config)]
     bounds = [config.rear_actuator.angle_max * (1.0 - k / len(speeds)) for k in range(len(speeds))]
     outputs = {"opposite_phase_max": ("", bounds)}
     yield _over_speed("limiter", "opposite_phase_bound", "limiter_parameters_t", "float", speeds, outputs)
