@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from codegen.config import Config
     from hil_sim.bench import BenchResult, Cycle, Observer
+    from hil_sim.metrics.run import LookUp
     from hil_sim.scenarios import Scenario
     from hil_sim.session import Setup
 
@@ -75,8 +76,9 @@ class Outputs:
         result: BenchResult | None,
         facts: Mapping[str, Any],
         ecu_counters: str = "",
+        look_up: LookUp | None = None,
     ) -> None:
-        """Write and print everything of a run; `result` where it went through frames."""
+        """Write and print everything of a run; `result` where it went through frames, `look_up` where its map is at hand."""
         from codegen.export import runs as exported
         from codegen.report import plots
         from codegen.report.bench_summary import bus_facts, bus_lines
@@ -84,14 +86,14 @@ class Outputs:
         from hil_sim.metrics import evaluate
         from hil_sim.recording import save_csv
 
-        evaluation, period = evaluate(scenario, config, runs), config.controller.sampling_time_s
+        evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
         with console.status("writing") if self.written else nullcontext():
             if self.csv is not None:
                 save_csv(runs["controlled"], self.csv)
             for path in self.files:
                 exported.save(runs["controlled"], path)
             if self.plot is not None:
-                plots.save(plots.scenario_figure(scenario, config, runs, title), self.plot)
+                plots.save(plots.scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
         if self.as_json:
             bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
             console.print_json({**facts, "metrics": evaluation.to_dict(), **bus, "files": self.written})

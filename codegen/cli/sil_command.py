@@ -144,7 +144,7 @@ def _run_scenario(chosen: Choices) -> None:
     if chosen.sensors:
         facts["sensors"] = f"seed {chosen.seed}"
     note_edited(build_path, software.edited, quiet=chosen.as_json)
-    outputs.tell(str(build_path), software.config, scenario, runs, result, facts)
+    outputs.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=software.map_yaw_rate)
 
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:

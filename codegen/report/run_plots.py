@@ -64,6 +64,8 @@ RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
 STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 
+MAP_LINE: Mapping[str, Any] = {"color": GREY, "linestyle": "-.", "linewidth": 1.3, "label": "map, steady", "zorder": 2.2}
+
 BEFORE_START = 0.5
 AFTER_START = 3.0
 MOVED = math.radians(0.01)
@@ -113,6 +115,7 @@ def run_figure(
     marks: Sequence[Mark] = (),
     spans: Sequence[Span] = (),
     window: tuple[float, float] | None = None,
+    of_map: FloatArray | None = None,
 ) -> Figure:
     """Runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
 
@@ -124,6 +127,7 @@ def run_figure(
         title: above all.
         marks, spans: moments and stretches of time to point out.
         window: s to show, from and to; None takes what is worth showing.
+        of_map: (samples,) rad/s, the map's steady yaw rate in the samples of the first run; None leaves it out.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -140,6 +144,8 @@ def run_figure(
         for axes, signal in zip(panels, signals, strict=False):
             draw_signal(axes, spun, looks, signal, window)
         handles = run_handles(panels[0], "reference, command")
+        if of_map is not None:
+            handles += _draw_map(panels[0], next(iter(runs.values())), of_map, window)
         for axes, signal in zip(panels, signals, strict=False):
             _draw_spins(axes, runs, spun, looks, signal)
         handles += spin_handles(runs, spun) + draw_spans(panels, spans)
@@ -226,6 +232,15 @@ def run_handles(axes: Axes, dashed_name: str) -> list[Any]:
     if len(axes.get_lines()) > len(handles):
         handles.append(Line2D([], [], color=GREY, linestyle=(0, (4, 2)), linewidth=1.1, label=dashed_name))
     return handles
+
+
+def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[float, float]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    time = column(run, "time_s")
+    inside = (time >= window[0]) & (time <= window[1])
+    axes.plot(time[inside], np.degrees(of_map[inside]), **{**MAP_LINE, "label": "_"})
+    return [Line2D([], [], **MAP_LINE)]
 
 
 def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hil_sim.metrics.run import Run
+    from hil_sim.metrics.run import LookUp, Run
     from hil_sim.scenarios import Scenario
 
 FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
@@ -33,7 +33,12 @@ FREQUENCY_TICKS = (0.2, 0.5, 1.0, 2.0, 3.0)
 
 
 def scenario_figure(
-    scenario: Scenario, config: Config, runs: Mapping[str, FloatArray], name: str = "", details: str = ""
+    scenario: Scenario,
+    config: Config,
+    runs: Mapping[str, FloatArray],
+    name: str = "",
+    details: str = "",
+    look_up: LookUp | None = None,
 ) -> Figure:
     """Runs of a scenario beside each other.
 
@@ -43,21 +48,26 @@ def scenario_figure(
         runs: name -> array with columns RECORD_COLUMNS; see `run_figure`.
         name: of the build, for the title.
         details: of the car and the run, below the title; lines that are too long go on below each other.
+        look_up: the map, whose steady yaw rate is drawn over time; None leaves it out.
 
     Raises:
         PlotError: no run, or an array of another shape.
     """
+    from hil_sim.metrics.run import Run
+
     title = _title(scenario, name, details)
     if scenario.kind == "frequency":
         return bode_figure(scenario, config, runs, title)
     if scenario.kind == "ramp":
         return steady_state_figure(scenario, config, runs, title)
+    of_map = Run(next(iter(runs.values())), scenario, config, look_up).map_yaw_rate if runs else None
     spans = [Span(fault.start, fault.start + fault.duration, f"fault: {fault.kind}") for fault in scenario.faults]
     if scenario.kind == "sine-with-dwell":
-        return run_figure(runs, title, marks=_dwell_marks(scenario, config, runs), spans=spans, window=_whole(runs))
+        marks = _dwell_marks(scenario, config, runs)
+        return run_figure(runs, title, marks=marks, spans=spans, window=_whole(runs), of_map=of_map)
     if scenario.kind == "recording" or scenario.faults:
-        return run_figure(runs, title, spans=spans, window=_whole(runs))
-    return run_figure(runs, title)
+        return run_figure(runs, title, spans=spans, window=_whole(runs), of_map=of_map)
+    return run_figure(runs, title, of_map=of_map)
 
 
 def _title(scenario: Scenario, name: str, details: str) -> str:

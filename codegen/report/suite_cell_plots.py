@@ -91,13 +91,14 @@ def _level_handles(colours: Any) -> list[Any]:
 
 
 def conditions_figure(result: SuiteResult) -> Figure:
-    """Largest overshoot and largest sideslip over the cells, and spins: a row for each condition, a mark for each subject."""
+    """Largest overshoot, error to the map and sideslip over the cells, and spins: a row a condition, a mark a subject."""
     with style():
-        figure = new_figure(11.0, 0.34 * len(result.conditions) + 1.6)
-        panels = figure.subplots(1, 3, sharey=True, width_ratios=(1.3, 1.0, 0.8))
+        figure = new_figure(13.0, 0.34 * len(result.conditions) + 1.6)
+        panels = figure.subplots(1, 4, sharey=True, width_ratios=(1.3, 1.0, 1.0, 0.8))
         _draw_conditions(panels[0], result, lambda each: each.overshoot_percent and each.overshoot_percent.value)
         _draw_conditions(panels[1], result, lambda each: each.sideslip_max_deg and each.sideslip_max_deg.value)
-        _draw_conditions(panels[2], result, lambda each: float(len(each.spins)) or None)
+        _draw_conditions(panels[2], result, lambda each: each.map_error_percent and each.map_error_percent.value)
+        _draw_conditions(panels[3], result, lambda each: float(len(each.spins)) or None)
         panels[0].set_xscale("symlog", linthresh=1.0)
         panels[0].set_xticks([0.0, 1.0, 3.0, 10.0, 30.0, 100.0], ["0", "1", "3", "10", "30", "100"])
         panels[0].set_xticks([], minor=True)
@@ -105,11 +106,13 @@ def conditions_figure(result: SuiteResult) -> Figure:
         panels[0].set(xlabel="Largest overshoot (%)")
         panels[1].set(xlabel="Largest |sideslip| (deg)")
         panels[1].set_xlim(left=0.0)
-        panels[2].set(xlabel=f"Spins, of {len(result.cells)} cells (no mark: none)", xlim=(0.0, None))
+        panels[2].set(xlabel="Error to the map, steady (%)")
+        panels[2].axvline(0.0, color=GREY, linewidth=0.8, label="_")
+        panels[3].set(xlabel=f"Spins, of {len(result.cells)} cells (no mark: none)", xlim=(0.0, None))
         panels[0].set_yticks(range(len(result.conditions)), [condition.title for condition in result.conditions])
         panels[0].set_ylim(len(result.conditions) - 0.5, -0.5)
         markers = markers_of(result)
-        figure.suptitle("All cells under each condition; overshoot and sideslip of those in which the car stays on the road")
+        figure.suptitle("All cells under each condition; all but the spins are of those in which the car stays on the road")
         figure.legend(handles=name_handles(result, markers), loc="outside lower center", ncols=len(result.subjects))
     return figure
 

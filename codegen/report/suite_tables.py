@@ -48,7 +48,9 @@ def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     if result.path_errors:
         yield "With a driver: rms path error (m)", path_table(result)
     if result.third_party:
-        yield "Third party's multi-body car: overshoot (%) / settling (s) / largest |sideslip| (deg)", third_party_table(result)
+        figures = "overshoot (%) / settling (s) / largest |sideslip| (deg)"
+        yield f"Third party's multi-body car: {figures}", third_party_table(result, _cell)
+        yield "Error to the map on the third party's car, steady / peak (%)", third_party_table(result, _map_errors)
     yield "What was tuned on what", sets_text(result)
 
 
@@ -125,7 +127,8 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
         return
     count = len(result.cells)
     figures: tuple[tuple[str, Callable[[Summary], str]], ...] = (
-        ("Overshoot over the cells, mean / largest (%)", _overshoot),
+        ("Overshoot of the steady yaw rate over the cells, mean / largest (%)", _overshoot),
+        ("Error to the map, of largest magnitude: steady yaw rate / largest of its peak (%)", _map_error),
         ("Settling time to 2 %, slowest cell (s); or how many cells never settle", _settling),
         ("Largest |sideslip| (deg)", lambda each: _extreme(each.sideslip_max_deg)),
         (f"Spins, of {count} cells", lambda each: str(len(each.spins)) if each.spins else NONE),
@@ -138,13 +141,19 @@ def condition_tables(result: SuiteResult) -> Iterator[tuple[str, str]]:
         yield title, columns([("", *result.subjects)], rows)
     more = [f"{condition.title}: {condition.what}." for condition in result.conditions if condition.what]
     told = f"Cells: {_cells_text(result)}. A cell in which the car spins counts in the last table alone."
-    yield "How to read these four tables", _wrapped(" ".join([told, *more]))
+    yield "How to read these five tables", _wrapped(" ".join([told, *more]))
 
 
 def _overshoot(summary: Summary) -> str:
     if summary.overshoot_percent is None:
         return NONE
     return f"{_number(summary.overshoot_mean_percent, 1)} / {_number(summary.overshoot_percent.value, 1)}"
+
+
+def _map_error(summary: Summary) -> str:
+    if summary.map_error_percent is None or summary.map_overshoot_percent is None:
+        return NONE
+    return f"{summary.map_error_percent.value:+.1f} / {summary.map_overshoot_percent.value:+.1f}"
 
 
 def _settling(summary: Summary) -> str:
@@ -174,6 +183,8 @@ def c1_table(result: SuiteResult) -> str:
     """A row for each lag and figure."""
     figures = (
         ("overshoot", "%", "overshoot_percent", 1),
+        ("error to the map, steady", "%", "map_error_percent", 1),
+        ("overshoot of the map", "%", "map_overshoot_percent", 1),
         ("settling to 2 %", "s", "settling_time_s", 2),
         ("rise to 90 %", "s", "rise_time_s", 2),
         ("largest |sideslip|", "deg", "sideslip_max_deg", 2),
@@ -317,10 +328,10 @@ def path_table(result: SuiteResult) -> str:
     return columns([("", *result.path_errors)], rows)
 
 
-def third_party_table(result: SuiteResult) -> str:
+def third_party_table(result: SuiteResult, text: Callable[[CellResult], str]) -> str:
     """A row for each cell."""
     names = [name for name in result.subjects if name in result.third_party]
-    rows = [(at[0].cell.title, *map(_cell, at)) for at in zip(*(result.third_party[name] for name in names), strict=True)]
+    rows = [(at[0].cell.title, *map(text, at)) for at in zip(*(result.third_party[name] for name in names), strict=True)]
     return columns([("", *names)], rows)
 
 
@@ -329,6 +340,10 @@ def _cell(result: CellResult) -> str:
         return SPUN
     settling = _number(result.settling_time_s, 2) if result.settled else "never"
     return f"{_number(result.overshoot_percent, 1)} / {settling} / {_number(result.sideslip_max_deg, 1)}"
+
+
+def _map_errors(result: CellResult) -> str:
+    return SPUN if result.spun else f"{_number(result.map_error_percent, 1)} / {_number(result.map_overshoot_percent, 1)}"
 
 
 def sets_text(result: SuiteResult) -> str:

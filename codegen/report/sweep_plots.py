@@ -37,6 +37,7 @@ LEGEND_HEIGHT = 0.9
 
 PANELS = (
     ("overshoot", "overshoot_percent", "Overshoot of the yaw rate (%)"),
+    ("map-error", "map_error_percent", "Steady error to the map (%)"),
     ("sideslip", "sideslip_abs_max_deg", r"Largest $|\beta|$ (deg)"),
     ("ratio", "yaw_rate_ratio_1_75_s_percent", "Yaw-rate ratio 1.75 s after steering (%)"),
     ("displacement", "lateral_displacement_m", "Lateral displacement at 1.07 s (m)"),

@@ -12,6 +12,8 @@ from codegen.sweep.summary import BINS, QUANTILES, Outcome, Summary
 
 TITLES = {
     "overshoot_percent": ("overshoot", "%"),
+    "map_error_percent": ("steady error to the map", "%"),
+    "map_overshoot_percent": ("overshoot of the map", "%"),
     "rise_time_s": ("rise time to 90 %", "s"),
     "settling_time_s": ("settling time to 2 %", "s"),
     "sideslip_abs_max_deg": ("|sideslip|, largest", "deg"),

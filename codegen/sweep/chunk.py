@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.config import KM_H
 from codegen.errors import BuildError, within
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS
@@ -96,7 +97,7 @@ def run_chunk(plan: Plan, chunk: int) -> Table:
                     "scenario": np.full(len(samples), place),
                     "controller": np.full(len(samples), index),
                     **_varied(factors, driven),
-                    **_figures(plan, profile, record, batch),
+                    **_figures(plan, profile, record, batch, _map_yaw_rate(plan, controller, driven, record)),
                 }
             )
     return _joined(tables)
@@ -106,7 +107,15 @@ def _varied(factors: Mapping[str, FloatArray], driven: lanes.Conditions) -> Tabl
     return {**{key: values for key, values in factors.items() if key not in DRIVEN}, **asdict(driven)}
 
 
-def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes) -> Figures:
+def _map_yaw_rate(plan: Plan, controller: Controller, driven: lanes.Conditions, record: FloatArray) -> FloatArray:
+    """(n,) rad/s: what the controller's map gives at the end of a recording (columns, samples, n), columns COLUMNS."""
+    look_up = software(plan, controller).software.function("map_yaw_rate_on_road")
+    front_angle = record[COLUMNS.index("front_angle_rad"), -1]
+    places = zip(driven.speed_km_h * KM_H, front_angle, driven.friction_estimate, strict=True)
+    return np.array([look_up(*place) for place in places])
+
+
+def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes, map_yaw_rate: FloatArray) -> Figures:
     """Of a recording (columns, samples, n), columns COLUMNS."""
     runs = Runs(
         time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
@@ -115,6 +124,7 @@ def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes) -> 
         steering_ratio=plan.config.steering.ratio,
         mass=batch.cars[:, MASS],
         slip_bounds=slip_bounds(plan.config),
+        map_yaw_rate=map_yaw_rate,
     )
     return figures(profile.kind, runs)
 
@@ -158,7 +168,8 @@ def replay(plan: Plan, run: int) -> Replayed:
     driven = lanes.conditions(plan.config, profile, factors, len(samples))
     every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, factors, driven)
     # A run is the same in any company, but NumPy sums a lonely column in another order than one of several.
-    alone = lanes.only(every, [at, (at + 1) % len(samples)] if len(samples) > 1 else [at])
+    alone_at = [at, (at + 1) % len(samples)] if len(samples) > 1 else [at]
+    alone = lanes.only(every, alone_at)
     records, figures_of_run = {}, Figures()
     for controller in (own, *(other for other in plan.controllers if other is not own)):
         batch = replace(alone, controlled=controller.controlled)
@@ -166,7 +177,9 @@ def replay(plan: Plan, run: int) -> Replayed:
         records[controller.name] = np.ascontiguousarray(record[:, :, 0].T)
         if controller is own:
             places = [RECORD_COLUMNS.index(name) for name in COLUMNS]
-            figures_of_run = _figures(plan, profile, record[places], batch)
+            both = lanes.Conditions(**{name: values[alone_at] for name, values in asdict(driven).items()})
+            of_map = _map_yaw_rate(plan, controller, both, record[places])
+            figures_of_run = _figures(plan, profile, record[places], batch, of_map)
     row = {"run": float(run), "sample": float(key.sample)}
     row |= {name: float(values[at]) for name, values in _varied(factors, driven).items()}
     row |= {name: float(values[0]) for name, values in figures_of_run.items()}

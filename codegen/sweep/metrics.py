@@ -46,6 +46,7 @@ class Runs:
         steering_ratio: of steering wheel to road wheel.
         mass: (n,) kg.
         slip_bounds: rad, of front and rear axle of the configured car; None where it has none.
+        map_yaw_rate: (n,) rad/s, the map's steady yaw rate at the end of the run; None where it is not known.
     """
 
     time: FloatArray
@@ -54,6 +55,7 @@ class Runs:
     steering_ratio: float
     mass: FloatArray
     slip_bounds: tuple[float, float] | None = None
+    map_yaw_rate: FloatArray | None = None
 
     def __getitem__(self, name: str) -> FloatArray:
         return self.signals[name]
@@ -108,12 +110,17 @@ def _step(runs: Runs, spun: FloatArray) -> Figures:
     inside_from = np.where(settled & outside.any(axis=0), time[np.minimum(last_outside + 1, time.size - 1)], start)
     slips = [runs.degrees(f"slip_{axle}_rad")[steady].mean(axis=0) for axle in ("front", "rear")]
     bounds = np.rad2deg((np.nan, np.nan) if runs.slip_bounds is None else runs.slip_bounds)
+    of_map = np.full(mean.shape, np.nan) if runs.map_yaw_rate is None else np.rad2deg(runs.map_yaw_rate)
+    divisor = np.where(of_map == 0.0, np.nan, of_map)
     wheel = runs.degrees("front_angle_rad")[steady].mean(axis=0) * runs.steering_ratio
     found = {
         "settled": settled.astype(np.float64),
         "yaw_rate_steady_deg_s": mean,
         "yaw_rate_peak_deg_s": peak,
         "yaw_rate_reference_deg_s": np.where(2 * samples > controlled.shape[0], reference, np.nan),
+        "map_yaw_rate_deg_s": of_map,
+        "map_error_percent": 100.0 * (mean / divisor - 1.0),
+        "map_overshoot_percent": 100.0 * (peak / divisor - 1.0),
         "overshoot_percent": np.where(mean != 0.0, 100.0 * (peak / mean - 1.0), 0.0),
         "rise_time_s": time[first] - start,
         "settling_time_s": np.where(settled, inside_from - start, np.nan),

@@ -33,6 +33,7 @@ WORST = 5
 
 JUDGED: Mapping[str, bool] = {
     "overshoot_percent": True,
+    "map_overshoot_percent": True,
     "sideslip_abs_max_deg": True,
     "slip_rear_abs_max_deg": True,
     "slip_front_steady_of_bound_percent": True,

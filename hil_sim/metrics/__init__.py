@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from codegen.config import Config
 from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
-from hil_sim.metrics.run import FloatArray, Metric, Run, column, spin_time
+from hil_sim.metrics.run import FloatArray, LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics
 from hil_sim.scenarios import Kind, Scenario
 
@@ -96,20 +96,24 @@ class Evaluation:
         return rows
 
 
-def evaluate(scenario: Scenario, config: Config, records: Mapping[str, FloatArray]) -> Evaluation:
+def evaluate(
+    scenario: Scenario, config: Config, records: Mapping[str, FloatArray], look_up: LookUp | None = None
+) -> Evaluation:
     """The figures that belong to a scenario.
 
     Args:
         scenario: what was driven.
         config: of the car.
         records: name to recording (samples, 12), columns RECORD_COLUMNS, two samples or more; in the order of the table.
+        look_up: the map, `Software.map_yaw_rate`; None leaves out the errors to it.
 
     Raises:
         ValueError: no recording, or one that is too short.
     """
     if not records or any(len(record) < 2 for record in records.values()):
         raise ValueError("at least one recording of at least two samples is needed")
-    return Evaluation(scenario.name, {name: _of_one(Run(record, scenario, config)) for name, record in records.items()})
+    runs = {name: Run(record, scenario, config, look_up) for name, record in records.items()}
+    return Evaluation(scenario.name, {name: _of_one(run) for name, run in runs.items()})
 
 
 def _of_one(run: Run) -> RunMetrics:

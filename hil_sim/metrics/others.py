@@ -21,6 +21,14 @@ def reference_error(run: Run, where: BoolArray) -> FloatArray:
     return result
 
 
+def map_error(run: Run, where: BoolArray) -> FloatArray:
+    """deg/s: yaw rate less the map's steady one over the same samples as `reference_error`; empty where no map is known."""
+    if run.map_yaw_rate is None:
+        return np.zeros(0)
+    error: FloatArray = (run.degrees("yaw_rate_rad_s") - np.rad2deg(run.map_yaw_rate))[where & run.controlled]
+    return error
+
+
 def rear_rate(run: Run, where: BoolArray) -> float | None:
     """deg/s: the largest rate of the rear angle between samples."""
     return largest(np.diff(run.degrees("rear_angle_rad"), prepend=run.degrees("rear_angle_rad")[:1]) / run.step, where)
@@ -39,6 +47,7 @@ def measure_speed_ramp(run: Run) -> list[Metric]:
         ),
         Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, run.after)),
         Metric("yaw_rate_error_abs_max_deg_s", "|yaw rate - reference|, largest", "deg/s", largest(error)),
+        Metric("map_error_abs_max_deg_s", "|yaw rate - map|, largest", "deg/s", largest(map_error(run, run.after))),
         *common(run),
     ]
 
@@ -123,6 +132,7 @@ def measure_recording(run: Run) -> list[Metric]:
         Metric("controlled_percent", "controlled", "%", 100.0 * float(run.controlled.mean()), 1),
         Metric("limited_percent", "limited", "%", 100.0 * float((in_state == Status.LIMITED).mean()), 1),
         Metric("yaw_rate_error_rms_deg_s", "yaw rate - reference, rms", "deg/s", _rms(error)),
+        Metric("map_error_rms_deg_s", "yaw rate - map, rms", "deg/s", _rms(map_error(run, everything))),
         Metric("rear_rate_abs_max_deg_s", "|rear angle rate|, largest", "deg/s", rear_rate(run, everything)),
         *common(run, everything),
     ]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,8 @@ from hil_sim.scenarios import Scenario
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+LookUp = Callable[[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
+"""Speed (m/s), front angle (rad) and friction estimate (NaN: unknown) to the map's steady yaw rate (rad/s)."""
 
 SPIN_SIDESLIP = math.radians(10.0)
 """Beyond this sideslip angle a car is spinning: no driver holds it, and no figure of what follows means anything."""
@@ -61,11 +65,15 @@ class Metric:
 
 @dataclass(frozen=True)
 class Run:
-    """A recording (samples, 12), columns RECORD_COLUMNS, with the scenario and the car that it is of."""
+    """A recording (samples, 12), columns RECORD_COLUMNS, with the scenario and the car that it is of.
+
+    `look_up` is the map of the controller, `Software.map_yaw_rate`; None where it is not known.
+    """
 
     record: FloatArray
     scenario: Scenario
     config: Config
+    look_up: LookUp | None = None
 
     def __getitem__(self, name: str) -> FloatArray:
         return column(self.record, name)
@@ -84,6 +92,15 @@ class Run:
     def step(self) -> float:
         """s between samples."""
         return float(self.time[1] - self.time[0]) if len(self.time) > 1 else self.config.controller.sampling_time_s
+
+    @cached_property
+    def map_yaw_rate(self) -> FloatArray | None:
+        """Steady yaw rate in rad/s that the map gives in each sample; None where no map is known."""
+        if self.look_up is None:
+            return None
+        estimate = self.scenario.settings.friction_estimate
+        friction = math.nan if estimate is None else estimate
+        return self.look_up(self["speed_m_s"], self["front_angle_rad"], friction).astype(np.float64)
 
     @cached_property
     def after(self) -> BoolArray:

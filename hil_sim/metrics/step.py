@@ -32,6 +32,8 @@ class StepMetrics:
     """Step response (ISO 7401, lateral transient response). Units in the names; rear angle: the actuator's, not the command.
 
     The reference is None for a car that is not controlled at the end. Where `settled` is false, "steady" is only a mean.
+    Errors to the map compare with the steady yaw rate that the map gives for speed, front angle and friction estimate at the
+    end: of the steady yaw rate (negative where the car turns less), and of the peak. None where no map is known.
 
     `overshoot_percent` is of the steady yaw rate; `rise_time_s` and `peak_time_s` run from the start of steering, to 90 % of
     the steady value and to the peak; `settling_time_s` to where the yaw rate stays within 2 % of it, None where it does not
@@ -43,6 +45,9 @@ class StepMetrics:
     yaw_rate_steady_deg_s: float
     yaw_rate_peak_deg_s: float
     yaw_rate_reference_deg_s: float | None
+    map_yaw_rate_deg_s: float | None
+    map_error_percent: float | None
+    map_overshoot_percent: float | None
     overshoot_percent: float
     rise_time_s: float
     settling_time_s: float | None
@@ -69,7 +74,10 @@ DESCRIBED = (
     ("yaw_rate_steady_deg_s", "yaw rate, steady", "deg/s", 2),
     ("yaw_rate_peak_deg_s", "yaw rate, peak", "deg/s", 2),
     ("yaw_rate_reference_deg_s", "reference, steady", "deg/s", 2),
-    ("overshoot_percent", "overshoot", "%", 1),
+    ("map_yaw_rate_deg_s", "map, steady", "deg/s", 2),
+    ("map_error_percent", "error to the map, steady", "%", 1),
+    ("map_overshoot_percent", "overshoot of the map", "%", 1),
+    ("overshoot_percent", "overshoot of the steady yaw rate", "%", 1),
     ("rise_time_s", "rise time to 90 %", "s", 2),
     ("settling_time_s", "settling time to 2 %", "s", 2),
     ("peak_time_s", "peak time", "s", 2),
@@ -89,11 +97,14 @@ DESCRIBED = (
 """Key, title, unit and digits of the rows below `settled`."""
 
 
-def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 1.0) -> StepMetrics:
+def step_metrics(
+    record: FloatArray, steer_time: float, steering_ratio: float = 1.0, map_yaw_rate: float | None = None
+) -> StepMetrics:
     """Metrics of a recording (samples, 12) in which the driver starts to steer at `steer_time` (s).
 
     `sideslip_abs_min_deg` is the smallest |beta| after the yaw rate first reached 90 % of its steady value: before, beta starts
     from zero and says nothing. `steering_ratio` is that of steering wheel to road wheel; 1 gives the gain of the front angle.
+    `map_yaw_rate` (rad/s) is that of the map at the end of the run; None where it is not known.
     """
     time = column(record, "time_s")
     after = time >= steer_time - 1e-9
@@ -125,6 +136,9 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
         yaw_rate_steady_deg_s=yaw_rate_steady,
         yaw_rate_peak_deg_s=peak,
         yaw_rate_reference_deg_s=reference,
+        map_yaw_rate_deg_s=None if map_yaw_rate is None else math.degrees(map_yaw_rate),
+        map_error_percent=map_error(yaw_rate_steady, map_yaw_rate),
+        map_overshoot_percent=map_error(peak, map_yaw_rate),
         overshoot_percent=100.0 * (peak / yaw_rate_steady - 1.0) if yaw_rate_steady else 0.0,
         rise_time_s=float(time[first]) - steer_time,
         settling_time_s=inside_from - steer_time if settled else None,
@@ -144,9 +158,15 @@ def step_metrics(record: FloatArray, steer_time: float, steering_ratio: float = 
     )
 
 
+def map_error(yaw_rate_deg_s: float, map_yaw_rate: float | None) -> float | None:
+    """Return the error of a yaw rate (deg/s) to that of the map (rad/s), in % of the latter; None where there is none."""
+    return 100.0 * (math.radians(yaw_rate_deg_s) / map_yaw_rate - 1.0) if map_yaw_rate else None
+
+
 def measure(run: Run) -> list[Metric]:
     """The step response as rows."""
-    found = step_metrics(run.record, run.scenario.steer_time, run.config.steering.ratio)
+    of_map = None if run.map_yaw_rate is None else float(run.map_yaw_rate[-1])
+    found = step_metrics(run.record, run.scenario.steer_time, run.config.steering.ratio, of_map)
     rows = [Metric("settled", "settled at the end", "", found.settled, words=("NO: means only", "yes"))]
     rows += [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in DESCRIBED]
     for axle, bound in zip(("front", "rear"), slip_bounds(run.config) or (None, None), strict=True):

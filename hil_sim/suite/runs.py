@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -29,7 +28,9 @@ class CellResult:
         settling_time_s: s to where the yaw rate stays within 2 % of it; None where it does not settle.
         sideslip_max_deg: the largest |beta|.
         yaw_rate_steady_deg_s: mean over the last second.
-        share_of_reference: that over the map's value at this speed, front angle and estimate of the friction.
+        map_error_percent: error of that to the map's value at this speed, front angle and estimate of the friction; below
+            zero where the car turns less.
+        map_overshoot_percent: the same of the peak.
     """
 
     cell: Cell
@@ -41,7 +42,8 @@ class CellResult:
     settling_time_s: float | None
     sideslip_max_deg: float | None
     yaw_rate_steady_deg_s: float | None
-    share_of_reference: float | None
+    map_error_percent: float | None
+    map_overshoot_percent: float | None
 
     @property
     def spun(self) -> bool:
@@ -77,9 +79,8 @@ def judge(
     """
     spun_at = spin_time(record)
     if spun_at is not None:
-        return CellResult(cell, condition, spun_at - steer_time, False, None, None, None, None, None, None)
-    found = step_metrics(record, steer_time)
-    steady = found.yaw_rate_steady_deg_s
+        return CellResult(cell, condition, spun_at - steer_time, False, *[None] * 7)
+    found = step_metrics(record, steer_time, map_yaw_rate=reference)
     return CellResult(
         cell=cell,
         condition=condition,
@@ -89,8 +90,9 @@ def judge(
         rise_time_s=found.rise_time_s,
         settling_time_s=found.settling_time_s,
         sideslip_max_deg=found.sideslip_abs_max_deg,
-        yaw_rate_steady_deg_s=steady,
-        share_of_reference=math.radians(steady) / reference if reference else None,
+        yaw_rate_steady_deg_s=found.yaw_rate_steady_deg_s,
+        map_error_percent=found.map_error_percent,
+        map_overshoot_percent=found.map_overshoot_percent,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -27,7 +28,7 @@ class Summary:
         cells: how many were driven.
         spins: in which the car spins.
         unsettled: in which the yaw rate does not stand still at the end; they have no settling time.
-        overshoot_mean_percent: mean over the cells; the others are the largest, or (reference) the smallest.
+        overshoot_mean_percent: mean over the cells; the others are the largest, of the error to the map in magnitude.
     """
 
     subject: str
@@ -40,7 +41,8 @@ class Summary:
     rise_time_s: Extreme | None
     settling_time_s: Extreme | None
     sideslip_max_deg: Extreme | None
-    share_of_reference: Extreme | None
+    map_error_percent: Extreme | None
+    map_overshoot_percent: Extreme | None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -62,7 +64,8 @@ def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Su
         rise_time_s=extreme(on_road, "rise_time_s"),
         settling_time_s=extreme(on_road, "settling_time_s"),
         sideslip_max_deg=extreme(on_road, "sideslip_max_deg"),
-        share_of_reference=extreme(on_road, "share_of_reference", min),
+        map_error_percent=extreme(on_road, "map_error_percent", functools.partial(max, key=abs)),
+        map_overshoot_percent=extreme(on_road, "map_overshoot_percent"),
     )
 
 

@@ -32,7 +32,8 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
         "settling_time_s": 0.5,
         "sideslip_max_deg": 2.5,
         "yaw_rate_steady_deg_s": 20.0,
-        "share_of_reference": 1.0,
+        "map_error_percent": -1.0,
+        "map_overshoot_percent": 0.5,
     }
     return CellResult(cell=cell, condition=condition, **{**values, **figures})
 
@@ -40,7 +41,8 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
 def spun(subject: str, cell: Cell, condition: str) -> CellResult:
     """The car spins after a second and a half."""
     names = ("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "yaw_rate_steady_deg_s")
-    return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **dict.fromkeys((*names, "share_of_reference")))
+    names += ("map_error_percent", "map_overshoot_percent")
+    return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **dict.fromkeys(names))
 
 
 def table(subject: str, condition: str) -> tuple[CellResult, ...]:

@@ -61,12 +61,13 @@ def test_cells_and_conditions_show_every_value(good: SuiteResult, figures: dict[
     assert [text.get_text() for text in passive.texts[-3:]] == ["spin"] * 3
     assert np.ma.count_masked(passive.collections[0].get_array()) == 3
     assert len(pi.texts) == len(CELLS)
-    overshoot, sideslip, spins = figures["conditions"].axes
+    overshoot, sideslip, error, spins = figures["conditions"].axes
     place = [condition.name for condition in good.conditions].index("friction-60")
     (marks,) = lines_in(overshoot, COLOURS["pi"])
     assert marks.get_xdata()[place] == pytest.approx(80.0)
     assert abs(marks.get_ydata()[place] - place) < 0.5
     assert lines_in(sideslip, COLOURS["tracking"])[0].get_xdata() == pytest.approx([2.5] * len(good.conditions))
+    assert lines_in(error, COLOURS["tracking"])[0].get_xdata() == pytest.approx([-1.0] * len(good.conditions))
     assert lines_in(spins, COLOURS["pi"])[0].get_xdata()[place] == 3.0
 
 
@@ -127,7 +128,13 @@ def test_step_margins_sines_and_third_party(good: SuiteResult) -> None:
     c1 = {**good.c1, "pi": {lag.name: spun("pi", CELLS[0], lag.name) for lag in LAGS}}
     lines = section(replace(good, c1=c1), "The paper's step")
     assert lines[1][1:4] == ["overshoot (%)", "2.0", "spin"]
-    assert lines[3] == ["rise to 90 % (s)", "0.30", "spin", "0.28", "0.31", "0.33"]
+    assert lines[2:4] == [
+        ["error to the map, steady (%)", "-1.0", "spin", *["-1.0"] * 3],
+        ["overshoot of the map (%)", "0.5", "spin", *["0.5"] * 3],
+    ]
+    assert lines[5] == ["rise to 90 % (s)", "0.30", "spin", "0.28", "0.31", "0.33"]
+    assert row(good, "Error to the map, of", "as configured") == ["-1.0 / +0.5"] * 5
+    assert row(good, "Error to the map on", third_party()["pi"][-1].cell.title)[:2] == ["-1.0 / 0.5", "spin"]
     assert row(good, "Margins", "60 km/h") == ["20.0 / 80 / 1.20", "8.5 / 46 / 1.70"] * 2
     assert row(good, "Margins", "120 km/h")[-1] == "unstable"
     assert row(good, "Sine", "120 km/h, 0.5 Hz") == ["0.90 / -15", "0.90 / -12", "0.90 / -14", "0.90 / -16", "spin"]

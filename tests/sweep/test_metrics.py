@@ -38,10 +38,14 @@ def recordings(name: str) -> list[np.ndarray]:
     return [*found, odd, still, swinging, gone]
 
 
+PLACE = ("speed_m_s", "front_angle_rad")
+"""Columns that a map is looked up with."""
+
+
 @pytest.mark.parametrize(("name", "heavy"), [("step-steer", False), ("sine-with-dwell", False), ("sine-with-dwell", True)])
 def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
     """Some runs spin and some settle; some meet FMVSS 126, some fail, some have no result."""
-    described, records = SCENARIOS[name], recordings(name)
+    described, records, look_up = SCENARIOS[name], recordings(name), builds.paper().software.map_yaw_rate
     config = changed(builds.CONFIG, {"vehicle": {"mass_kg": 3600.0}}) if heavy else builds.CONFIG
     stacked = np.stack(records, axis=-1)
     runs = Runs(
@@ -51,11 +55,12 @@ def test_every_figure_of_every_run(name: str, heavy: bool) -> None:
         steering_ratio=config.steering.ratio,
         mass=np.full(len(records), config.vehicle.mass_kg),
         slip_bounds=slip_bounds(config),
+        map_yaw_rate=look_up(*(stacked[-1, RECORD_COLUMNS.index(name)] for name in PLACE)).astype(np.float64),
     )
     found, results = figures(described.kind, runs), []
     for index, record in enumerate(records):
         with np.errstate(invalid="ignore"):
-            results.append(evaluate(described, config, {"run": record}).runs["run"])
+            results.append(evaluate(described, config, {"run": record}, look_up).runs["run"])
         wanted = results[-1].to_dict()
         assert found.keys() == wanted.keys()
         for key, value in wanted.items():

@@ -90,4 +90,4 @@ def test_text_and_pictures(summary: Summary) -> None:
     page = markdown(summary, "codegen sweep --spec s.toml --replay")
     assert page.count("## ") == len(summary.outcomes)
     assert page.endswith("```\ncodegen sweep --spec s.toml --replay RUN\n```\n")
-    assert [name for name, _ in pictures(summary)] == ["overshoot", "sideslip", "ratio", "displacement"]
+    assert [name for name, _ in pictures(summary)] == ["overshoot", "map-error", "sideslip", "ratio", "displacement"]

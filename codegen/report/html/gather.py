@@ -211,7 +211,8 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     notes = (*material.notes, *left_out)
     generated = {subject.name: subject.around.generated for subject in beside if isinstance(subject.around, Build)}
     regions = _regions(loops, {kind: around_folder(build).generated, **generated})
-    return replace(material, runs=runs, scenario=scenario, loops=loops, regions=regions, faults=faults, notes=notes)
+    driven = replace(material, runs=runs, scenario=scenario, loops=loops, regions=regions, faults=faults, notes=notes)
+    return replace(driven, look_up=software.map_yaw_rate)
 
 
 def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:

@@ -34,6 +34,7 @@ from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG
 from codegen.report.summary import TYRE, map_summary, tyre_note
 from codegen.sweep.region import Region
 from hil_sim.metrics import StepMetrics, step_metrics
+from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
 FloatArray = npt.NDArray[np.float64]
@@ -54,6 +55,7 @@ class Material:
         loops: name to configuration of controllers whose margins are shown. regions: where they are stable.
         logs: of the bus. faults: as `codegen faults --json` has them; None where they were not tried.
         notes: for the reader, such as what was left out.
+        look_up: the map of the build's C; None where no build is driven.
         of_paper: whether the runs are the paper's C1 and C2.
     """
 
@@ -69,6 +71,7 @@ class Material:
     logs: Sequence[BusTimes] = ()
     faults: Sequence[Mapping[str, Any]] | None = None
     notes: Sequence[str] = ()
+    look_up: LookUp | None = None
     of_paper: bool = False
 
 
@@ -213,7 +216,7 @@ def _runs(material: Material) -> Iterator[Block]:
     if not material.runs or material.scenario is None:
         yield Text("No run: name a build with `--build`, or recordings with `--run`.", "notice")
         return
-    yield from run_blocks(material.runs, material.config, material.scenario)
+    yield from run_blocks(material.runs, material.config, material.scenario, material.look_up)
 
 
 def _margins(material: Material) -> Iterator[Block]:

@@ -20,6 +20,7 @@ from codegen.report.summary import metric_rows
 from codegen.sil.software import Status
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics import evaluate
+from hil_sim.metrics.run import LookUp
 from hil_sim.scenarios import Scenario
 
 FloatArray = npt.NDArray[np.float64]
@@ -67,18 +68,21 @@ def is_passive(name: str) -> bool:
     return name.lower() in PASSIVE
 
 
-def run_blocks(runs: Mapping[str, FloatArray], config: Config, scenario: Scenario) -> Iterator[Block]:
+def run_blocks(
+    runs: Mapping[str, FloatArray], config: Config, scenario: Scenario, look_up: LookUp | None = None
+) -> Iterator[Block]:
     """The chart of all runs, and a table of their figures.
 
     Args:
         runs: name to recording (samples, 12), columns RECORD_COLUMNS.
         config: of the car, for its limits.
         scenario: what was driven.
+        look_up: the map, for the errors to it.
     """
     if scenario.kind == "recording":
         yield Text("Judged as a recording: `--scenario` names what was driven, and brings its figures.", "notice")
     yield run_chart(runs, config, scenario.title)
-    evaluation = evaluate(scenario, config, runs)
+    evaluation = evaluate(scenario, config, runs, look_up)
     rows = [tuple(cell.replace("m/s^2", "m/s²") for cell in row) for row in metric_rows(evaluation)]
     yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), rows)
 
