@@ -224,7 +224,8 @@ class Session:
                     place = state.written.get(entry.key(parameter.name, (*inner, *path)), entry.function.place)
                     yield Obligation(Kind.INVARIANT, place or entry.function.place, pool.true, goal, text)
                 for path, scalar in own_leaves(each.ctype, self.states):
-                    if isinstance(scalar, Scalar) and scalar.family == Family.FLOAT and not self._may_be_absent(invariant, path):
+                    is_real = isinstance(scalar, Scalar) and scalar.family == Family.FLOAT
+                    if is_real and not self._may_be_absent(invariant, path):
                         place = state.written.get(entry.key(parameter.name, (*inner, *path)), entry.function.place)
                         text = f"{dotted((*inner, *path))} stays finite"
                         yield Obligation(Kind.CLAIM, place or entry.function.place, pool.true, pool.is_finite(leaf(path)), text)
@@ -233,7 +234,7 @@ class Session:
                 yield Obligation(Kind.WRITTEN, entry.function.place, pool.true, pool.false, text)
 
     def _may_be_absent(self, invariant: Invariant, path: Path) -> bool:
-        """Whether a float may be NaN: a task keeps signals as they were received, a controller the optional ones of a sample."""
+        """Whether a float may be NaN: a task keeps signals as received, a controller the optional ones of a sample."""
         return invariant.ctype.name == f"{self.prefix}_task_t" or path in (("sample", "rear_angle"), ("sample", "friction"))
 
     def _claims(self, function: Function) -> list[Claims]:
