@@ -79,15 +79,9 @@ def candidates(shape: Shape, files: Mapping[str, bytes], prefix: str = "ars") ->
 
 def _generated(files: Mapping[str, bytes], prefix: str) -> dict[str, str | bytes]:
     own = f"{prefix}_reference_model"
-    names = (f"include/{own}.h", f"include/{prefix}_sections.h", f"src/{own}.c")
-    call = f"""#include "src/{own}.c"
-float curve(float x);
-float curve(float x)
-{{
-    return front_curve(x).value;
-}}
-"""
-    return {**{name: files[name] for name in names}, "curve.c": call}
+    call = "float curve(float x);\nfloat curve(float x)\n{\n    return front_curve(x).value;\n}\n"
+    headers = (f"include/{own}.h", f"include/{prefix}_sections.h")
+    return {**{name: files[name] for name in headers}, "curve.c": files[f"src/{own}.c"].decode("ascii") + call}
 
 
 def _library(shape: Shape) -> dict[str, str | bytes]:
