@@ -77,16 +77,16 @@ ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, fl
     const float inverse = 1.0f / (magnitude + compression);
     const float position = (magnitude * inverse) * (float)cells;
     uint32_t index = cells - 1u; /* for NaN too */
-    const float *cell;
+    const float *corner;
     float rise;
     curve_t result;
 
     if (position < (float)cells) {
         index = (uint32_t)position;
     }
-    cell = &curve[index];
-    rise = cell[1] - cell[0];
-    result.value = sign * (cell[0] + ((position - (float)index) * rise));
+    corner = &curve[index];
+    rise = corner[1] - corner[0];
+    result.value = sign * (corner[0] + ((position - (float)index) * rise));
     result.slope = (rise > 0.0f) ? (rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
     return result;
 }
