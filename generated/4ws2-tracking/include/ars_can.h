@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x7DF6281Au
+#define ARS_CAN_BUILD 0x64078ED7u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -20,10 +20,10 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
-#if ARS_LIMITER_BUILD != 0x7DF6281Au
+#if ARS_LIMITER_BUILD != 0x64078ED7u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x7DF6281Au
+#if ARS_REFERENCE_MODEL_BUILD != 0x64078ED7u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -31,7 +31,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x7DF6281Au
+#define ARS_CONTROLLER_BUILD 0x64078ED7u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x7DF6281Au
+#define ARS_MAP_BUILD 0x64078ED7u
 
 /* Breakpoints of the table. */
 enum {

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x7DF6281Au
+#if ARS_CONTROLLER_BUILD != 0x64078ED7u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7DF6281Au
+#if ARS_MAP_BUILD != 0x64078ED7u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -70,15 +70,15 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .limiter = {
         .rear_angle_max = 0.061086524f,
         .rear_rate_max = 0.5235988f,
-        .opposite_phase_speed = { 13.888889f, 17.222221f, 22.222221f, 30.555555f, 44.444443f, 111.111115f },
-        .opposite_phase_max = { 0.061086524f, 0.04229375f, 0.02538186f, 0.013400553f, 0.0063063586f, 0.0009652188f },
+        .opposite_phase_speed = { 14.333333f, 17.36111f, 22.0f, 30.027779f, 47.27778f, 111.111115f },
+        .opposite_phase_max = { 0.061086524f, 0.041671064f, 0.025950413f, 0.013929748f, 0.0056192135f, 0.00101736f },
         .in_phase_from_front_angle = 0.017453292f,
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "7DF6281A";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "64078ED7";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x1BD17EABu;
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x7DF6281Au
+#if ARS_CAN_BUILD != 0x64078ED7u
 #error "ars_can.h and this source come from different builds"
 #endif
 

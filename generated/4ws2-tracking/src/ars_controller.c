@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x7DF6281Au
+#if ARS_CONTROLLER_BUILD != 0x64078ED7u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7DF6281Au
+#if ARS_MAP_BUILD != 0x64078ED7u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x7F68E9A8u
+#define ARS_CAN_BUILD 0x4BE36543u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

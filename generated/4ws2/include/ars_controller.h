@@ -19,7 +19,7 @@
 
 #include "ars_limiter.h"
 
-#if ARS_LIMITER_BUILD != 0x7F68E9A8u
+#if ARS_LIMITER_BUILD != 0x4BE36543u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x7F68E9A8u
+#define ARS_CONTROLLER_BUILD 0x4BE36543u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x7F68E9A8u
+#define ARS_DYNAMICS_BUILD 0x4BE36543u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x7F68E9A8u
+#define ARS_LIMITER_BUILD 0x4BE36543u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

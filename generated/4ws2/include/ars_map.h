@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x7F68E9A8u
+#define ARS_MAP_BUILD 0x4BE36543u
 
 /* Breakpoints of the table. */
 enum {

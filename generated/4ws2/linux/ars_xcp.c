@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x7F68E9A8u
+#if ARS_XCP_BUILD != 0x4BE36543u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

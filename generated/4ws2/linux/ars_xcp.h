@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x7F68E9A8u
+#define ARS_XCP_BUILD 0x4BE36543u
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x7F68E9A8u
+#if ARS_CONTROLLER_BUILD != 0x4BE36543u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7F68E9A8u
+#if ARS_MAP_BUILD != 0x4BE36543u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -49,7 +49,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .limiter = {
         .rear_angle_max = 0.061086524f,
         .rear_rate_max = 1000.0f,
-        .opposite_phase_speed = { 13.888889f, 17.222221f, 22.222221f, 30.555555f, 44.444443f, 111.111115f },
+        .opposite_phase_speed = { 14.333333f, 17.36111f, 22.0f, 30.027779f, 47.27778f, 111.111115f },
         .opposite_phase_max = { 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f, 0.061086524f },
         .in_phase_from_front_angle = 0.017453292f,
         .speed_max = 111.111115f,
@@ -57,7 +57,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "7F68E9A8";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "4BE36543";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x49737B91u;
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x7F68E9A8u
+#if ARS_DYNAMICS_BUILD != 0x4BE36543u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

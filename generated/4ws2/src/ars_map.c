@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x7F68E9A8u
+#if ARS_MAP_BUILD != 0x4BE36543u
 #error "ars_map.h and this source come from different builds"
 #endif
 
