@@ -143,7 +143,8 @@ def single_track_step(config: Config, step: float) -> SingleTrackStep:
     m10 = front_yaw - rear_yaw
     m01 = 0.5 * step + inertia / mass * (slowness * slowness) * m10
     m11 = 1.0 + slowness * (front_arm * front_yaw + rear_arm * rear_yaw)
-    determinant = m00 * m11 - m01 * m10
+    # No plausible car comes near the bound, which keeps the division defined for all inputs.
+    determinant = ca.fmax(m00 * m11 - m01 * m10, 0.5)
     change = ca.vertcat(-(m11 * drift + m01 * yaw) / determinant, (m00 * yaw + m10 * drift) / determinant)
     return SingleTrackStep(
         arguments=ca.Function("single_track_arguments", [x, u], [ca.vertcat(*arguments)], ["x", "u"], ["argument"]),
