@@ -183,14 +183,15 @@ ARS_SECTION_CODE static void change_of(
     const float t33 = t32 * t8;
     const float t34 = t24 * t22;
     const float t35 = t33 - t34;
-    const float t36 = t29 / t35;
-    const float t37 = -t36;
-    const float t38 = t32 * t27;
-    const float t39 = t22 * t16;
-    const float t40 = t38 + t39;
-    const float t41 = t40 / t35;
-    change[0] = t37;
-    change[1] = t41;
+    const float t36 = (t35 > 0.5f) ? t35 : 0.5f;
+    const float t37 = t29 / t36;
+    const float t38 = -t37;
+    const float t39 = t32 * t27;
+    const float t40 = t22 * t16;
+    const float t41 = t39 + t40;
+    const float t42 = t41 / t36;
+    change[0] = t38;
+    change[1] = t42;
 }
 
 ARS_SECTION_CODE void ars_reference_model_start(
