@@ -96,13 +96,13 @@ def _configured_limiter(config: Config) -> dict[str, Any]:
 
 
 def opposite_phase_bounds(config: Config) -> list[float]:
-    """rad at each breakpoint: as listed, or with which the steady linear car reaches a lateral acceleration."""
+    """rad at each breakpoint: as listed, or with which the steady car, never taken to oversteer, reaches an acceleration."""
     angles, speeds = config.limiter.opposite_phase_max_deg, [speed / 3.6 for speed in opposite_phase_speeds_km_h(config)]
     if angles == "off":
         return [math.inf] * len(speeds)
     if angles == "from-car":
         car, reached = SingleTrack.from_config(config), config.limiter.opposite_phase_lateral_acceleration_m_s2
-        return [reached / (speed * float(car.yaw_gain(speed))) for speed in speeds]
+        return [reached * (car.wheelbase / speed**2 + max(car.understeer_coefficient, 0.0)) for speed in speeds]
     return [math.radians(angle) for angle in angles]
 
 
