@@ -79,10 +79,10 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
 NOPS = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
 RARE = {
-    "the law starts afresh": ("    self->status = law_step(", "starts", True),
+    "the law starts afresh": ("    self->status = limited ?", "phase == LAW_STARTS", True),
     "a recovery ends": ("            self->good_samples = 0u;\n            self->status", "true", True),
-    "plausible again": ("        self->implausible_samples = 0u;\n", "self->implausible_samples > 0u", True),
-    "full, after eleven minutes": ("    self->good_samples = 0u;\n    if ((", "self->bad_samples == UINT16_MAX", False),
+    "plausible again": ("        self->implausible_samples = leaked(", "self->implausible_samples > 0u", True),
+    "lost for long": ("        self->bad_samples = counted(", "self->bad_samples > parameters->degraded_samples_max", False),
 }
 
 
