@@ -4,8 +4,10 @@ A part is either a module with `run(folders, effort, progress) -> Outcome` or a 
 record names the hashes of its subject and of its own code; if either changes, the record is out of date.
 """
 
+import ast
+import functools
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +30,7 @@ class Part:
         shows: what it shows if it passes, one sentence without its full stop.
         subject: patterns of the files that it is about, relative to the checkout.
         module: module with `run`; empty for a folder of pytest files of the part's name.
-        runs: patterns of the code that it runs, beside its own folder.
+        runs: patterns of code outside `tests` that it runs, beside its subject.
         worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
         is_optional: whether the part may be missing, because few have its tool.
     """
@@ -43,9 +45,10 @@ class Part:
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Patterns of the code that it runs, relative to the checkout."""
+        """Patterns of the code that it runs, relative to the checkout; what this imports from `tests` belongs to it too."""
         *folder, module = self.module.split(".") if self.module else ["tests", "evidence", self.name, ""]
-        return ("/".join(folder) + ("/*" if len(folder) > 2 else f"/{module}.py"), *self.runs)
+        by_pytest = () if self.module else ("tests/conftest.py", "tests/evidence/conftest.py", "tests/evidence/pytest_part.py")
+        return ("/".join(folder) + ("/*" if len(folder) > 2 else f"/{module}.py"), *by_pytest, *self.runs)
 
     @property
     def folder(self) -> Path:
@@ -54,22 +57,59 @@ class Part:
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of the subject and of the part's own code, over names and contents of the files."""
-        return {"subject": hash_of(self.subject), "own_code": hash_of(self.own)}
+        return {"subject": hash_of(matching(self.subject)), "own_code": hash_of(with_imports(matching(self.own)))}
 
 
-def hash_of(patterns: Sequence[str], root: Path = ROOT) -> str:
-    """Return the SHA-256 over names and contents of all files that match one of the patterns; compiled Python is left out."""
-    found = {path for pattern in patterns for path in root.glob(pattern) if path.is_file() and "__pycache__" not in path.parts}
+def matching(patterns: Iterable[str], root: Path = ROOT) -> set[Path]:
+    """Return all files that match one of the patterns; compiled Python is left out."""
+    return {path for pattern in patterns for path in root.glob(pattern) if path.is_file() and "__pycache__" not in path.parts}
+
+
+def with_imports(files: set[Path], root: Path = ROOT) -> set[Path]:
+    """Return files and all modules of `tests` that they import, directly or not, with the data that lie beside those modules.
+
+    This module is left out: its patterns show in the hashes, and another sentence in it does not make a record wrong.
+    """
+    todo, found = set(files), set[Path]()
+    while todo:
+        path = todo.pop()
+        found.add(path)
+        package = path.parent.relative_to(root).parts
+        if path.suffix == ".py" and package[0] == "tests":
+            modules = {root.joinpath(*name) for name in _imported(path.read_bytes(), package)}
+            sources = {file for at in modules for file in (at.with_suffix(".py"), at / "__init__.py") if file.is_file()}
+            data = {file for source in sources for file in matching(("*",), source.parent) if file.suffix != ".py"}
+            todo |= (sources | data) - found - {root / "tests/evidence/parts.py"}
+    return found
+
+
+@functools.cache
+def _imported(source: bytes, package: tuple[str, ...]) -> frozenset[tuple[str, ...]]:
+    """Return the names, split at their dots, of all modules of `tests` that a module of a package may import."""
+    names = set[tuple[str, ...]]()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {tuple(alias.name.split(".")) for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else ()
+            base = (*start, *(node.module.split(".") if node.module else ()))
+            names |= {base, *((*base, alias.name) for alias in node.names)}
+    return frozenset(name[:end] for name in names if name[0] == "tests" for end in range(2, len(name) + 1))
+
+
+def hash_of(files: Iterable[Path], root: Path = ROOT) -> str:
+    """Return the SHA-256 over names and contents of files."""
     digest = hashlib.sha256()
-    for path in sorted(found):
+    for path in sorted(files):
         digest.update(f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
 
 
 C = ("generated/4ws2*/include/*", "generated/4ws2*/src/*")
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", "codegen/refmap/**/*", "codegen/vehicle/**/*")
-CHECKS_OF_THE_C = ("tests/sil/*", "tests/builds.py", "codegen/verify/law/*", "codegen/sil/*")
+SIL = ("codegen/sil/*", "codegen/verify/law/*")
 VERIFY = ("codegen/verify/**/*", "templates/verify/*")
+FUZZING = ("templates/verify/*", "codegen/verify/fuzzing/*", "codegen/verify/sanitizers/*")
 ALL_CHECKS = (
     "all checks of `codegen verify` pass on both committed builds: compilers, static analysis, processor in the loop, budgets, "
     "control law, proof, sanitizers, fuzzing"
@@ -78,6 +118,7 @@ MUTATION = "the tests of the C see every small fault in it, or it is argued why 
 FAULTS = "a fault that is planted in the C fails just those checks of `codegen verify` that are there for it"
 FINDS = "each check of `codegen verify` finds what it is there for, in every kind of controller"
 MCDC = "in the tests of the C every condition decides by itself"
+HELPERS = "helpers of one argument are right for all 2^32 inputs"
 FUZZED = "libFuzzer, guided by coverage, finds no crash and no broken bound"
 KINDS = "the checks of the C pass for every kind of controller, precision, map and storage"
 TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU"
@@ -85,25 +126,26 @@ IPOPT = "the optimum is that of IPOPT and of a search by brute force, on whole g
 DRIVES = "long closed-loop suites, a second plant and campaigns end as they should"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*")
+DRIVEN = ("codegen/design/*", "codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*")
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*")
 HERE = "tests.evidence"
 PARTS = (
     Part("builds", ALL_CHECKS, ("generated/4ws2*/manifest.json", *C), f"{HERE}.builds", VERIFY),
     Part("verify", FINDS, VERIFY),
-    Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{HERE}.mutation.mutation", CHECKS_OF_THE_C),
+    Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{HERE}.mutation.mutation", SIL),
     Part("faults", FAULTS, C, f"{HERE}.faults.planted", VERIFY),
-    Part(
-        "coverage", "the tests of the C run every line and every branch of it", C, f"{HERE}.coverage.coverage", CHECKS_OF_THE_C
-    ),
-    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", CHECKS_OF_THE_C),
-    Part("exhaustive", "helpers of one argument are right for all 2^32 inputs", C, f"{HERE}.exhaustive.exhaustive"),
-    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", ("templates/verify/*",)),
+    Part("coverage", "the tests of the C run every line and every branch of it", C, f"{HERE}.coverage.coverage", SIL),
+    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", SIL),
+    Part("exhaustive", HELPERS, C, f"{HERE}.exhaustive.exhaustive", ("codegen/verify/sanitizers/*",)),
+    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", FUZZING),
     Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", is_optional=True),
-    Part("kinds", KINDS, GENERATOR, runs=CHECKS_OF_THE_C),
-    Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*")),
+    Part("kinds", KINDS, GENERATOR, runs=SIL),
+    Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL),
     Part("ipopt", IPOPT, ("codegen/refmap/**/*", "codegen/vehicle/**/*")),
-    Part("drives", DRIVES, ("codegen/design/*", "codegen/sweep/**/*", "hil_sim/**/*", "generated/4ws2*/src/*")),
-    Part("vcan", "the bench works on real SocketCAN", BENCH, worker_count=0),  # one guest for all tests, which go by its clock
+    Part("drives", DRIVES, DRIVEN, runs=SIL),
+    Part(
+        "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
+    ),  # one guest for all tests, which go by its clock
     Part("browser", "report and explorer work in a browser", PAGES),
     Part(
         "guide",

@@ -13,7 +13,7 @@ from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence import __main__ as command
 from tests.evidence import pytest_part
-from tests.evidence.parts import PARTS, ROOT, Part, hash_of
+from tests.evidence.parts import PARTS, ROOT, Part, hash_of, matching, with_imports
 from tests.evidence.progress import Progress
 from tests.evidence.record import Record
 
@@ -26,7 +26,9 @@ def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Return a part whose module gives an outcome or raises an error, about a file that a test can change."""
     (tmp_path / "subject.c").write_text("int a;\n", encoding="ascii")
     monkeypatch.setattr("tests.evidence.parts.ROOT", tmp_path)
-    monkeypatch.setattr(Part, "hashes", lambda self: {"subject": hash_of(self.subject, tmp_path), "own_code": ""})
+    monkeypatch.setattr(
+        Part, "hashes", lambda self: {"subject": hash_of(matching(self.subject, tmp_path), tmp_path), "own_code": ""}
+    )
     monkeypatch.setattr(command, "SCRATCH", tmp_path / "scratch")
 
     def make(result: Outcome | Exception = PASSED, is_optional: bool = False) -> Part:
@@ -100,6 +102,21 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert run("pass", "assert False", quick=True).verdict is Verdict.PASSED
     finally:
         shutil.rmtree(folder)
+
+
+def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) -> None:
+    written = {
+        "tests/evidence/a/test_a.py": "import tests.b.one\n\ndef test():\n    from tests import c\n",
+        "tests/b/one.py": "from .two import x\nimport codegen.errors",
+        "tests/b/two.py": "from tests.evidence.parts import PARTS\nfrom tests.evidence import a",
+        "tests/b/data.c": "int a;",
+        "tests/c/__init__.py": "",
+    }
+    for name, text in written.items() | {("tests/b/other.py", ""), ("tests/evidence/parts.py", ""), ("codegen/errors.py", "")}:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="ascii")
+    found = with_imports(matching(["tests/evidence/a/*"], tmp_path), tmp_path)
+    assert {path.relative_to(tmp_path).as_posix() for path in found} == written.keys()
 
 
 def test_each_part_is_there() -> None:
