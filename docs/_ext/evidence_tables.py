@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from collections import Counter
 from typing import Any
 
-RECORDS = Path(__file__).resolve().parents[1] / "evidence"
+from tests.evidence.parts import PARTS
+from tests.evidence.record import Record
 
 
-def _runs() -> list[tuple[dict[str, Any], str, dict[str, Any]]]:
-    """Return record, form and run: of each record the full run, else the quick one."""
-    found = []
-    for path in sorted(RECORDS.glob("*.json")):
-        record = json.loads(path.read_text(encoding="utf-8"))
-        form = "full" if "full" in record["runs"] else "quick"
-        found.append((record, form, record["runs"][form]))
-    return found
+def _summary_row(record: Record) -> str:
+    """Return the row of a part: what it shows, then figure, form, state and duration of the run that speaks best for it."""
+    form = record.best
+    if form is None:
+        return f"| `{record.part.name}` | {record.part.shows} | no record | | |"
+    run = record.runs[form]
+    fault = record.fault(form)
+    return (
+        f"| `{record.part.name}` | {record.part.shows} | {run['figure']}{f' (**{fault}**)' if fault else ''} | {form} "
+        f"| {_duration(run['duration_s'])} |"
+    )
 
 
 def _duration(seconds: int) -> str:
@@ -25,25 +28,45 @@ def _duration(seconds: int) -> str:
 
 def summary() -> str:
     """Return one row for each part: what it shows, the figure, the form and duration of the run."""
-    lines = ["| part | shows that | figure | run | took |", "| --- | --- | --- | --- | --- |"]
-    for record, form, run in _runs():
-        verdict = "" if run["verdict"] == "passed" else f" (**{run['verdict']}**)"
-        shows = record["shows"]
-        lines.append(f"| `{record['part']}` | {shows} | {run['figure']}{verdict} | {form} | {_duration(run['duration_s'])} |")
-    return "\n".join(lines) + "\n"
+    lines = ["| part | a full run shows that | figure | run | took |", "| --- | --- | --- | --- | --- |"]
+    return "\n".join([*lines, *(_summary_row(Record.read(part)) for part in PARTS)]) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_cell, value))
+    return f"{value:,}" if isinstance(value, int) else str(value).replace("\n", " ")
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    escaped = [[cell.replace("|", "\\|") for cell in row] for row in (head, ["---"] * len(head), *rows)]
+    return "".join(f"| {' | '.join(row)} |\n" for row in escaped)
+
+
+def _section(record: Record, form: str) -> str:
+    run = record.runs[form]
+    rows = [["subject, SHA-256", f"`{run['hashes']['subject']}`"], ["own code, SHA-256", f"`{run['hashes']['own_code']}`"]]
+    rows += [[name, version] for name, version in sorted(run["tools"].items())]
+    tables: dict[tuple[str, ...], list[list[str]]] = {}
+    entries = {name: value for name, value in run["figures"].items() if isinstance(value, dict)}
+    shared = Counter(map(tuple, entries.values()))
+    for name, value in run["figures"].items():
+        if name not in entries:
+            rows.append([name, _cell(value)])
+        elif shared[tuple(value)] > 1:  # such as one for each file: a row of a table
+            tables.setdefault(tuple(value), []).append([name, *map(_cell, value.values())])
+        else:
+            rows += [[f"{name}: {inner}", _cell(figure)] for inner, figure in value.items()]
+    text = [f"## {record.part.name}\n", f"The {form} run ({record.fault(form) or 'passed'}): {run['figure']}.\n"]
+    text += [f"- {_cell(finding)}" for finding in run["findings"]] + [""] * bool(run["findings"])
+    text += [
+        _table(["", ""], rows),
+        *(_table(["", *(name.replace("_", " ") for name in names)], lines) for names, lines in tables.items()),
+    ]
+    return "\n".join(text)
 
 
 def details() -> str:
-    """Return a section for each part with all figures of its run, the tools and the hashes of what it ran on."""
-    parts = []
-    for record, form, run in _runs():
-        rows = [("subject, SHA-256", f"`{run['hashes']['subject']}`"), ("own code, SHA-256", f"`{run['hashes']['own_code']}`")]
-        rows += [(name, version) for name, version in sorted(run["tools"].items())]
-        for name, value in run["figures"].items():
-            if isinstance(value, dict):
-                rows += [(f"{name}: {inner}", str(figure)) for inner, figure in value.items()]
-            else:
-                rows.append((name, str(value)))
-        table = ["| | |", "| --- | --- |", *(f"| {name} | {value} |".replace("\n", " ") for name, value in rows)]
-        parts.append(f"## {record['part']}\n\nThe {form} run {run['verdict']}: {run['figure']}.\n\n" + "\n".join(table) + "\n")
-    return "\n".join(parts)
+    """Return a section for each part with its findings, all figures of its run, the tools and the hashes of what it ran on."""
+    records = map(Record.read, PARTS)
+    return "\n".join(_section(record, form) for record in records if (form := record.best))

@@ -1,7 +1,7 @@
 """`python -m tests.evidence [PART…] [--quick] [--changed] [--check]`: run parts of the evidence and record what they show.
 
 Without names all parts run. A part that was killed goes on where it was. Exit code 1: a part fails, a required tool is missing,
-or with --check a record does not match what is there.
+or with --check a record does not match what is there. 2: bad input. 130: Ctrl-C.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from codegen.verify.packages import MissingTool
 from tests.evidence import pytest_part
 from tests.evidence.parts import FOLDERS, PARTS, RECORDS, ROOT, Part, Run
 from tests.evidence.progress import Progress
-from tests.evidence.record import Form, Record
+from tests.evidence.record import FORMS, Form, Record
 
 SCRATCH = ROOT / "build" / "evidence"
 """Finished steps of the parts, until their code changes."""
@@ -34,6 +34,8 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     if options.changed:
         changed = [part for part in parts if not Record.read(part, records).is_current("full")]
         chosen = [part for part in parts if part in changed or part.name in options.parts]
+    for part in chosen:
+        Record.read(part, records)  # a file that is no record is an error before the run, not after it
     rows: list[tuple[Part, Outcome, float]] = []
     for part in chosen:
         print(f"... {part.name}", file=sys.stderr, flush=True)
@@ -66,12 +68,20 @@ def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.
 
 
 def _check(parts: Sequence[Part], records: Path) -> int:
-    """Report the records that do not speak of what is there: 1 if there is one."""
-    wrong = [part for part in parts if not part.is_optional and not Record.read(part, records).matches]
-    for part in wrong:
-        print(f"{part.name}: its record is not of this subject and code; run: make evidence PART={part.name} QUICK=1")
-    if not wrong:
-        print(f"{len(parts)} records match what is there")
+    """Report the records that do not speak of what is there, and those of no part: 1 if there is one."""
+    wrong = []
+    for part in parts:
+        try:
+            record = Record.read(part, records)
+        except CodegenError as error:
+            wrong.append(str(error))
+            continue
+        if not part.is_optional and not record.matches:
+            causes = "; ".join(f"{form} run: {record.fault(form)}" for form in FORMS)
+            wrong.append(f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1")
+    known = {part.name for part in PARTS} | {part.name for part in parts}
+    wrong += [f"{path}: there is no such part; delete it" for path in sorted(records.glob("*.json")) if path.stem not in known]
+    print("\n".join(wrong) or f"{len(parts)} records match what is there")
     return 1 if wrong else 0
 
 
@@ -100,4 +110,11 @@ def run_part(part: Part, effort: Effort) -> Outcome:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except CodegenError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on where it was", file=sys.stderr)
+        sys.exit(130)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import platform
 import subprocess
@@ -9,11 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from codegen.errors import CodegenError
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Outcome, Verdict
 from tests.evidence.parts import RECORDS, Part
 
 Form = Literal["full", "quick"]
+FORMS: tuple[Form, ...] = ("full", "quick")
+KEYS = {"hashes", "verdict", "figure", "findings", "figures", "tools", "duration_s"}
+"""Keys of a run."""
 
 
 def common_tools() -> dict[str, str]:
@@ -32,24 +37,46 @@ class Record:
 
     @classmethod
     def read(cls, part: Part, folder: Path = RECORDS) -> Record:
-        """Read the record of a part; without a file it has no runs. Raises ValueError: the file is not a record."""
+        """Read the record of a part; without a file it has no runs. Raises CodegenError: the file is not a record of it."""
         path = folder / f"{part.name}.json"
         if not path.is_file():
             return cls(part, {})
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content.get("part") != part.name or not isinstance(content.get("runs"), dict):
-            raise ValueError(f"{path.name} is not a record of part {part.name}")
-        return cls(part, content["runs"])
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if content["part"] == part.name and all(run.keys() >= KEYS for run in content["runs"].values()):
+                return cls(part, content["runs"])
+        except (ValueError, KeyError, TypeError, AttributeError):
+            pass
+        raise CodegenError(f"it is not a record of part {part.name}", where=path, remedy="delete it and run the part again")
+
+    @functools.cached_property
+    def hashes(self) -> dict[str, str]:
+        """Hashes of what is there now."""
+        return self.part.hashes()
+
+    def fault(self, form: str) -> str:
+        """Why a run of this form does not speak of what is there: empty if it passed on it."""
+        if form not in self.runs:
+            return "there is none"
+        run = self.runs[form]
+        changed = [name.replace("_", " ") for name, digest in self.hashes.items() if run["hashes"].get(name) != digest]
+        verdict = "" if run["verdict"] == Verdict.PASSED else run["verdict"]
+        return ", and ".join(filter(None, (verdict, f"{' and '.join(changed)} changed since" if changed else "")))
 
     def is_current(self, form: Form) -> bool:
         """Whether a run of this form passed on what is there now."""
-        run = self.runs.get(form)
-        return run is not None and run["hashes"] == self.part.hashes() and run["verdict"] == Verdict.PASSED
+        return not self.fault(form)
+
+    @property
+    def best(self) -> Form | None:
+        """The form of the run that speaks best for the part: a current one before others, a full one before a quick one."""
+        forms: list[Form] = [form for form in FORMS if form in self.runs]
+        return min(forms, key=lambda form: bool(self.fault(form)), default=None)
 
     @property
     def matches(self) -> bool:
         """Whether a full or a quick run passed on what is there now, so that the record speaks of it."""
-        return self.is_current("full") or self.is_current("quick")
+        return any(map(self.is_current, FORMS))
 
     def keep(self, form: Form, outcome: Outcome, hashes: dict[str, str], seconds: float, folder: Path = RECORDS) -> None:
         """Write a run, with `Part.hashes` when it began, into the record; the run of the other form stays."""

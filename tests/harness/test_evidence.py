@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 
+from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence import __main__ as command
@@ -56,6 +57,47 @@ def test_a_record_is_current_until_its_subject_changes(part: Make, tmp_path: Pat
     assert Record.read(sample, tmp_path).runs.keys() == {"full", "quick"}
     (tmp_path / "subject.c").write_text("int b;\n", encoding="ascii")
     assert command.main(["--check"], [sample], tmp_path) == 1
+
+
+def test_the_check_names_the_cause(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def cause() -> str:
+        assert command.main(["--check"], [sample], tmp_path) == 1
+        return capsys.readouterr().out
+
+    sample = part(Outcome("it works", "2 of 3", Verdict.FAILED, ("the third is wrong",)))
+    assert "full run: there is none; quick run: there is none; run: make evidence PART=sample" in cause()
+    command.main([], [sample], tmp_path)
+    assert "full run: failed; quick" in cause()
+    command.main([], [sample := part()], tmp_path)
+    (tmp_path / "subject.c").write_text("int b;\n", encoding="ascii")
+    assert "full run: subject changed since; quick" in cause()
+    (tmp_path / "other.json").write_text("{}", encoding="ascii")
+    assert "other.json: there is no such part" in cause()
+    for spoiled in ("{", "[]", '{"part": "sample", "runs": {"full": {}}}'):
+        (tmp_path / "sample.json").write_text(spoiled, encoding="ascii")
+        assert "sample.json: it is not a record of part sample; delete it" in cause()
+        with pytest.raises(CodegenError, match="not a record"):
+            command.main([], [sample], tmp_path)
+
+
+def test_the_page_shows_the_run_that_is_current(part: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs/_ext"))
+    import evidence_tables
+
+    figures = {"count": 30000, "a.c": {"of_all": 1, "wrong": 0}, "b.c": {"of_all": 2000, "wrong": 0}, "kind": {"x|y": [1, 2]}}
+    sample = part(Outcome("it works", "2 of 3", Verdict.FAILED, ("the third is wrong",), figures))
+    monkeypatch.setattr(evidence_tables, "PARTS", [sample])
+    monkeypatch.setattr(Record.read.__func__, "__defaults__", (tmp_path,))
+    assert "| `sample` | it works | no record | | |" in evidence_tables.summary()
+    command.main([], [sample], tmp_path)
+    assert "| 2 of 3 (**failed**) | full |" in evidence_tables.summary()
+    page = evidence_tables.details()
+    assert "- the third is wrong\n" in page and "| count | 30,000 |" in page and r"| kind: x\|y | 1, 2 |" in page
+    assert "|  | of all | wrong |\n| --- | --- | --- |\n| a.c | 1 | 0 |\n| b.c | 2,000 | 0 |\n" in page
+    command.main(["--quick"], [part()], tmp_path)
+    assert "| 3 of 3 | quick |" in evidence_tables.summary()
+    (tmp_path / "subject.c").write_text("int b;\n", encoding="ascii")
+    assert "| 2 of 3 (**failed, and subject changed since**) | full |" in evidence_tables.summary()
 
 
 def test_a_failed_run_is_recorded_and_a_missing_tool_is_not(
