@@ -6,6 +6,7 @@ or with --check a record does not match what is there. 2: bad input. 130: Ctrl-C
 
 import argparse
 import importlib
+import json
 import sys
 import time
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ from tests.evidence.record import FORMS, Form, Record
 
 SCRATCH = ROOT / "build" / "evidence"
 """Finished steps of the parts, until their code changes."""
+STEPS = (".passed", ".jsonl")
+"""Suffixes of the files of finished steps."""
 FINDINGS_SHOWN = 20
 """Largest number of findings printed for a part; the record holds all."""
 
@@ -39,9 +42,9 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     rows: list[tuple[Part, Outcome, float]] = []
     for part in chosen:
         print(f"... {part.name}", file=sys.stderr, flush=True)
-        begun, hashes = time.monotonic(), part.hashes()
-        outcome = run_part(part, Effort(options.quick))
-        rows.append((part, outcome, time.monotonic() - begun))
+        hashes = part.hashes()
+        rows.append((part, *run_part(part, Effort(options.quick))))
+        outcome = rows[-1][1]
         form: Form = "quick" if options.quick else "full"
         if outcome.verdict is not Verdict.NOT_RUN:
             Record.read(part, records).keep(form, outcome, hashes, rows[-1][2], records)
@@ -89,10 +92,14 @@ def _is_bad(part: Part, outcome: Outcome) -> bool:
     return outcome.verdict is Verdict.FAILED or (outcome.verdict is Verdict.NOT_RUN and not part.is_optional)
 
 
-def run_part(part: Part, effort: Effort) -> Outcome:
-    """Run one part. A missing tool and a build that cannot be tested are outcomes too."""
+def run_part(part: Part, effort: Effort) -> tuple[Outcome, float]:
+    """Run one part: its outcome and duration in s, with that of the runs that were cut short.
+
+    A missing tool and a build that cannot be tested are outcomes too.
+    """
     state = "-".join(digest[:16] for digest in part.hashes().values())
     scratch = SCRATCH / f"{part.name}-{'quick' if effort.quick else 'full'}-{state}"
+    begun = time.time() - _seconds_before(scratch)
     try:
         if not part.module:
             outcome = pytest_part.run(part, effort, scratch.with_suffix(".passed"))
@@ -100,13 +107,25 @@ def run_part(part: Part, effort: Effort) -> Outcome:
             run: Run = importlib.import_module(part.module).run
             outcome = run(FOLDERS, effort, Progress(scratch.with_suffix(".jsonl")))
     except MissingTool as error:
-        return Outcome(part.shows, "", Verdict.NOT_RUN, (str(error),))
+        outcome = Outcome(part.shows, "", Verdict.NOT_RUN, (str(error),))
     except CodegenError as error:
-        return Outcome(part.shows, "", Verdict.FAILED, (str(error),))
+        return Outcome(part.shows, "", Verdict.FAILED, (str(error),)), time.time() - begun
     if outcome.verdict is not Verdict.NOT_RUN:  # finished: the next run begins anew
-        for suffix in (".passed", ".jsonl"):
+        for suffix in (*STEPS, ".clock"):
             scratch.with_suffix(suffix).unlink(missing_ok=True)
-    return outcome
+    return outcome, time.time() - begun
+
+
+def _seconds_before(scratch: Path) -> float:
+    """Return the duration of earlier runs up to their last finished steps, in s, and store it with the time now."""
+    clock, seconds = scratch.with_suffix(".clock"), 0.0
+    finished = [path.stat().st_mtime for path in map(scratch.with_suffix, STEPS) if path.is_file()]
+    if finished and clock.is_file():
+        seconds, begun = json.loads(clock.read_text(encoding="ascii"))
+        seconds += max(0.0, max(finished) - begun)
+    clock.parent.mkdir(parents=True, exist_ok=True)
+    clock.write_text(json.dumps([seconds, time.time()]), encoding="ascii")
+    return seconds
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The evidence: parts run alone, resume, and leave records that say what they are about."""
 
 import json
+import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -112,6 +113,17 @@ def test_a_failed_run_is_recorded_and_a_missing_tool_is_not(
     assert command.main([], [failed], tmp_path) == 1
     assert "sample: the third is wrong" in capsys.readouterr().out
     assert not Record.read(failed, tmp_path).matches
+
+
+def test_the_duration_counts_the_runs_that_were_cut_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, steps = [100.0], tmp_path / "sample.jsonl"
+    monkeypatch.setattr(command.time, "time", lambda: now[0])
+    for begun, last_step, before in ((100.0, 130.0, 0.0), (500.0, 520.0, 30.0), (900.0, 0.0, 50.0), (990.0, 0.0, 50.0)):
+        now[0] = begun
+        assert command._seconds_before(tmp_path / "sample") == before
+        if last_step:
+            steps.touch()
+            os.utime(steps, (last_step, last_step))
 
 
 TESTS = """
