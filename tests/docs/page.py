@@ -65,13 +65,6 @@ SETUPS: Mapping[str, Callable[[Path], None]] = {
 GROUP, OWN_GROUP = "239.74.163.2", f"239.75.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 """The bus of the examples, and this process's own: pages are run side by side."""
 
-PROGRAMS: Mapping[str, tuple[str, ...]] = {
-    "docs/tutorial.md": ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm", "make"),
-    "docs/firmware.md": ("arm-none-eabi-gcc", "qemu-system-arm", "make"),
-    "docs/taking-over.md": ("make",),
-}
-"""Programs that a page needs beside a C compiler."""
-
 PROGRESS = re.compile(r"^\S[^\n]*: \d+ %\n", re.MULTILINE)  # a line of progress without a terminal
 
 

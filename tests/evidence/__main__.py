@@ -40,7 +40,12 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     for part in chosen:
         Record.read(part, records)  # a file that is no record is an error before the run, not after it
     rows: list[tuple[Part, Outcome, float]] = []
+    missing = {part.name: part.missing_tools() for part in chosen}
+    for line in (f"{name}: not run: {tool}" for name, tools in missing.items() for tool in tools):
+        print(line, flush=True)
     for part in chosen:
+        if missing[part.name]:
+            continue
         print(f"... {part.name}", file=sys.stderr, flush=True)
         hashes = part.hashes()
         rows.append((part, *run_part(part, Effort(options.quick))))
@@ -49,12 +54,15 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
         if outcome.verdict is not Verdict.NOT_RUN:
             Record.read(part, records).keep(form, outcome, hashes, rows[-1][2], records)
     for part, outcome, seconds in rows:
-        print(f"{part.name}: {outcome.verdict}: {outcome.figure} ({seconds:.0f} s)")
+        begin = f"{part.name}: not run" if outcome.verdict is Verdict.NOT_RUN else part.name
+        if outcome.verdict is not Verdict.NOT_RUN:
+            print(f"{part.name}: {outcome.verdict}: {outcome.figure} ({seconds:.0f} s)")
         for finding in outcome.findings[:FINDINGS_SHOWN]:
-            print(f"{part.name}: {finding}")
+            print(f"{begin}: {finding}")
         if len(outcome.findings) > FINDINGS_SHOWN:
             print(f"{part.name}: and {len(outcome.findings) - FINDINGS_SHOWN} more, in its record")
-    return 1 if any(_is_bad(part, outcome) for part, outcome, _ in rows) else 0
+    is_bad = any(missing[part.name] and not part.is_optional for part in chosen)
+    return 1 if is_bad or any(_is_bad(part, outcome) for part, outcome, _ in rows) else 0
 
 
 def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.Namespace:

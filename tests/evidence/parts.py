@@ -7,6 +7,7 @@ record names the hashes of its subject and of its own code; if either changes, t
 import ast
 import functools
 import hashlib
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,16 @@ from tests.evidence.progress import Progress
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "generated" / "4ws2", ROOT / "generated" / "4ws2-tracking")
 RECORDS = ROOT / "docs" / "evidence"
+
+PACKAGES = {
+    "gcov": "gcc",
+    "clang-19": "clang-19 libclang-rt-19-dev",
+    "llvm-profdata-19": "llvm-19",
+    "llvm-cov-19": "llvm-19",
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "frama-c": "frama-c-base",
+}
+"""Debian's packages with a program, where their names differ."""
 
 Run = Callable[[Sequence[Path], Effort, Progress], Outcome]
 
@@ -32,6 +43,7 @@ class Part:
         module: module with `run`; empty for a folder of pytest files of the part's name.
         runs: patterns of code outside `tests` that it runs, beside its subject.
         worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
+        tools: programs that it needs beside a C compiler.
         is_optional: whether the part may be missing, because few have its tool.
     """
 
@@ -41,6 +53,7 @@ class Part:
     module: str = ""
     runs: tuple[str, ...] = ()
     worker_count: int = 2
+    tools: tuple[str, ...] = ()
     is_optional: bool = False
 
     @property
@@ -54,6 +67,11 @@ class Part:
     def folder(self) -> Path:
         """Folder of the pytest files of a part without a module."""
         return ROOT / "tests" / "evidence" / self.name
+
+    def missing_tools(self) -> tuple[str, ...]:
+        """Return a sentence with its remedy for each program that is not installed."""
+        missing = [name for name in self.tools if shutil.which(name) is None]
+        return tuple(f"{name} is not installed: apt install {PACKAGES.get(name, name)}" for name in missing)
 
     def hashes(self) -> dict[str, str]:
         """Return the SHA-256 of the subject and of the part's own code, over names and contents of the files."""
@@ -127,6 +145,7 @@ DRIVES = "long closed-loop suites, a second plant and campaigns end as they shou
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*")
 DRIVEN = ("codegen/design/*", "codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*")
+FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*")
 HERE = "tests.evidence"
 PARTS = (
@@ -134,23 +153,36 @@ PARTS = (
     Part("verify", FINDS, VERIFY),
     Part("mutation", MUTATION, (*C, "generated/*.npz"), f"{HERE}.mutation.mutation", SIL),
     Part("faults", FAULTS, C, f"{HERE}.faults.planted", VERIFY),
-    Part("coverage", "the tests of the C run every line and every branch of it", C, f"{HERE}.coverage.coverage", SIL),
-    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", SIL),
+    Part(
+        "coverage",
+        "the tests of the C run every line and every branch of it",
+        C,
+        f"{HERE}.coverage.coverage",
+        SIL,
+        tools=("gcc", "gcov"),
+    ),
+    Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", SIL, tools=("clang-19", "llvm-profdata-19", "llvm-cov-19")),
     Part("exhaustive", HELPERS, C, f"{HERE}.exhaustive.exhaustive", ("codegen/verify/sanitizers/*",)),
-    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", FUZZING),
-    Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", is_optional=True),
+    Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", FUZZING, tools=("clang-19",)),
+    Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", tools=("frama-c",), is_optional=True),
     Part("kinds", KINDS, GENERATOR, runs=SIL),
-    Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL),
+    Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
     Part("ipopt", IPOPT, ("codegen/refmap/**/*", "codegen/vehicle/**/*")),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
     ),  # one guest for all tests, which go by its clock
-    Part("browser", "report and explorer work in a browser", PAGES),
+    Part("browser", "report and explorer work in a browser", PAGES, tools=("chromium",)),
     Part(
         "guide",
         "the commands of README and guide run, and print what stands there",
         ("README.md", "docs/*.md", "codegen/cli/*"),
+        tools=FIRMWARE,
     ),
-    Part("install", INSTALL, ("pyproject.toml", "requirements.lock", "Makefile", "scripts/*")),
+    Part(
+        "install",
+        INSTALL,
+        ("pyproject.toml", "requirements.lock", "Makefile", "scripts/*"),
+        tools=("git", "bash", "fish", "zsh"),
+    ),
 )

@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -106,8 +107,13 @@ def test_a_failed_run_is_recorded_and_a_missing_tool_is_not(
 ) -> None:
     missing = MissingTool("it is not installed", where="frama-c", remedy="apt install frama-c-base")
     assert command.main([], [part(missing)], tmp_path) == 1
-    assert "sample: frama-c: it is not installed; apt install frama-c-base" in capsys.readouterr().out
+    assert capsys.readouterr().out == "sample: not run: frama-c: it is not installed; apt install frama-c-base\n"
     assert command.main([], [part(missing, is_optional=True)], tmp_path) == 0
+    lacking = replace(part(AssertionError("it ran")), tools=("no-such-gcov", "sh", "no-such-clang"))
+    capsys.readouterr()
+    assert (command.main([], [lacking], tmp_path), command.main([], [replace(lacking, is_optional=True)], tmp_path)) == (1, 0)
+    first, second = (f"sample: not run: {name} is not installed: apt install {name}\n" for name in lacking.tools[::2])
+    assert capsys.readouterr().out == 2 * (first + second)
     assert not list(tmp_path.glob("*.json"))
     failed = part(Outcome("it works", "2 of 3", Verdict.FAILED, ("the third is wrong",)))
     assert command.main([], [failed], tmp_path) == 1

@@ -1,12 +1,11 @@
 """README and guide: the commands that they show work, and print what they show. See tests/docs/blocks.py for the rules."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 
 from tests.docs.blocks import PAGES, Block, blocks
-from tests.docs.page import PROGRAMS, SETUPS, run_page
+from tests.docs.page import SETUPS, run_page
 
 QUICK = ("README.md", "docs/own-map.md")
 """Pages of the quick form: the first commands of a new user, and a map of their own."""
@@ -22,7 +21,4 @@ def runnable(page: str) -> list[Block]:
     "page", [pytest.param(page, marks=() if page in QUICK else pytest.mark.long) for page in PAGES if runnable(page)]
 )
 def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
-    lacking = [program for program in PROGRAMS.get(page, ()) if shutil.which(program) is None]
-    if lacking:
-        pytest.skip(f"needs {', '.join(lacking)}")
     run_page(runnable(page), tmp_path, SETUPS.get(page))

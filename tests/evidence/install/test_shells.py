@@ -1,7 +1,6 @@
 """Completion in bash, fish and zsh, with the script that `codegen completion` prints."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -47,8 +46,6 @@ def bash(line: str, *words: str) -> tuple[str, ...]:
 def test_files_and_words_are_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], expected: str
 ) -> None:
-    if shutil.which(command[0]) is None:
-        pytest.skip(f"{command[0]} is not installed")
     program = tmp_path / "bin" / "codegen"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m codegen "$@"\n')

@@ -12,18 +12,11 @@ from codegen.emit.write import write_folder
 from codegen.errors import CodegenError
 from codegen.export.firmware import image
 from codegen.export.firmware.image import ImageRun, Toolchain, image_sizes, run_image
-from tests.evidence.toolchains.programs import tool
 from tests.export.test_firmware import made
 
 TOOLCHAINS: tuple[Toolchain, ...] = ("gcc", "zig")
 FAULT, LATE, SELFTEST = 2, 1, 3
 """Exit codes of the image."""
-
-
-@pytest.fixture(autouse=True)
-def _tools() -> None:
-    for name in ("make", "cmp", image.QEMU, image.GCC):
-        tool(name)
 
 
 def ran(files: Mapping[str, bytes], name: str = "4ws2", toolchain: Toolchain = "gcc") -> ImageRun:

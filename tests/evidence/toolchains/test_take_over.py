@@ -9,7 +9,6 @@ import pytest
 
 from codegen.emit.write import write_folder
 from tests.emit.test_take_over import BOTH_MAIN, SELFTEST_MAIN, done, made, project, run, text
-from tests.evidence.toolchains.programs import tool
 
 CMAKE_HELLO = """cmake_minimum_required(VERSION 3.13)
 project(hello LANGUAGES C)
@@ -29,9 +28,9 @@ int main(void)
 def cmake(folder: Path, *options: str) -> Path:
     """Configure and build a project; return the folder of the results."""
     at = folder / "made here"
-    command = [tool("cmake"), "-G", "Unix Makefiles", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", *options, "-S", folder, "-B", at]
+    command = ["cmake", "-G", "Unix Makefiles", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", *options, "-S", folder, "-B", at]
     done(run(command, folder))
-    done(run([tool("cmake"), "--build", at], folder))
+    done(run(["cmake", "--build", at], folder))
     return at
 
 
@@ -72,7 +71,7 @@ def test_link_time_optimisation_makes_no_constant_of_a_calibrated_number(tmp_pat
 def test_cmake_builds_and_tests_the_folder(tmp_path: Path) -> None:
     write_folder(made(), tmp_path / "folder")
     at = cmake(tmp_path / "folder", "-DCMAKE_C_FLAGS=-Wall -Wextra -Werror")
-    assert "100% tests passed" in done(run([tool("ctest"), "--test-dir", at, "--output-on-failure"], at))
+    assert "100% tests passed" in done(run(["ctest", "--test-dir", at, "--output-on-failure"], at))
 
 
 @pytest.mark.parametrize("main", ["the example", "the self-test"])
@@ -84,7 +83,7 @@ def test_a_fresh_cmake_project_needs_two_lines(tmp_path: Path, main: str) -> Non
     at = cmake(folder)
     assert ("yaw rate" if main == "the example" else "hello") in done(run([at / "hello"], folder))
     assert len(check_contraction(at)) == 1 + len([path for path in made().files if path.startswith("src/")])
-    assert "No tests were found" in run([tool("ctest"), "--test-dir", at], folder).stderr
+    assert "No tests were found" in run(["ctest", "--test-dir", at], folder).stderr
     assert not [*at.rglob("*example*"), *at.rglob("ars_ecu*")]
 
 
@@ -112,7 +111,7 @@ def test_two_builds_of_one_prefix_are_refused_with_the_remedy(tmp_path: Path) ->
     lists = CMAKE_HELLO + "add_subdirectory(ars)\nadd_subdirectory(rws)\n"
     folder = project(tmp_path / "ecu", {"CMakeLists.txt": lists, "main.c": SELFTEST_MAIN}, "ars")
     shutil.copytree(folder / "ars", folder / "rws")
-    result = run([tool("cmake"), "-G", "Unix Makefiles", "-S", folder, "-B", folder / "made"], folder)
+    result = run(["cmake", "-G", "Unix Makefiles", "-S", folder, "-B", folder / "made"], folder)
     assert result.returncode != 0
     assert "build one of the two with another --prefix" in " ".join(result.stderr.split())
 
