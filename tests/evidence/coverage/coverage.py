@@ -5,18 +5,17 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from codegen.config import Kind
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool, require
 from tests.evidence.progress import Progress
 from tests.sil.case import Case, committed
 from tests.sil.library import FLAGS, Compiler
-from tests.sil.suite import Judge, whole
+from tests.sil.suite import whole
 
 SHOWS = "the project's own tests run every line and every branch of the generated C"
 MEASURING = ("--coverage", "-fprofile-abs-path")
@@ -27,7 +26,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
-def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole) -> list[dict[str, Any]]:
+def measured(folder: Path) -> list[dict[str, Any]]:
     """Return the coverage of each unit of a build: path, counts, and a text for each line or branch that does not run.
 
     Raises:
@@ -38,7 +37,7 @@ def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole)
     with tempfile.TemporaryDirectory(prefix="ars-coverage-") as name:
         root = Path(name).resolve()
         case = committed(folder, root, Compiler((gcc,), FLAGS, MEASURING))
-        exercise(case, judges_of)
+        exercise(case)
         report = root / "coverage.json"
         gcovr = [sys.executable, "-m", "gcovr", "--root", str(root), "--gcov-executable", gcov, "--filter", f"{root}/src/"]
         run_tool([*gcovr, "--json", str(report), str(root / "src")], root)
@@ -61,14 +60,14 @@ def run_tool(command: Sequence[str], folder: Path) -> str:
     return done.stdout
 
 
-def exercise(case: Case, judges_of: Callable[[Kind], Sequence[Judge]]) -> Path:
+def exercise(case: Case) -> Path:
     """Compile the units with counters, run the judges, and return the library. The counts are written as it closes.
 
     Raises:
         BuildError: a judge fails.
     """
     case.compile()
-    for judge in judges_of(case.kind):
+    for judge in whole(case.kind):
         try:
             judge.run(case)
         except Exception as error:

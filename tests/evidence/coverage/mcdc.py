@@ -6,18 +6,16 @@ MC/DC, with masking only where "&&" and "||" skip the other conditions.
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from codegen.config import Kind
 from codegen.errors import BuildError
 from codegen.verify.check import Effort, Outcome, Verdict
 from tests.evidence.coverage.coverage import exercise, find_tool, run_tool
 from tests.evidence.progress import Progress
 from tests.sil.case import committed
 from tests.sil.library import FLAGS, Compiler
-from tests.sil.suite import Judge, whole
 
 SHOWS = "the project's own tests show for every condition of the generated C that it decides by itself"
 TOOLS = ("clang", "llvm-profdata", "llvm-cov")
@@ -30,7 +28,7 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     return outcome_of([one for folder in folders for one in progress.once(folder.name, lambda folder=folder: measured(folder))])
 
 
-def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole) -> list[tuple[str, str, bool]]:
+def measured(folder: Path) -> list[tuple[str, str, bool]]:
     """Return place, text and coverage of each condition in decisions of several conditions, for the units of a build.
 
     Raises:
@@ -41,7 +39,7 @@ def measured(folder: Path, judges_of: Callable[[Kind], Sequence[Judge]] = whole)
         root = Path(name).resolve()
         measuring = (f"-fprofile-instr-generate={root}/%m.profraw", "-fcoverage-mapping", "-fcoverage-mcdc")
         case = committed(folder, root, Compiler((clang,), FLAGS, measuring))
-        library = exercise(case, judges_of)
+        library = exercise(case)
         run_tool([profdata, "merge", *map(str, sorted(root.glob("*.profraw"))), "-o", "all.profdata"], root)
         report = json.loads(run_tool([cov, "export", "--instr-profile=all.profdata", str(library)], root))
         return [one for file in report["data"][0]["files"] for one in _conditions(case.name, root, file)]
