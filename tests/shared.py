@@ -15,6 +15,7 @@ import os
 import pickle
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,24 @@ VARIABLE = "ARS_TESTS_SHARED"
 """Environment variable with the folder of the run; workers inherit it from the process that starts them."""
 
 
+PREFIX = "ars-tests-run-"
+YOUNG_S = 60.0
+"""Age below which a folder is left alone: its run may not have locked it yet."""
+
+
 def begin() -> None:
-    """Create the folder of the run. Called once, by the process that starts the workers."""
-    os.environ[VARIABLE] = tempfile.mkdtemp(prefix="ars-tests-")
+    """Create the folder of the run, and remove those of runs that were killed. Called once, by the process with the workers."""
+    for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > YOUNG_S:
+                lock = os.open(path, os.O_RDONLY)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while the process lives
+                    shutil.rmtree(path)
+                finally:
+                    os.close(lock)
+    os.environ[VARIABLE] = tempfile.mkdtemp(prefix=PREFIX)
+    fcntl.flock(os.open(os.environ[VARIABLE], os.O_RDONLY), fcntl.LOCK_EX)  # until the process ends
 
 
 def end() -> None:

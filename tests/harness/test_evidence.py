@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from codegen.errors import CodegenError
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
+from tests import shared
 from tests.evidence import __main__ as command
 from tests.evidence import pytest_part
 from tests.evidence.parts import PARTS, ROOT, Part, hash_of, matching, with_imports
@@ -130,6 +132,19 @@ def test_the_duration_counts_the_runs_that_were_cut_short(tmp_path: Path, monkey
         if last_step:
             steps.touch()
             os.utime(steps, (last_step, last_step))
+
+
+def test_folders_of_runs_that_were_killed_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv(shared.VARIABLE, "")
+    shared.begin()
+    killed, alive = tmp_path / f"{shared.PREFIX}killed", shared.folder()
+    killed.mkdir()
+    for path, is_old, left in ((killed, False, True), (alive, True, True), (killed, True, False)):
+        if is_old:
+            os.utime(path, (0, 0))
+        shared.begin()
+        assert path.exists() is left
 
 
 TESTS = """
