@@ -21,7 +21,7 @@ SPEED_UNKNOWN = 1000.0
 INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
 
-STATE_SUM_MAX = 1e6
+STATE_MAX = 1e6
 """SI units; the largest number of a state is SPEED_UNKNOWN."""
 
 REST_MIN = 0.01
@@ -55,7 +55,7 @@ class ControllerView:
     state: tuple[FieldView, ...]
     numbers: tuple[str, ...]
     initialised: int
-    state_sum_max: str
+    state_max: str
     sampling_time: str
     period_text: str
     actuator_angle_max: str
@@ -145,7 +145,6 @@ _COMMON_STATE = (
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
     Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
     Field("real", "speed", "m/s, last one in range"),
-    Field("uint16_t", "missed_samples", "in a row, that the law predicted"),
     Field("uint16_t", "bad_samples", "lost less good ones, at most one above the limit"),
     Field("uint16_t", "good_samples", "in a row, counted in fail-safe"),
     Field("uint16_t", "implausible_samples", "less good ones, at most one above the limit"),
@@ -179,7 +178,7 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         state=tuple(state),
         numbers=tuple(numbers),
         initialised=INITIALISED,
-        state_sum_max=literal(STATE_SUM_MAX, precision),
+        state_max=literal(STATE_MAX, precision),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),

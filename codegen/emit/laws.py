@@ -57,11 +57,6 @@ class Law:
     uses_reference_model: bool = False
     points: Callable[[Config, str], tuple[tuple[str, int], ...]] = _no_arrays
 
-    @property
-    def has_feedback(self) -> bool:
-        """Whether it goes by the yaw-rate error."""
-        return self.gains is not _no_gains
-
 
 def law_of(config: Config) -> Law:
     """The law that the configuration names. Raises BuildError: it lacks what the law needs."""
@@ -209,6 +204,7 @@ LAWS = {
                 Field("real", "integral", "rad, of rear angle"),
                 Field("real", "front_angle", "rad, of the last sample"),
                 Field("real", "front_rate", "rad/s, smoothed"),
+                Field("uint16_t", "missed_samples", "that were predicted since the last good one"),
                 Field("real", "yaw_rate", "rad/s, of the last sample"),
                 Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
                 Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),

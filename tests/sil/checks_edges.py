@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from codegen.emit.controller_view import INITIALISED
 from codegen.emit.laws import law_of
 from codegen.sil.software import Measurement, Status
 from tests.builds import Built
@@ -71,6 +72,9 @@ def check_state_after_init(built: Built) -> None:
     assert state.rear_angle == float(built.real(0.02)) == state.limiter.rear_angle
     assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)
     assert (state.bad_samples, state.good_samples, state.implausible_samples) == (0, 0, 0)
+    assert state.initialised == INITIALISED
+    held = state.sample
+    assert (held.speed, held.front_angle, held.yaw_rate, held.friction, held.inhibit) == (state.speed, 0.0, 0.0, 0.0, True)
     assert state.speed > controller.parameters.hold_speed
     assert (state.limiter.speed, state.limiter.front_angle, state.limiter.speed_known) == (0.0, 0.0, False)
     receiver = built.software.new("e2e_receiver")
@@ -98,7 +102,7 @@ def check_unsound_memory(built: Built) -> None:
         fields = ffi.typeof(getattr(sound.state, struct)).fields
         numbers += [(struct, name) for name, field in fields if field.type.cname in ("float", "double")]
     spoiled = [(struct, name, value) for struct, name in numbers for value in (math.nan, math.inf, -math.inf)]
-    for case in [*spoiled, 0x00, 0xFF]:
+    for case in [*spoiled, ("", "yaw_rate_error", 1.005e6), 0x00, 0xFF]:
         ffi.memmove(sound.state, before if isinstance(case, tuple) else bytes([case]) * len(before), len(before))
         if isinstance(case, tuple):
             struct, name, value = case

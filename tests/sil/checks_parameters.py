@@ -196,5 +196,5 @@ def _check_what_fits_together(built: Built) -> None:
             setattr(parameters.limiter, name, beyond)
             assert software.function("parameters_valid")(parameters) == fits, "the limiter knows what the controller takes"
     parameters = software.parameters()
-    parameters.limiter.speed_max = math.nan
+    parameters.limiter.rear_rate_max = math.nan
     assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"

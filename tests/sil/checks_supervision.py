@@ -122,6 +122,7 @@ def check_recovery(built: Built) -> None:
     for bad in (LOST, None):
         assert {command.status for command in controller.run([good] * (needed - 1))} == {Status.FAIL_SAFE}
         assert controller.step(bad or good).status in ((Status.FAIL_SAFE,) if bad else RUNNING)
+    controller.run([good] * (needed - 1))
     assert controller.state.good_samples == 0, "counted in the fail-safe alone"
 
 

@@ -157,7 +157,6 @@ class SecondController:
 
     def _control(self, m: Measurement, runs: bool) -> Any:
         if not runs:
-            self.missed = 0
             self.start(m)
         reference, limited = self.law(m)
         self.status = Status.LIMITED if limited else Status.TRACKING
@@ -171,10 +170,6 @@ class SecondController:
         self.missed += 1
         reference, _ = self.law(self._last_good)
         return reference
-
-    def error_to(self, reference: Any, m: Measurement) -> Any:
-        """rad/s of the yaw rate, in this sample."""
-        return reference - m.yaw_rate if self.quality is Quality.GOOD else self.error
 
     def friction(self, m: Measurement) -> Any:
         """The estimate, not below the smallest that is believed; NaN: none."""
@@ -210,7 +205,7 @@ class SecondPi(SecondController):
     def law(self, m: Measurement) -> tuple[Any, bool]:
         p = self.parameter
         reference = self.map_yaw_rate(m)
-        error = self.error_to(reference, m)
+        error = reference - m.yaw_rate
         proportional = p("proportional_gain") * error
         low, high = self.actuator_range(m)
         integral = self.integral if m.inhibit else self.integral - p("integral_gain") * self.period * error

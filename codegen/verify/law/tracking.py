@@ -92,7 +92,7 @@ class SecondTracking(SecondController):
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
         reference = self.reachable_yaw_rate(sample, m.speed)
-        error = self.error_to(reference, m)
+        error = reference - m.yaw_rate if self.quality is Quality.GOOD else self.error
         gain, integral_gain = self.gains(m.speed)
         low, high = self.feedback_range(m, sample.rear_angle)
         if self.starting:

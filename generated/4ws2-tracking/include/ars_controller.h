@@ -114,6 +114,7 @@ typedef struct {
     float integral;                     /* rad, of rear angle */
     float front_angle;                  /* rad, of the last sample */
     float front_rate;                   /* rad/s, smoothed */
+    uint16_t missed_samples;            /* that were predicted since the last good one */
     float yaw_rate;                     /* rad/s, of the last sample */
     float reached;                      /* m/s^2 of lateral acceleration, lately */
     float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
@@ -121,7 +122,6 @@ typedef struct {
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
     float speed;                        /* m/s, last one in range */
-    uint16_t missed_samples;            /* in a row, that the law predicted */
     uint16_t bad_samples;               /* lost less good ones, at most one above the limit */
     uint16_t good_samples;              /* in a row, counted in fail-safe */
     uint16_t implausible_samples;       /* less good ones, at most one above the limit */

@@ -213,7 +213,7 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
     if (good && (controller->quality == ARS_QUALITY_LOST)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
-    if (good && (controller->quality == ARS_QUALITY_IMPLAUSIBLE)) {
+    if (controller->quality == ARS_QUALITY_IMPLAUSIBLE) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_IMPLAUSIBLE;
     }
     if (controller->bad_samples > self->parameters->degraded_samples_max) {

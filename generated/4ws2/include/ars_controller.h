@@ -96,7 +96,6 @@ typedef struct {
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
     float speed;                        /* m/s, last one in range */
-    uint16_t missed_samples;            /* in a row, that the law predicted */
     uint16_t bad_samples;               /* lost less good ones, at most one above the limit */
     uint16_t good_samples;              /* in a row, counted in fail-safe */
     uint16_t implausible_samples;       /* less good ones, at most one above the limit */

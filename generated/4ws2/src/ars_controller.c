@@ -29,8 +29,8 @@ ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad *
 /* Of memory that ars_controller_init() has been at; not zero, which is what memory holds before. */
 ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
 
-/* No sum of the state is ever so large. */
-ARS_SECTION_CONST static const float state_sum_max = 1.0e+06f;
+/* No number of the state is ever so large. */
+ARS_SECTION_CONST static const float state_max = 1.0e+06f;
 
 /* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
 ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
@@ -178,9 +178,7 @@ ARS_SECTION_CODE static void update_after_good_sample(ars_controller_t *self, co
         } else {
             /* between the two speeds nothing changes */
         }
-        if (!self->enabled) {
-            self->status = ARS_STATUS_STANDBY;
-        }
+        self->status = ARS_STATUS_STANDBY; /* where it is enabled, control() has the last word */
     }
 }
 
@@ -216,13 +214,6 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
     return ((own < behind) ? own : behind) * sampling_time;
 }
 
-/* rad/s. Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
-ARS_SECTION_CODE static float yaw_rate_error(
-    const ars_controller_t *self, const ars_measurement_t *measurement, float reference, law_phase_t phase)
-{
-    return (phase == LAW_PREDICTS) ? self->yaw_rate_error : (reference - measurement->yaw_rate);
-}
-
 /* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
 ARS_SECTION_CODE static void law_init(ars_controller_t *self)
 {
@@ -253,7 +244,7 @@ ARS_SECTION_CODE static bool law_step(
 {
     const float reference
         = ars_map_yaw_rate_on_road(measurement->speed, measurement->front_angle, known_friction(parameters, measurement));
-    const float error = yaw_rate_error(self, measurement, reference, phase);
+    const float error = reference - measurement->yaw_rate;
     const float proportional = parameters->proportional_gain * error;
     const float step = command_step(parameters);
     /* Bumpless: with this integral the first demand is the angle that is commanded now. */
@@ -298,7 +289,6 @@ ARS_SECTION_CODE static void control(
     self->status = limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
     self->yaw_rate_error = self->yaw_rate_reference - measurement->yaw_rate;
     self->sample = *measurement;
-    self->missed_samples = 0u;
 }
 
 /* The last good sample stands for the missing one. What an implausible yaw rate was about to do is not integrated. */
@@ -306,7 +296,6 @@ ARS_SECTION_CODE static void predict(ars_controller_t *self, const ars_parameter
 {
     self->sample.inhibit = self->sample.inhibit || (self->quality == ARS_QUALITY_IMPLAUSIBLE);
     (void)law_step(self, parameters, &self->sample, LAW_PREDICTS);
-    self->missed_samples++;
 }
 
 /* The last word on the command. */
@@ -369,13 +358,12 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
     self->speed = speed_unknown;
-    self->sample.speed = 0.0f;
+    self->sample.speed = speed_unknown;
     self->sample.front_angle = 0.0f;
     self->sample.yaw_rate = 0.0f;
     self->sample.rear_angle = start;
     self->sample.friction = 0.0f;
     self->sample.inhibit = true;
-    self->missed_samples = 0u;
     self->bad_samples = 0u;
     self->good_samples = 0u;
     self->implausible_samples = 0u;
@@ -387,19 +375,18 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     law_init(self);
 }
 
-/* False for memory that was never initialised, and where a number of the state is none: their sum is none then. */
+/* False for memory that was never initialised, and where a number of the state is none. */
 ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 {
-    const float sum = self->integral
-        + self->rear_angle
-        + self->yaw_rate_reference
-        + self->yaw_rate_error
-        + self->speed
-        + self->limiter.rear_angle
-        + self->limiter.speed
-        + self->limiter.front_angle;
-
-    return (self->initialised == initialised) && is_within(sum, state_sum_max);
+    return (self->initialised == initialised)
+        && is_within(self->integral, state_max)
+        && is_within(self->rear_angle, state_max)
+        && is_within(self->yaw_rate_reference, state_max)
+        && is_within(self->yaw_rate_error, state_max)
+        && is_within(self->speed, state_max)
+        && is_within(self->limiter.rear_angle, state_max)
+        && is_within(self->limiter.speed, state_max)
+        && is_within(self->limiter.front_angle, state_max);
 }
 
 ARS_SECTION_CODE ars_command_t ars_controller_step(

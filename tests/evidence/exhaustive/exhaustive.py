@@ -38,7 +38,7 @@ OTHERS: Mapping[str, str] = {
     "reference_model: curve_at": "judged through both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "controller: leaked": "takes a count, of which the checks of the supervision meet every value",
-    **{f"controller: {name}": SEVERAL for name in ("allowed", "counted", "yaw_rate_error")},
+    **{f"controller: {name}": SEVERAL for name in ("allowed", "counted")},
     **{f"controller: {name}": SEVERAL for name in ("reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
