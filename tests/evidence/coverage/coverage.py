@@ -77,11 +77,16 @@ def exercise(case: Case) -> Path:
     return case.library
 
 
+UNREACHABLE = {("src/ars_reference_model.c", 186)}
+"""File and line of branches without an input: the bound on the determinant of the implicit step, which the proof needs."""
+
+
 def _unit(build: str, file: dict[str, Any]) -> dict[str, Any]:
     path = f"{build}/{file['file']}"
     lines = {line["line_number"]: line for line in file["lines"] if not line.get("gcovr/noncode")}
     idle = [number for number, line in lines.items() if line["count"] == 0]
     branches = [(number, k, each["count"]) for number, line in lines.items() for k, each in enumerate(line["branches"])]
+    branches = [each for each in branches if each[2] or (file["file"], each[0]) not in UNREACHABLE]
     untaken = [(number, k) for number, k, count in branches if count == 0]
     missed = [f"{path}:{number}: never runs" for number in idle]
     missed += [f"{path}:{number}: branch {k} is never taken" for number, k in untaken if number not in idle]
