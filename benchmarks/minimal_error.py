@@ -16,18 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.tables import CountReport, Row
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen.config import KM_H
 from codegen.errors import CheckFailed
-from codegen.refmap.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software
 from codegen.vehicle.dynamics import PLANT_OUTPUTS, PLANT_STATES, two_track
 from hil_sim.metrics.run import column
 from hil_sim.metrics.step import slip_bounds
-from hil_sim.suite.candidate import RECOMMENDED_CASE
+from hil_sim.suite.candidate import recommended
 from hil_sim.suite.cells import STEER_TIME, Cell, cells
-from hil_sim.suite.subjects import DELAY_SAMPLES, Subject, of_config, tuned
+from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,14 +35,14 @@ AFTER_S = 2.0
 
 REQUIRED = 2.5
 SLIP_FACTOR = 1.25
-"""Times the map's bound of the rear slip, where the optimum has to keep to it. The front slip is the driver's: with the
+"""Factor on the map's bound of the rear slip, where the optimum has to keep to it. The front slip is the driver's: with the
 largest angles it begins beyond three times its bound."""
 
 SUBSTEPS = 2
-"""Of the integration in one control sample; the replay on the plant takes its own steps of 1 ms."""
+"""Integration steps in one control sample; the replay on the plant takes its own steps of 1 ms."""
 
 REPLAY_TOLERANCE = 0.02
-"""Of the error, between the optimum's own integration and its replay."""
+"""Largest relative difference of the error between the optimum's own integration and its replay."""
 
 SMOOTHING_S2 = 1e-8
 """s^2: weight of the rear angle's rate squared beside the error squared. It decides where the error does not."""
@@ -209,17 +207,12 @@ class StepSteer:
         return ca.Function("step", [state, rate, front], [at, rear_slip])
 
 
-def recommended() -> tuple[Config, Subject]:
-    """The recommended preset, tuned, on its own map."""
-    config = tuned(configuration.preset("recommended"))
-    return config, of_config("tracking", solve_case(config, RECOMMENDED_CASE), config)
-
-
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Compare all cells of the test set from 80 km/h on; `quick` takes one amplitude."""
-    config, subject = recommended()
-    software = subject.around(config)
-    chosen = [cell for cell in cells(config, config.case(RECOMMENDED_CASE)) if cell.speed_km_h in SPEEDS_KM_H]
+    line_up = recommended().line_up()
+    subject = line_up.tested
+    software = subject.around(subject.config)
+    chosen = [cell for cell in cells(subject.config, line_up.case) if cell.speed_km_h in SPEEDS_KM_H]
     rows = []
     for cell in chosen:
         if not quick or cell.share in QUICK_SHARES:

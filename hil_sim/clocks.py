@@ -30,7 +30,7 @@ class Clocks:
         return self.drift_ppm != 0.0 or self.jitter_ms != 0.0
 
     def sending_times(self, count: int, period: float, seed: int = 0) -> FloatArray:
-        """Times (count,) in s of the ECU's clock at which the car sends; both clocks tick together in the middle.
+        """Return the times (count,) in s of the ECU's clock at which the car sends; both clocks tick together in the middle.
 
         Args:
             period: s, the nominal one of both.
@@ -71,3 +71,5 @@ class Clocks:
 
 IN_STEP = Clocks()
 """One clock."""
+FREE_RUNNING = Clocks(drift_ppm=100.0, jitter_ms=0.7)
+"""Two quartz oscillators of 50 ppm each, the usual tolerance, and the jitter of a task and of a bus that others share."""

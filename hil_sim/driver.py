@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
+from codegen.design.sampled import matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.paths import RoadPath
 
@@ -41,7 +42,7 @@ class PreviewDriver:
         self._path, self._speed = path, speed
         self._ratio, self._stop = config.steering.ratio, config.steering.front_angle_stop
         step = PREVIEW_TIME_S / PREVIEW_POINTS
-        transition = _exponential(step * _model(config, speed))
+        transition = matrix_exponential(step * _model(config, speed))
         power: FloatArray = np.eye(len(transition))
         rows = []
         for _ in range(PREVIEW_POINTS):
@@ -83,13 +84,3 @@ def _model(config: Config, speed: float) -> FloatArray:
             rates[2:4, 4] = effects
     rates[2, 3] -= speed
     return rates
-
-
-def _exponential(matrix: FloatArray) -> FloatArray:
-    """exp of a matrix whose norm is of the order of one: its series, to the precision of the numbers."""
-    result: FloatArray = np.eye(len(matrix))
-    term = result
-    for order in range(1, 40):
-        term = term @ matrix / order
-        result = result + term
-    return result

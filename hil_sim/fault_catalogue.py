@@ -18,7 +18,7 @@ from codegen.emit.laws import law_of
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres
 from hil_sim.bench import BenchResult
-from hil_sim.clocks import IN_STEP, Clocks
+from hil_sim.clocks import FREE_RUNNING, IN_STEP, Clocks
 from hil_sim.diagnostics import causes
 from hil_sim.faults import Fault, FaultKind
 from hil_sim.manoeuvres import Settings
@@ -114,7 +114,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         case("duplicate", "each frame twice for 50 samples", fine, "duplicate", 50),
         case("reorder", "each frame after its successor for 50 samples", safe, "reorder", 50),
         case("burst", "frames two by two: none in a cycle and both in the next, for 50 samples", held, "burst", 50),
-        FaultCase("clocks", "two clocks, 100 ppm apart, jitter 0.7 ms", (), held, Clocks(drift_ppm=100.0, jitter_ms=0.7)),
+        FaultCase("clocks", "two clocks, 100 ppm apart, jitter 0.7 ms", (), held, FREE_RUNNING),
         case("corrupt-3", "a bit flipped in 3 samples", held, "corrupt", 3),
         case("corrupt-50", "a bit flipped in 50 samples", safe, "corrupt", 50),
         case("corrupt-command", f"a bit flipped in 50 frames of {command}", safe, "corrupt", 50, message=command),

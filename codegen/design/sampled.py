@@ -164,7 +164,7 @@ def sample_of(a: FloatArray, b: FloatArray, time: float, delay: int) -> SampledC
     augmented = np.zeros((*b.shape[:-1], states + 1, states + 1))
     augmented[..., :states, :states] = a
     augmented[..., :states, states] = b
-    exponential = _exponential(time * augmented)
+    exponential = matrix_exponential(time * augmented)
     transition, inputs = exponential[..., :states, :states].copy(), exponential[..., :states, states].copy()
     return SampledCar(transition, inputs, time, delay, *_transfer_function(transition, inputs))
 
@@ -206,7 +206,7 @@ def _continuous(config: Config, family: Sequence[Member], speed: FloatArray) -> 
     return a, b
 
 
-def _exponential(matrices: FloatArray) -> FloatArray:
+def matrix_exponential(matrices: FloatArray) -> FloatArray:
     """exp of matrices (..., k, k) by scaling, Taylor polynomial and squaring, all at once: scipy's takes them one by one.
 
     Scaled to a norm of 1/2, the polynomial of order 14 is exact to rounding: 0.5**15/15! = 2e-17.

@@ -1,4 +1,4 @@
-"""What a build knows of its own safety before it runs: margins of its feedback, what losing the function means, what the
+"""Facts about the safety of a build before it runs: margins of its feedback, what losing the function means, what the
 limiter cuts off the map, and by how much its reference model turns more than a map of the nonlinear car allows."""
 
 from __future__ import annotations

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hil_sim.clocks import Clocks
+from hil_sim.clocks import FREE_RUNNING
 from hil_sim.faults import Fault
 from hil_sim.metrics.run import column
 from hil_sim.runs import run_through_can
 from hil_sim.scenarios import Scenario, find
 from hil_sim.suite.subjects import Subject
-
-FREE_RUNNING = Clocks(drift_ppm=100.0, jitter_ms=0.7)
-"""Two quartz oscillators of 50 ppm each, the usual tolerance, and the jitter of a task and of a bus that others share."""
 
 SETTLING_TIME_S = 3.0
 """s after the moment sets in. Before, the age of the samples delays the correction, whatever the law."""

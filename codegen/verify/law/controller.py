@@ -22,7 +22,7 @@ SPEED_UNKNOWN = 1000.0
 
 
 class Quality(Enum):
-    """Of a sample."""
+    """What a sample is worth."""
 
     GOOD = auto()
     LOST = auto()
@@ -105,7 +105,7 @@ class SecondController:
         return Command(float(self.angle), float(yaw_rate_reference), self.status)
 
     def _judge(self, m: Measurement) -> Quality:
-        """Of a sample, which is counted: up to one above each limit, and a good one takes one off both."""
+        """Judge a sample and count it: up to one above each limit; a good one takes one off both."""
         if abs(m.speed) <= self.parameter("speed_max"):
             self.last_speed = m.speed
         if not self._in_range(m):
