@@ -39,7 +39,7 @@ def check_tracking_state_after_init(built: Built) -> None:
     """At rest, at the given angle; nothing is known of the road but the map."""
     state = built.software.controller(0.02).state
     held = float(built.real(0.02))
-    for name in ("trim", "integral", "front_angle", "front_rate", "yaw_rate", "reached"):
+    for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate", "reached"):
         assert getattr(state, name) == 0.0, name
     assert (state.model.yaw_rate, state.model.rear_angle) == (0.0, held)
     assert abs(state.model.sideslip_angle - held) <= built.eps * held, "the rear wheels' own direction"
