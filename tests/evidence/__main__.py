@@ -5,6 +5,7 @@ or with --check a record does not match what is there. 2: bad input. 130: Ctrl-C
 """
 
 import argparse
+import faulthandler
 import importlib
 import json
 import sys
@@ -137,6 +138,7 @@ def _seconds_before(scratch: Path) -> float:
 
 
 if __name__ == "__main__":
+    faulthandler.enable()  # a part that brings the process down leaves its place
     try:
         sys.exit(main())
     except CodegenError as error:

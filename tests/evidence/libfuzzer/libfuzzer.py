@@ -16,7 +16,7 @@ from typing import Any
 from codegen.sil.toolchain import compiler_identity
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.fuzzing.check import SHOWS
-from codegen.verify.fuzzing.harness import HARNESSES, Name, seeds, source
+from codegen.verify.fuzzing.harness import Name, seeds, source
 from codegen.verify.sanitizers.sanitized import Compiler, compiled, environment, findings_of
 from tests.evidence.coverage.coverage import find_tool
 from tests.evidence.coverage.mcdc import VERSION
@@ -48,8 +48,11 @@ class Run:
 def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
     """Run the part. Raises MissingTool: clang is not installed."""
     clang, count = find_clang(), QUICK_RUNS if effort.quick else RUNS
-    todo: list[tuple[str, Subject, Name]] = [
-        (f"{subject.name} {name}", subject, name) for subject in map(Subject.read, folders) for name in HARNESSES
+    todo: list[tuple[str, Subject, Name, Sequence[bytes]]] = [
+        # Seeds are made before the threads: CasADi releases the interpreter's lock, and its symbols are not safe in threads.
+        (f"{subject.name} {name}", subject, name, inputs)
+        for subject in map(Subject.read, folders)
+        for name, inputs in seeds(subject).items()
     ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         running = {key: pool.submit(fuzz, clang, *what, count) for key, *what in todo if progress.get(f"{key} {count}") is None}
@@ -74,11 +77,14 @@ def find_clang() -> Compiler:
     return Compiler((path,), compiler_identity((path,), ())[0])
 
 
-def fuzz(clang: Compiler, subject: Subject, name: Name, count: int, kept: Path = KEPT) -> Run:
-    """Fuzz one harness of a build; inputs that break a property are kept. Raises BuildError: the C does not compile."""
+def fuzz(clang: Compiler, subject: Subject, name: Name, inputs: Sequence[bytes], count: int, kept: Path = KEPT) -> Run:
+    """Fuzz one harness of a build from some first inputs; those that break a property are kept.
+
+    Raises BuildError: the C does not compile.
+    """
     kept.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="ars-corpus-") as corpus:
-        for number, data in enumerate(seeds(subject)[name]):
+        for number, data in enumerate(inputs):
             Path(corpus, f"seed-{number:02}").write_bytes(data)
         prefix = f"-artifact_prefix={kept}/{subject.name}-{name}-"
         found = read(*_execute(clang, subject, name, (COUNTED,), (corpus, f"-runs={count}", prefix)))
