@@ -55,7 +55,11 @@ def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
         for name, inputs in seeds(subject).items()
     ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        running = {key: pool.submit(fuzz, clang, *what, count) for key, *what in todo if progress.get(f"{key} {count}") is None}
+        running = {
+            key: pool.submit(fuzz, clang, subject, name, inputs, count)
+            for key, subject, name, inputs in todo
+            if progress.get(f"{key} {count}") is None
+        }
         results: dict[str, dict[str, Any]] = {
             key: progress.once(f"{key} {count}", lambda key=key: asdict(running[key].result())) for key, *_ in todo
         }
