@@ -26,16 +26,16 @@ CARS, RAW = 20, 15
 """Those of the steering that goes with a capped yaw rate, where the car lies between two frictions; and of what turns the raw
 numbers of a table into values."""
 
-COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 96}
+COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 128}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
-    "pi": {"step_instructions_max": 375, "task_instructions_max": 1_200},
-    "proportional": {"step_instructions_max": 375, "task_instructions_max": 1_200},
-    "feedforward": {"step_instructions_max": 375 + SECOND_TABLE, "task_instructions_max": 1_200 + SECOND_TABLE},
+    "pi": {"step_instructions_max": 560, "task_instructions_max": 1_400},
+    "proportional": {"step_instructions_max": 560, "task_instructions_max": 1_400},
+    "feedforward": {"step_instructions_max": 560 + SECOND_TABLE, "task_instructions_max": 1_400 + SECOND_TABLE},
     "tracking": {
-        "step_instructions_max": 1_500,
-        "task_instructions_max": 2_500,
+        "step_instructions_max": 1_250,
+        "task_instructions_max": 2_200,
         "task_stack_bytes_max": 320,
-        "state_bytes_max": 128,
+        "state_bytes_max": 176,
     },
 }
 """For a map with even breakpoints and one friction."""

@@ -145,9 +145,6 @@ class Config(Section):
             raise ValueError("controller.inputs.front_angle_max_deg must not be below steering.front_angle_stop_deg")
         if inputs.speed_max_km_h <= self.controller.enable_speed_km_h:
             raise ValueError("controller.inputs.speed_max_km_h must be above controller.enable_speed_km_h")
-        fail_safe = self.controller.fail_safe
-        if fail_safe.rate_at_hold_speed_deg_s > fail_safe.rate_at_standstill_deg_s:
-            raise ValueError("controller.fail_safe.rate_at_hold_speed_deg_s must not be above rate_at_standstill_deg_s")
         if min(self.steering.lag_s, self.rear_actuator.lag_s) < 2.0 * self.plant.sampling_time_s * (1.0 - 1e-9):
             raise ValueError("steering.lag_s and rear_actuator.lag_s must be at least twice plant.sampling_time_s")
         if inputs.friction_max < self.road.friction:

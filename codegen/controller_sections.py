@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from codegen.sections import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
-IMPLAUSIBLE_TIME_MAX_S, DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 10.0, 1.0, 10_000
+DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond them the fail-safe would as good as never act, or never end."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
@@ -23,7 +23,13 @@ Kind = Literal["tracking", "pi", "feedforward", "proportional"]
 
 
 class Inputs(Section):
-    """Ranges that the controller accepts, and when a yaw rate stops being believable."""
+    """Which measurements the controller believes, and what stands for others.
+
+    Each has a range, and a rate at which a car can change it. A yaw rate is believed up to what steering and road explain, and
+    a tolerance; it is frozen where it stays to the bit while the linear car with these angles moves away from it. A wrong
+    signal counts again where it agrees with the others. The lag is that of the yaw rate behind the front angle,
+    friction_recovery_1_s how fast a lost estimate of the friction is forgotten.
+    """
 
     speed_max_km_h: Annotated[float, Range(20.0, 500.0, "km/h")] = 400.0
     front_angle_max_deg: Annotated[float, Range(1.0, 60.0, "deg")] = 45.0
@@ -31,17 +37,24 @@ class Inputs(Section):
     rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
     friction_max: Annotated[float, Range(0.1, 2.0)] = 1.5
     yaw_rate_tolerance_deg_s: Annotated[float, Range(1.0, 180.0, "deg/s")] = 30.0
-    implausible_time_s: Annotated[float, Range(0.01, IMPLAUSIBLE_TIME_MAX_S, "s")] = 0.3
+    lateral_acceleration_max_m_s2: Annotated[float, Range(2.0, 100.0, "m/s^2")] = 12.0
+    acceleration_max_m_s2: Annotated[float, Range(5.0, 1_000.0, "m/s^2")] = 50.0
+    front_angle_rate_max_deg_s: Annotated[float, Range(10.0, 5_000.0, "deg/s")] = 100.0
+    yaw_acceleration_max_deg_s2: Annotated[float, Range(50.0, 100_000.0, "deg/s^2")] = 570.0
+    yaw_rate_frozen_deg_s: Annotated[float, Range(0.1, 600.0, "deg/s")] = 3.0
+    yaw_rate_lag_s: Annotated[float, Range(0.01, 2.0, "s")] = 0.15
+    speed_agreement_km_h: Annotated[float, Range(0.1, 100.0, "km/h")] = 3.6
+    yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 1.7
+    speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2")] = 0.5
+    friction_recovery_1_s: Annotated[float, Range(0.001, 10.0, "1/s")] = 0.1
 
 
 class FailSafe(Section):
-    """Reaction to inputs that stay lost or implausible."""
+    """How long inputs may be missing, how long they must be back, and how fast the rear angle goes to zero without them."""
 
     degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
     recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
-    hold_above_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] = 60.0
-    rate_at_standstill_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
-    rate_at_hold_speed_deg_s: Annotated[float, Range(0.02, 100.0, "deg/s")] = 0.5
+    rate_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 3.0
 
 
 class Schedule(Section):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from codegen.emit.can_view import STATUSES, CanView
 from codegen.emit.controller_view import ControllerView
+from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
 from codegen.emit.parameters import ParameterView
@@ -112,7 +113,13 @@ class A2lView:
 
 
 def a2l_view(
-    prefix: str, precision: Precision, controller: ControllerView, limiter: LimiterView, map_view: MapView, can: CanView
+    prefix: str,
+    precision: Precision,
+    controller: ControllerView,
+    inputs: InputsView,
+    limiter: LimiterView,
+    map_view: MapView,
+    can: CanView,
 ) -> A2lView:
     """The view of a build; every parameter, axis and table of its calibration, and what the task keeps."""
     real = "FLOAT32_IEEE" if precision == "single" else "FLOAT64_IEEE"
@@ -121,16 +128,18 @@ def a2l_view(
     parameters = lists.parameters(controller.parameters, f"{prefix}.parameters", default, controller.points)
     highest = next(view.high for view in controller.parameters if view.name == "rear_angle_max")
     bounded = [replace(view, high=highest) if view.name in OF_THE_ANGLE else view for view in limiter.parameters]
+    monitoring = lists.parameters(inputs.parameters, f"{prefix}.inputs", f"{default}.inputs", ())
     limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter", points)
     numbers = lists.map(map_view)
     measured = (*lists.state(controller), *lists.received(can), *lists.counters())
     groups = (
         Group(f"{prefix}.parameters", "parameters of the controller", tuple(each.name for each in parameters)),
+        Group(f"{prefix}.inputs", "parameters of the monitoring of the inputs", tuple(each.name for each in monitoring)),
         Group(f"{prefix}.limiter", "parameters of the safety limiter", tuple(each.name for each in limits)),
         Group(f"{prefix}.map", "reference map and its axes", tuple(each.name for each in numbers)),
         Group(f"{prefix}.measurements", "of the task and its controller", (), tuple(each.name for each in measured)),
     )
-    objects: list[Axis | Adjustable] = [*parameters, *limits, *numbers]
+    objects: list[Axis | Adjustable] = [*parameters, *monitoring, *limits, *numbers]
     axes = tuple(each for each in objects if isinstance(each, Axis))
     adjustables = tuple(each for each in objects if isinstance(each, Adjustable))
     scales = tuple(lists.scales(map_view))

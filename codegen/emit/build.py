@@ -20,6 +20,7 @@ from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
 from codegen.emit.dynamics_view import DynamicsView, dynamics_view
 from codegen.emit.evidence import Evidence, margins_text
+from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_cut import cut_text
 from codegen.emit.limiter_view import limiter_view
@@ -39,9 +40,9 @@ from codegen.refmap.place import Placed, Request, choose
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
-HEADERS = ("sections", "map", "limiter", "controller", "dynamics", "e2e", "can", "task")
-SOURCES = ("calibration", "map", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
-NUMBERS = {"zero": 0.0, "half": 0.5, "one": 1.0, "minus_one": -1.0}
+HEADERS = ("sections", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task")
+SOURCES = ("calibration", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
+NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H
@@ -152,6 +153,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "map": table,
         "controller": controller_view(config, total, options.prefix, options.precision, real),
         "law": law,
+        "inputs": inputs_view(config, options.prefix, options.precision, real),
         "limiter": limiter_view(config, options.prefix, options.precision, real),
         "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
         "dynamics": dynamics,
@@ -163,7 +165,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
     context["a2l"] = a2l_view(
-        options.prefix, options.precision, context["controller"], context["limiter"], table, context["can"]
+        options.prefix, options.precision, context["controller"], context["inputs"], context["limiter"], table, context["can"]
     )
     bound = error_bound(total, numpy_type(options.precision))
     evidence = Evidence.of(reference_map, total, config, numpy_type(options.precision))

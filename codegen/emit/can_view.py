@@ -61,12 +61,12 @@ _RECEPTION = (
     ("SOME_LOST", "frames were lost in between, few enough to go on", "lost in between"),
 )
 _OTHERS = (
-    ("UNAVAILABLE", "a signal is not available or out of range", "signal unavailable or out of range"),
-    ("IMPLAUSIBLE", "the yaw rate is not explained by speed and steering", "yaw rate implausible"),
+    ("UNAVAILABLE", "front angle or yaw rate is not available, out of range or impossible", "signal unavailable"),
+    ("REPLACED", "a signal is replaced by what the others say", "signal replaced"),
     ("TASK_LATE", "a message came more than once since the last call of the task", "task late"),
     ("TASK_EARLY", "no message came since the last call of the task", "task early"),
     ("WRONG_LENGTH", "a frame that has not eight bytes", "wrong length"),
-    ("TIMEOUT", "samples stayed lost for longer than is tolerated", "timeout"),
+    ("UNUSABLE", "neither front angle nor yaw rate is believed", "no turn known"),
 )
 
 

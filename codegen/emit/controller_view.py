@@ -8,21 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.config import KM_H, Config
-from codegen.controller_sections import DEGRADED_TIME_MAX_S, IMPLAUSIBLE_TIME_MAX_S, RECOVERY_SAMPLES_MAX
 from codegen.emit.laws import law_of
-from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, parameter_views
+from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, halvings, parameter_views
 from codegen.emit.text import Precision, literal, numpy_type
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
 
-SPEED_UNKNOWN = 1000.0
-"""m/s: what the state holds before the first good speed; above every fail-safe hold speed that is allowed."""
-
 INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
 
-STATE_MAX = 1e6
-"""SI units; the largest number of a state is SPEED_UNKNOWN."""
+SQUARES_MAX = 1e12
+"""SI units: no number of a state comes near its root."""
+
+INPUT_NUMBERS = ("speed.value", "front_angle.value", "yaw_rate.value", "expected_yaw_rate", "least", "friction")
+"""Of the state of the inputs."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
@@ -50,16 +49,15 @@ class ControllerView:
     parameters: tuple[ParameterView, ...]
     ranged: tuple[ParameterView, ...]
     ranged_arrays: tuple[ParameterView, ...]
-    counts: tuple[ParameterView, ...]
     points: tuple[tuple[str, int], ...]
+    halvings: int
     state: tuple[FieldView, ...]
     numbers: tuple[str, ...]
     initialised: int
-    state_max: str
+    squares_max: str
     sampling_time: str
     period_text: str
     actuator_angle_max: str
-    speed_unknown: str
     rest_min: str
     grip: GripView
     known: tuple[str, ...]
@@ -67,13 +65,12 @@ class ControllerView:
 
 
 def controller_parameters(config: Config) -> tuple[Parameter, ...]:
-    """The fields of `<prefix>_parameters_t` but for the limiter's, in order. Raises BuildError: see `law_of`."""
+    """The fields of `<prefix>_parameters_t` but for those of inputs and limiter, in order. Raises BuildError: see `law_of`."""
     return (*law_of(config).parameters(config), *_common_parameters(config))
 
 
 def _common_parameters(config: Config) -> tuple[Parameter, ...]:
-    controller, inputs, fail_safe = config.controller, config.controller.inputs, config.controller.fail_safe
-    period = controller.sampling_time_s
+    controller = config.controller
     rate = controller.rear_rate_max_deg_s
     return (
         Parameter(
@@ -94,49 +91,9 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter("enable_speed", controller.enable_speed_km_h * KM_H, "m/s, control starts from here", 0.01, 100.0),
         Parameter("disable_speed", controller.disable_speed_km_h * KM_H, "m/s, standby below", 0.01, 100.0),
         Parameter("standby_rate", math.radians(controller.standby_rate_deg_s), "rad/s, return to zero in standby", 1e-5, 100.0),
-        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, input range", 1.0, 200.0),
-        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, input range", 0.01, 1.5),
-        Parameter("yaw_rate_max", math.radians(inputs.yaw_rate_max_deg_s), "rad/s, input range", 0.01, 20.0),
-        Parameter("rear_angle_input_max", math.radians(inputs.rear_angle_max_deg), "rad, input range", 1e-4, 1.5),
-        Parameter("friction_max", inputs.friction_max, "input range", 0.01, 2.0),
-        Parameter("wheelbase", config.vehicle.wheelbase, "m, for the plausibility of the yaw rate", 0.1, 20.0),
         Parameter(
-            "yaw_rate_tolerance",
-            math.radians(inputs.yaw_rate_tolerance_deg_s),
-            "rad/s beyond what speed and steering explain",
-            1e-3,
-            20.0,
+            "fail_safe_rate", math.radians(controller.fail_safe.rate_deg_s), "rad/s, return to zero in fail-safe", 1e-5, 100.0
         ),
-        Parameter("hold_speed", fail_safe.hold_above_km_h * KM_H, "m/s, fail-safe holds the rear angle from here", 0.1, 200.0),
-        Parameter(
-            "ramp_rate_standstill",
-            math.radians(fail_safe.rate_at_standstill_deg_s),
-            "rad/s, fail-safe ramp at rest",
-            1e-5,
-            100.0,
-        ),
-        Parameter(
-            "ramp_rate_hold_speed",
-            math.radians(fail_safe.rate_at_hold_speed_deg_s),
-            "rad/s, fail-safe ramp just below hold_speed",
-            1e-5,
-            100.0,
-        ),
-        Parameter(
-            "implausible_samples_max",
-            round(inputs.implausible_time_s / period),
-            "implausible samples less good ones that are predicted, then fail-safe",
-            0,
-            round(IMPLAUSIBLE_TIME_MAX_S / period),
-        ),
-        Parameter(
-            "degraded_samples_max",
-            fail_safe.degraded_samples_max,
-            "lost samples less good ones that are predicted, then fail-safe",
-            0,
-            round(DEGRADED_TIME_MAX_S / period),
-        ),
-        Parameter("recovery_samples", fail_safe.recovery_samples, "good ones that end the fail-safe", 1, RECOVERY_SAMPLES_MAX),
     )
 
 
@@ -144,10 +101,6 @@ _COMMON_STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
     Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
-    Field("real", "speed", "m/s, last one in range"),
-    Field("uint16_t", "bad_samples", "lost less good ones, at most one above the limit"),
-    Field("uint16_t", "good_samples", "in a row, counted in fail-safe"),
-    Field("uint16_t", "implausible_samples", "less good ones, at most one above the limit"),
     Field("bool", "enabled", "above the enabling speed, with hysteresis: the law runs"),
     Field("uint32_t", "initialised", "a mark, of which memory without an initialisation has none"),
 )
@@ -163,26 +116,27 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
     if law.uses_reference_model:
         state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
         numbers += [f"model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
+    numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
-    state.append(FieldView(f"{prefix}_measurement_t", "sample", "the last good one, while the law runs"))
+    state.append(FieldView(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
+    state.append(FieldView(f"{prefix}_inputs_t", "inputs", "first in the chain"))
     state.append(FieldView(f"{prefix}_limiter_t", "limiter", "last in the chain"))
     state.append(FieldView(f"{prefix}_quality_t", "quality", "of the last sample"))
     state.append(FieldView(f"{prefix}_status_t", "status", "of the last step"))
-    period = config.controller.sampling_time_s
+    period, points = config.controller.sampling_time_s, law.points(config, prefix)
     return ControllerView(
         parameters=parameters,
-        ranged=tuple(view for view in parameters if not view.is_count and not view.points),
+        ranged=tuple(view for view in parameters if not view.points),
         ranged_arrays=tuple(view for view in parameters if view.points),
-        counts=tuple(view for view in parameters if view.is_count),
-        points=law.points(config, prefix),
+        points=points,
+        halvings=max((halvings(size) for _, size in points), default=0),
         state=tuple(state),
         numbers=tuple(numbers),
         initialised=INITIALISED,
-        state_max=literal(STATE_MAX, precision),
+        squares_max=literal(SQUARES_MAX, precision),
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
-        speed_unknown=literal(SPEED_UNKNOWN, precision),
         rest_min=literal(REST_MIN, precision),
         grip=_grip_view(total, precision),
         known=_known_values(total, precision),

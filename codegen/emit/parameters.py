@@ -69,6 +69,11 @@ class FieldView:
     comment: str
 
 
+def halvings(points: int) -> int:
+    """Steps of the search by halves for the cell of so many breakpoints; one too many does no harm."""
+    return (points - 2).bit_length()
+
+
 def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:
     """The C text of a parameter."""
     if isinstance(parameter.value, int):

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.controller_view import controller_view
+from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.parameters import ParameterView
@@ -61,7 +62,7 @@ class Calibration:
         total: its map over the whole domain of an ECU.
         tables: name in C -> values, single precision.
         constants: name in the explorer's copy -> value.
-        parameters: the C parameter struct's fields; `limiter` those of the limiter inside it.
+        parameters: the C parameter struct's fields; `inputs` and `limiter` those of the structs inside it.
     """
 
     config: Config
@@ -69,6 +70,7 @@ class Calibration:
     tables: Mapping[str, npt.NDArray[np.float32]]
     constants: Numbers
     parameters: Mapping[str, Any]
+    inputs: Mapping[str, Any]
     limiter: Mapping[str, Any]
 
     @classmethod
@@ -80,6 +82,7 @@ class Calibration:
         if law.uses_rear_angle:
             tables["rear_angle_table"] = lookup.rear_tables[-1]
         view = controller_view(config, total, PREFIX, "single", "float")
+        inputs = inputs_view(config, PREFIX, "single", "float")
         limiter = limiter_view(config, PREFIX, "single", "float")
         constants = dict(
             zip(_MAP, (lookup.caps[-1], lookup.lateral_acceleration_cap_per_friction, lookup.friction), strict=True)
@@ -101,6 +104,7 @@ class Calibration:
             tables,
             {name: float(x) for name, x in constants.items()},
             _fields(view.parameters),
+            _fields(inputs.parameters),
             _fields(limiter.parameters),
         )
 
@@ -172,8 +176,10 @@ class Recalibrated:
         for name, value in calibration.constants.items():
             setattr(lib.explore, name, value)
         parameters = self._software.parameters()
-        for struct, given in ((parameters, calibration.parameters), (parameters.limiter, calibration.limiter)):
-            for name, value in given.items():
+        structs = (parameters, parameters.inputs, parameters.limiter)
+        given = (calibration.parameters, calibration.inputs, calibration.limiter)
+        for struct, fields in zip(structs, given, strict=True):
+            for name, value in fields.items():
                 setattr(struct, name, value)
         if not (lib.ars_map_valid() and lib.ars_parameters_valid(parameters)):
             raise BuildError("the generated code refuses these settings", remedy="go back a step")

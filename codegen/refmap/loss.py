@@ -50,8 +50,7 @@ class LossOfFunction:
         passively_feasible: (k,) whether the point is feasible without rear steer too; None for a bare map.
         settles: (k,) whether the plant settles into a steady turn before the loss. Where not, nothing is said of the loss.
         sideslip: (k,) rad, of that steady turn, with sign; NaN where it does not settle.
-        ramp_rate: (k,) rad/s: the fail-safe's rate at that speed; from `hold_above_km_h` on, where the fail-safe itself
-            holds, its slowest rate.
+        ramp_rate: (k,) rad/s: the fail-safe's rate.
         sideslip_max: (3, k) rad, largest magnitude from t = 0 on for each of MODES; NaN where it does not settle.
         spins: (3, k) whether the car spins (see `loss_simulation.SPIN_SIDESLIP`); False where it does not settle.
         horizon: (3,) s that were looked at in each mode.
@@ -195,10 +194,8 @@ def _computed(reference_map: ReferenceMap, config: Config) -> LossOfFunction:
 
 
 def _ramp_rate(speed: FloatArray, config: Config) -> FloatArray:
-    """rad/s at speeds (k,): as the fail-safe ramps below its holding speed, and from there on its rate just below it."""
-    fail_safe = config.controller.fail_safe
-    rates = np.radians([fail_safe.rate_at_standstill_deg_s, fail_safe.rate_at_hold_speed_deg_s])
-    return np.interp(speed, [0.0, fail_safe.hold_above_km_h * KM_H], rates)
+    """rad/s at speeds (k,): that of the fail-safe."""
+    return np.full_like(speed, math.radians(config.controller.fail_safe.rate_deg_s))
 
 
 def _rows(reference_map: ReferenceMap, config: Config) -> npt.NDArray[np.intp]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import KM_H, Config
+from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
@@ -36,7 +38,7 @@ GAPS = ((0.0, 1.0), (0.05, 0.5), (0.5, 1.0), (0.3, 0.2), (0.05, 0.04))
 restart of the law with every other sample, long enough for the fail-safe, and pauses long enough to come back from it."""
 
 HELD = (1, 1, 1, 4, 25)
-"""For how many samples each draw of them stays."""
+"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car, and are believed."""
 
 
 def drive_of(measurements: Sequence[Measurement]) -> Drive:
@@ -70,7 +72,7 @@ class Ground:
         controller, table = config.controller, manifest["map"]
         schedule = controller.tracking.schedule
         speeds = [
-            *(controller.enable_speed_km_h, controller.disable_speed_km_h, controller.fail_safe.hold_above_km_h),
+            *(controller.enable_speed_km_h, controller.disable_speed_km_h),
             *opposite_phase_speeds_km_h(config),
             *(schedule.speed_km_h if schedule else ()),
             controller.inputs.speed_max_km_h,
@@ -115,10 +117,23 @@ def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[floa
     """Drives that go everywhere, each of so many samples: the whole range of every input, its breakpoints and thresholds and
     their neighbours, signals that are absent, and gaps of every length. At most as many drives as there are in HELD."""
     generator = np.random.default_rng(seed)
-    return tuple(
-        _with_gaps(np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples], gap, generator)
-        for gap, held in zip(gaps, HELD, strict=False)
-    )
+
+    def drive(gap: tuple[float, float], held: int) -> Drive:
+        drawn = np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples]
+        return _with_gaps(drawn if held == 1 else _moving(drawn, ground.config), gap, generator)
+
+    return tuple(drive(gap, held) for gap, held in zip(gaps, HELD, strict=False))
+
+
+def _moving(drive: Drive, config: Config) -> Drive:
+    """Speed, front angle and yaw rate on their way to those of a drive, each sample by a little less than may be believed."""
+    names = ("speed_step", "front_angle_step", "yaw_rate_step")
+    largest = {parameter.name: parameter.value for parameter in inputs_parameters(config)}
+    steps = 0.9 * np.array([largest[name] for name in names], dtype=np.float32)
+    moving = drive.copy()
+    for before, row in pairwise(moving):
+        row[:3] = before[:3] + np.clip(row[:3] - before[:3], -steps, steps)
+    return moving
 
 
 def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
@@ -128,7 +143,7 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     speed = _mixed(ground.speed, speed_max, count, generator)
     speed *= np.where(generator.random(count) < 0.05, -1.0, 1.0)
     front_angle = _mixed(ground.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
-    # Mostly a yaw rate that these can explain; see is_plausible in the generated C.
+    # Mostly a yaw rate that these can explain; see is_possible in the generated C.
     turn = speed * front_angle
     margin = np.abs(speed) * config.rear_actuator.angle_max + vehicle.wheelbase * math.radians(inputs.yaw_rate_tolerance_deg_s)
     plausible = np.minimum(turn, 0.0) - margin + generator.random(count) * (np.abs(turn) + 2.0 * margin)

@@ -17,7 +17,7 @@ from codegen.config import Config
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.sil.software import RECORD_COLUMNS, Software, Status
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.drives import Drive, Ground, drawn
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
@@ -51,7 +51,7 @@ def are_faults_defined_for(config: Config) -> bool:
         config.can.e2e == E2e()
         and controller.sampling_time_s == defaults.sampling_time_s
         and controller.fail_safe == defaults.fail_safe
-        and controller.inputs.implausible_time_s == defaults.inputs.implausible_time_s
+        and controller.inputs == defaults.inputs
     )
 
 
@@ -110,13 +110,6 @@ class Recording:
     name: str
     frames: tuple[tuple[Frame, ...], ...]
     measurements: Drive
-
-
-def possible_statuses(software: Software) -> list[Status]:
-    """Those that a controller can come to with the default parameters."""
-    parameters = software.parameters()
-    is_held = parameters.degraded_samples_max > 0 or parameters.implausible_samples_max > 0
-    return [status for status in Status if is_held or status is not Status.DEGRADED]
 
 
 def recordings(config: Config, precision: Precision, samples: int) -> tuple[Recording, ...]:

@@ -80,12 +80,11 @@ def long_ways(ground: Ground) -> tuple[LongWay, ...]:
     """Of the controller: counts at their largest, and a recovery after each kind of loss."""
     controller = ground.config.controller
     good, lost, wrong = _sample(ground), _sample(ground, speed=math.nan), _implausible(ground)
-    implausible = math.ceil(controller.inputs.implausible_time_s / controller.sampling_time_s) + 2
     recovery, patience = controller.fail_safe.recovery_samples, controller.fail_safe.degraded_samples_max + 2
     first = (1, _sample(ground, restart=1.0))
     return (
         LongWay(_rows(first, (patience, lost)), _rows((3, lost))),
-        LongWay(_rows(first, (implausible, wrong)), _rows((3, wrong), (2, good))),
+        LongWay(_rows(first, (patience, wrong)), _rows((3, wrong), (2, good))),
         LongWay(_rows(first, (patience, lost), (recovery - 1, good)), _rows((3, good))),
         LongWay(_rows(first, (patience, lost), (max(recovery - 2, 1), good)), _rows((1, lost), (2, good))),
     )

@@ -171,7 +171,7 @@ class _Comparison:
         )
 
     def _limits(self) -> Iterator[str]:
-        for status in suites.possible_statuses(self._software):
+        for status in Status:
             if not self._statuses[status]:
                 yield f"The samples do not reach the status {status.name}."
         never = sets.names(self._software).difference(*(sets.changed(self._software, each) for each in self._sets))
@@ -222,15 +222,16 @@ class _Comparison:
         )
 
     def _thresholds(self, parameters: Any) -> list[Measurement]:
-        """At each threshold of the speed and beside it, first under control, then with the yaw rate lost."""
+        """At each threshold of the speed and beside it, from both sides; then with the yaw rate lost, and with everything."""
         real, samples = self._software.real, []
-        known = [real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed", "hold_speed")]
-        fast = self._turn(1.0 + 1.5 * float(known[0]))
-        silence = max(parameters.degraded_samples_max, parameters.implausible_samples_max) + 3
-        for threshold in known:
+        enable, disable = (real(getattr(parameters, name)) for name in ("enable_speed", "disable_speed"))
+        silence, patience = parameters.inputs.missing_samples_max + 3, parameters.inputs.recovery_samples + 3
+        for threshold, start in itertools.product((enable, disable), (1.0 + 1.5 * float(enable), 0.5 * float(disable))):
             for speed in (np.nextafter(threshold, real(0.0)), threshold, np.nextafter(threshold, real(np.inf))):
-                samples += [fast] * (parameters.recovery_samples + 5) + [self._turn(float(speed))] * 3
-                samples += [Measurement(float(speed), FRONT_ANGLE, math.nan)] * silence
+                steps = math.ceil(abs(float(speed) - start) / (0.9 * parameters.inputs.speed_step))
+                samples += [self._turn(start)] * patience + [self._turn(each) for each in np.linspace(start, speed, steps)]
+                samples += [self._turn(float(speed))] * 3 + [Measurement(float(speed), FRONT_ANGLE, math.nan)] * silence
+                samples += [Measurement(math.nan, math.nan, math.nan)] * silence
         return samples
 
     def _turn(self, speed: float) -> Measurement:

@@ -6,31 +6,19 @@ It keeps one number type throughout, so the bits of a sample can be compared and
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from enum import Enum, auto
 from typing import Any
 
 from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
+from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.limiter import SecondLimiter, clip
 
 NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
 """Fields of a measurement in order, without `inhibit`."""
 
-SPEED_UNKNOWN = 1000.0
-"""m/s: before a speed was seen the car may be at any, and the fail-safe holds."""
-
-
-class Quality(Enum):
-    """What a sample is worth."""
-
-    GOOD = auto()
-    LOST = auto()
-    IMPLAUSIBLE = auto()
-
 
 class SecondController:
-    """The supervision that all kinds share, around a control law; the limiter has the last word.
+    """The supervision that all kinds share, around a control law; the inputs come first, the limiter last.
 
     Args:
         parameters: anything with the fields of the C parameter struct.
@@ -47,15 +35,13 @@ class SecondController:
         self.real = real
         self.period = real(period)
         self.angle = real(0.0) if math.isnan(angle) else real(min(max(angle, -actuator_max), actuator_max))
+        self.inputs = SecondInputs(parameters.inputs, real)
         self.limiter = SecondLimiter(parameters.limiter, period, real, self.angle)
-        self.last_speed = real(SPEED_UNKNOWN)
         self.status = Status.STANDBY
         self.above_enabling_speed = False
-        self.lost = self.found = self.unbelieved = 0
         self.missed = 0
         self.quality = Quality.GOOD
         self.error = real(0.0)
-        self._last_good = Measurement(0.0, 0.0, 0.0)
 
     def start(self, m: Measurement) -> None:
         """The law begins: without a jump from the angle that is commanded."""
@@ -72,108 +58,58 @@ class SecondController:
 
     def step(self, measurement: Measurement) -> Command:
         numbers = {name: self.real(getattr(measurement, name)) for name in NUMBERS}
-        sample = Measurement(**numbers, inhibit=measurement.inhibit)
+        measured = Measurement(**numbers, inhibit=measurement.inhibit)
         yaw_rate_reference = self.real(0.0)
-        self.quality = self._judge(sample)
-        if self.quality is not Quality.GOOD:
-            self.found = 0
-            gap_is_short = (
-                self.lost <= self.p.degraded_samples_max
-                and self.unbelieved <= self.p.implausible_samples_max
-                and self.status is not Status.FAIL_SAFE
-            )
-            self.status = Status.DEGRADED if gap_is_short else Status.FAIL_SAFE
-            self.above_enabling_speed &= gap_is_short
+        self.quality, sample = self.inputs.step(measured, self.angle)
+        if self.quality is Quality.UNUSABLE:
+            self.status, self.above_enabling_speed = Status.FAIL_SAFE, False
+        elif self.quality is Quality.MISSING:
+            if self.status is not Status.FAIL_SAFE:
+                self.status = Status.DEGRADED
             if self.above_enabling_speed:
-                yaw_rate_reference = self._predict()
+                self.missed += 1
+                yaw_rate_reference, _ = self.law(sample)
         else:
             runs = self.above_enabling_speed
-            self._recover()
-            if self.status is not Status.FAIL_SAFE:
-                self._choose_by_speed(sample.speed)
-                if self.above_enabling_speed:
-                    yaw_rate_reference = self._control(sample, runs)
+            self._choose_by_speed(sample.speed)
+            if self.above_enabling_speed:
+                yaw_rate_reference = self._control(sample, runs)
         if self.status is Status.STANDBY:
             self._approach_zero(self.parameter("standby_rate"))
             self.stand_by()
         elif self.status is Status.FAIL_SAFE:
-            self._fail_safe()
+            self._approach_zero(self.parameter("fail_safe_rate"))
         limited = self.limiter.step(sample.speed, sample.front_angle, self.angle)
         if limited != self.angle and self.status is Status.TRACKING:
             self.status = Status.LIMITED
         self.angle = limited
         return Command(float(self.angle), float(yaw_rate_reference), self.status)
 
-    def _judge(self, m: Measurement) -> Quality:
-        """Judge a sample and count it: up to one above each limit; a good one takes one off both."""
-        if abs(m.speed) <= self.parameter("speed_max"):
-            self.last_speed = m.speed
-        if not self._in_range(m):
-            self.lost = min(self.lost, self.p.degraded_samples_max) + 1
-            return Quality.LOST
-        if not self._plausible(m):
-            self.unbelieved = min(self.unbelieved, self.p.implausible_samples_max) + 1
-            return Quality.IMPLAUSIBLE
-        self.lost, self.unbelieved = max(self.lost - 1, 0), max(self.unbelieved - 1, 0)
-        return Quality.GOOD
-
-    def _in_range(self, m: Measurement) -> bool:
-        needed = (("speed", "speed_max"), ("front_angle", "front_angle_max"), ("yaw_rate", "yaw_rate_max"))
-        if not all(abs(getattr(m, field)) <= self.parameter(limit) for field, limit in needed):
-            return False
-        if not math.isnan(m.rear_angle) and abs(m.rear_angle) > self.parameter("rear_angle_input_max"):
-            return False
-        return bool(math.isnan(m.friction) or 0.0 <= m.friction <= self.parameter("friction_max"))
-
-    def _plausible(self, m: Measurement) -> bool:
-        wheelbase = self.parameter("wheelbase")
-        half_turn = self.real(0.5) * (m.speed * m.front_angle)
-        more = abs(m.speed) * self.parameter("rear_angle_max") + wheelbase * self.parameter("yaw_rate_tolerance")
-        return bool(abs(wheelbase * m.yaw_rate - half_turn) <= more + abs(half_turn))
-
-    def _recover(self) -> None:
-        if self.status is Status.FAIL_SAFE:
-            self.found += 1
-            if self.found >= self.p.recovery_samples:
-                self.found, self.status = 0, Status.STANDBY
-
     def _choose_by_speed(self, speed: Any) -> None:
         if speed >= self.parameter("enable_speed"):
             self.above_enabling_speed = True
         if speed < self.parameter("disable_speed"):
             self.above_enabling_speed = False
-        if not self.above_enabling_speed:
-            self.status = Status.STANDBY
+        self.status = Status.STANDBY
 
     def _approach_zero(self, rate: Any) -> None:
         left = abs(self.angle) - rate * self.period
         self.angle = self.real(math.copysign(max(left, self.real(0.0)), self.angle))
-
-    def _fail_safe(self) -> None:
-        hold_speed, speed = self.parameter("hold_speed"), abs(self.last_speed)
-        if speed < hold_speed:
-            at_rest, at_hold = self.parameter("ramp_rate_standstill"), self.parameter("ramp_rate_hold_speed")
-            self._approach_zero(at_rest + speed / hold_speed * (at_hold - at_rest))
 
     def _control(self, m: Measurement, runs: bool) -> Any:
         if not runs:
             self.start(m)
         reference, limited = self.law(m)
         self.status = Status.LIMITED if limited else Status.TRACKING
+        if self.quality is Quality.REPLACED:
+            self.status = Status.DEGRADED
         self.error = reference - m.yaw_rate
-        self.missed, self._last_good = 0, m
-        return reference
-
-    def _predict(self) -> Any:
-        """The law without a new sample: the last good one again, with the last error; what is implausible is not integrated."""
-        self._last_good = replace(self._last_good, inhibit=self._last_good.inhibit or self.quality is Quality.IMPLAUSIBLE)
-        self.missed += 1
-        reference, _ = self.law(self._last_good)
+        self.missed = 0
         return reference
 
     def friction(self, m: Measurement) -> Any:
-        """The estimate, not below the smallest that is believed; NaN: none."""
-        return m.friction if math.isnan(m.friction) else max(m.friction, self.parameter("friction_min"))
+        """The estimate, not below the smallest that is believed."""
+        return max(m.friction, self.parameter("friction_min"))
 
     def map_yaw_rate(self, m: Measurement) -> Any:
         """rad/s, of the sample's speed, front angle and friction."""
@@ -182,10 +118,8 @@ class SecondController:
     def actuator_range(self, m: Measurement) -> tuple[Any, Any]:
         """rad in which the demand may be: the actuator's, and no farther than so much from where it is measured."""
         p = self.parameter
-        low, high = -p("rear_angle_max"), p("rear_angle_max")
-        if not math.isnan(m.rear_angle):
-            ahead = p("rear_angle_error_max")
-            low, high = (clip(m.rear_angle + offset, low, high) for offset in (-ahead, ahead))
+        bound, ahead = p("rear_angle_max"), p("rear_angle_error_max")
+        low, high = (clip(m.rear_angle + offset, -bound, bound) for offset in (-ahead, ahead))
         return low, high
 
     def reachable(self, demand: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from codegen.config import Config
 from codegen.emit.controller_view import controller_parameters
+from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters
 from codegen.emit.parameters import RATE_OFF, Parameter
 from codegen.sil.software import Software
@@ -33,6 +34,8 @@ def _fields(config: Config, parameters: Any) -> Iterator[tuple[Any, Parameter, s
     """The struct that holds a parameter, the parameter, and its name with its struct's."""
     for parameter in controller_parameters(config):
         yield parameters, parameter, parameter.name
+    for parameter in inputs_parameters(config):
+        yield parameters.inputs, parameter, f"inputs.{parameter.name}"
     for parameter in limiter_parameters(config):
         yield parameters.limiter, parameter, f"limiter.{parameter.name}"
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from codegen.can_sections import FRAME_BYTES, Can
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import Quality, SecondController
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.inputs import Quality
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.diagnostics import DIAGNOSTICS
 from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
@@ -120,33 +121,32 @@ class SecondTask:
         return 0 if motion_frames or conditions_frames else _BITS["TASK_EARLY"]
 
     def _sample(self, motion: _Input, conditions: _Input) -> Measurement:
-        """What the controller is told: of a lost sample the speed, as long as that is known."""
-        if not (motion.is_good and conditions.is_good):
-            return Measurement(motion.contents.speed if motion.is_good else math.nan, math.nan, math.nan, inhibit=True)
-        car: VehicleMotion = motion.contents
-        state: VehicleConditions = conditions.contents
-        if not self._started:
+        """What the controller is told: what did not come is not available."""
+        car = motion.contents if motion.is_good else VehicleMotion(math.nan, math.nan, math.nan)
+        last: VehicleConditions = conditions.contents or VehicleConditions()
+        state = last if conditions.is_good else VehicleConditions(inhibit=last.inhibit)
+        if motion.is_good and conditions.is_good and not self._started:
             self._start(state.rear_angle)
         return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, state.friction, state.inhibit)
 
     def _start(self, rear_angle: float) -> None:
         """Control starts from where the rear wheels are; not from where they cannot be, and from zero where nobody measures."""
-        if abs(rear_angle) <= self.parameters.rear_angle_input_max:
+        if abs(rear_angle) <= self.parameters.inputs.rear_angle_max:
             self._started = True
         elif math.isnan(rear_angle):
             self._samples_without_angle += 1
-            self._started = self._samples_without_angle > self.parameters.recovery_samples
+            self._started = self._samples_without_angle > self.parameters.inputs.recovery_samples
         else:
             self._samples_without_angle = 0
         if self._started:
             self._controller = self.make(rear_angle)
 
     def _of_controller(self, is_good: bool) -> int:
-        controller, found = self._controller, 0
-        if is_good and controller.quality is Quality.LOST:
+        quality, found = self._controller.quality, 0
+        if is_good and quality is Quality.MISSING:
             found |= _BITS["UNAVAILABLE"]
-        if is_good and controller.quality is Quality.IMPLAUSIBLE:
-            found |= _BITS["IMPLAUSIBLE"]
-        if controller.lost > self.parameters.degraded_samples_max:
-            found |= _BITS["TIMEOUT"]
+        if quality is Quality.REPLACED:
+            found |= _BITS["REPLACED"]
+        if quality is Quality.UNUSABLE:
+            found |= _BITS["UNUSABLE"]
         return found

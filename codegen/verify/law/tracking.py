@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,7 +11,8 @@ from codegen.config import Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Measurement
-from codegen.verify.law.controller import Quality, SecondController
+from codegen.verify.law.controller import SecondController
+from codegen.verify.law.inputs import Quality
 from codegen.verify.law.limiter import clip
 from codegen.verify.law.reference_model import SecondReferenceModel
 
@@ -75,24 +75,24 @@ class SecondTracking(SecondController):
         """The map where the front wheels will be after the lead time, on the road that is known or seen."""
         p = self.parameter
         most = p("lead_angle_max")
-        if self.quality is Quality.GOOD:
+        if self.quality is not Quality.MISSING:
             rate = (m.front_angle - self.last_front) / (self.period * self.real(self.missed + 1))
             self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
             self.last_front = m.front_angle
         lead = clip(p("lead_time") * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
-        friction = seen if math.isnan(estimated) else min(estimated, seen)
+        friction = min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction)
         self.note("lead at its bound", abs(lead) == most)
-        self.note("estimate below what was seen", not math.isnan(estimated) and estimated < seen)
+        self.note("estimate below what was seen", estimated < seen)
         return Sample(yaw_rate, clip(rear_angle, -bound, bound), road, friction)
 
     def law(self, m: Measurement) -> tuple[Any, bool]:
         sample = self.look(m)
         reference = self.reachable_yaw_rate(sample, m.speed)
-        error = reference - m.yaw_rate if self.quality is Quality.GOOD else self.error
+        error = self.error if self.quality is Quality.MISSING else reference - m.yaw_rate
         gain, integral_gain = self.gains(m.speed)
         low, high = self.feedback_range(m, sample.rear_angle)
         if self.starting:

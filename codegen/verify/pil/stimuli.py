@@ -140,7 +140,6 @@ def _tour(config: Config) -> Drive:
     controller = config.controller
     speed = min(2.0 * controller.enable_speed_km_h, controller.inputs.speed_max_km_h) * KM_H
     lost = controller.fail_safe.degraded_samples_max
-    implausible = round(controller.inputs.implausible_time_s / controller.sampling_time_s)
     wait = controller.fail_safe.recovery_samples
     straight = (speed, 0.0, 0.0, 0.0, math.nan, 0.0)
     # As good as the input range allows, and a yaw rate that is missing: the demand goes to its limit.
@@ -149,7 +148,7 @@ def _tour(config: Config) -> Drive:
     gone = (math.nan, 0.0, 0.0, 0.0, math.nan, 0.0)
     spinning = (speed, 0.0, 0.999 * math.radians(controller.inputs.yaw_rate_max_deg_s), 0.0, math.nan, 0.0)
     legs: Sequence[tuple[Any, int]] = (
-        *((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH), (spinning, implausible + 3)),
+        *((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH), (spinning, lost + 3)),
         *((straight, wait + STRETCH), (gone, lost + 3), (slow, wait + 3), (straight, STRETCH), (steered, STRETCH)),
     )
     return np.concatenate([np.tile(np.array(sample, dtype=np.float32), (min(length, TOUR_MAX), 1)) for sample, length in legs])

@@ -198,10 +198,11 @@ def commanded(program: Program, function: Function, sampling_time: float) -> Cla
         yield "in fail-safe |rear_angle| does not grow", implied(pool, is_status("FAIL_SAFE"), shrinks)
         may_stay = limiter.lets_through(before)
         stays = pool.feq(angle, before)
-        held = pool.and_(is_status("FAIL_SAFE"), _is_fast(call))
+        step = over(pool, call.before("parameters", ("fail_safe_rate",)), sampling_time)
+        near = pool.and_(pool.fle(pool.sub(before, step), angle), pool.fle(angle, pool.add(before, step)))
         yield (
-            "in fail-safe the angle is held from hold_speed on, where the limiter lets it",
-            implied(pool, held, may_stay, stays),
+            "in fail-safe the angle moves by at most fail_safe_rate, where the limiter lets it stay",
+            implied(pool, is_status("FAIL_SAFE"), may_stay, near),
         )
         idle = pool.and_(is_status("DEGRADED"), pool.not_(call.behind("self", ("enabled",))))
         yield "degraded without control, the angle is held, where the limiter lets it", implied(pool, idle, may_stay, stays)
@@ -216,11 +217,3 @@ def _tracking_rate(call: Call, is_tracking: Term, angle: Term, sampling_time: fl
     step = over(pool, pool.ite(pool.flt(own, behind), own, behind), sampling_time)
     inside = pool.and_(pool.fle(pool.sub(before, step), angle), pool.fle(angle, pool.add(before, step)))
     yield "tracking, it moves by at most the lower of both rates", implied(pool, is_tracking, inside)
-
-
-def _is_fast(call: Call) -> Term:
-    """Whether the last speed in range is at least hold_speed."""
-    pool, given = call.pool, call.before("measurement", ("speed",))
-    is_there = pool.fle(pool.magnitude(given), call.before("parameters", ("speed_max",)))
-    speed = pool.ite(is_there, given, call.before("self", ("speed",)))
-    return pool.fle(call.before("parameters", ("hold_speed",)), pool.magnitude(speed))

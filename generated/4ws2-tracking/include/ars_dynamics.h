@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x64078ED7u
+#define ARS_DYNAMICS_BUILD 0xF83727A6u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x64078ED7u
+#define ARS_E2E_BUILD 0xF83727A6u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x64078ED7u
+#if ARS_DYNAMICS_BUILD != 0xF83727A6u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

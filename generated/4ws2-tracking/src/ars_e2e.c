@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x64078ED7u
+#if ARS_E2E_BUILD != 0xF83727A6u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

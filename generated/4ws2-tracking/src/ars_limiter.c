@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x64078ED7u
+#if ARS_LIMITER_BUILD != 0xF83727A6u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

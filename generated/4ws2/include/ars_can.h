@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x4BE36543u
+#define ARS_CAN_BUILD 0x474CE1C0u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

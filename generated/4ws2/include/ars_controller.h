@@ -17,9 +17,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_LIMITER_BUILD != 0x4BE36543u
+#if ARS_INPUTS_BUILD != 0x474CE1C0u
+#error "ars_inputs.h and this source come from different builds"
+#endif
+#if ARS_LIMITER_BUILD != 0x474CE1C0u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -27,33 +31,16 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x4BE36543u
+#define ARS_CONTROLLER_BUILD 0x474CE1C0u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
     ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
-    ARS_STATUS_DEGRADED = 3, /* inputs lost or not plausible, for a short time so far: the law predicts */
-    ARS_STATUS_FAIL_SAFE = 4 /* they stay so, or come too often: held at high speed, ramped to zero below */
+    ARS_STATUS_DEGRADED = 3, /* following, with a signal replaced by the others, or predicting for a short time without a sample */
+    ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is believed: the rear angle goes to zero */
 } ars_status_t;
-
-/* What a sample is worth. */
-typedef enum {
-    ARS_QUALITY_GOOD = 0,
-    ARS_QUALITY_LOST = 1,       /* a signal is absent or out of its range */
-    ARS_QUALITY_IMPLAUSIBLE = 2 /* speed and steering do not explain the yaw rate */
-} ars_quality_t;
-
-/* One sample of what the vehicle measures. */
-typedef struct {
-    float speed;                /* m/s, negative in reverse */
-    float front_angle;          /* rad, at the road wheel */
-    float yaw_rate;             /* rad/s */
-    float rear_angle;           /* rad, achieved by the actuator; NaN where it is not measured */
-    float friction;             /* estimated peak friction; NaN where unknown: the map's own is taken */
-    bool inhibit;               /* ESC or ABS is acting: the integrator holds */
-} ars_measurement_t;
 
 /* What the controller asks for, and why. */
 typedef struct {
@@ -73,19 +60,8 @@ typedef struct {
     float enable_speed;                 /* m/s, control starts from here */
     float disable_speed;                /* m/s, standby below */
     float standby_rate;                 /* rad/s, return to zero in standby */
-    float speed_max;                    /* m/s, input range */
-    float front_angle_max;              /* rad, input range */
-    float yaw_rate_max;                 /* rad/s, input range */
-    float rear_angle_input_max;         /* rad, input range */
-    float friction_max;                 /* input range */
-    float wheelbase;                    /* m, for the plausibility of the yaw rate */
-    float yaw_rate_tolerance;           /* rad/s beyond what speed and steering explain */
-    float hold_speed;                   /* m/s, fail-safe holds the rear angle from here */
-    float ramp_rate_standstill;         /* rad/s, fail-safe ramp at rest */
-    float ramp_rate_hold_speed;         /* rad/s, fail-safe ramp just below hold_speed */
-    uint16_t implausible_samples_max;   /* implausible samples less good ones that are predicted, then fail-safe */
-    uint16_t degraded_samples_max;      /* lost samples less good ones that are predicted, then fail-safe */
-    uint16_t recovery_samples;          /* good ones that end the fail-safe */
+    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
+    ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
     ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
 } ars_parameters_t;
 
@@ -95,13 +71,10 @@ typedef struct {
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
-    float speed;                        /* m/s, last one in range */
-    uint16_t bad_samples;               /* lost less good ones, at most one above the limit */
-    uint16_t good_samples;              /* in a row, counted in fail-safe */
-    uint16_t implausible_samples;       /* less good ones, at most one above the limit */
     bool enabled;                       /* above the enabling speed, with hysteresis: the law runs */
     uint32_t initialised;               /* a mark, of which memory without an initialisation has none */
-    ars_measurement_t sample;           /* the last good one, while the law runs */
+    ars_measurement_t sample;           /* what is believed of the last one */
+    ars_inputs_t inputs;                /* first in the chain */
     ars_limiter_t limiter;              /* last in the chain */
     ars_quality_t quality;              /* of the last sample */
     ars_status_t status;                /* of the last step */
@@ -127,9 +100,10 @@ bool ars_parameters_valid(const ars_parameters_t *parameters);
 void ars_controller_init(ars_controller_t *self, float rear_angle);
 
 /*
- * One sample: check the measurement, look the reference up, control, limit (ars_limiter.h has the last word).
+ * One sample: find what is believed of the measurement (ars_inputs.h), look the reference up, control, limit (ars_limiter.h
+ * has the last word).
  *
- * Without a good sample the law goes on with the last one and the last yaw-rate error. Memory that was never initialised, or
+ * For a short time without a sample the law goes on with the last one and the last yaw-rate error. Memory that was never initialised, or
  * that holds NaN or infinity, starts afresh from the measured rear angle, in the fail-safe.
  *
  * None of the pointers may be null; parameters must be valid; measurement may hold any number,

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x4BE36543u
+#define ARS_E2E_BUILD 0x474CE1C0u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x4BE36543u
+#define ARS_LIMITER_BUILD 0x474CE1C0u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

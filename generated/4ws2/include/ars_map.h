@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x4BE36543u
+#define ARS_MAP_BUILD 0x474CE1C0u
 
 /* Breakpoints of the table. */
 enum {

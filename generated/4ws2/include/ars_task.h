@@ -22,13 +22,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0x4BE36543u
+#if ARS_CAN_BUILD != 0x474CE1C0u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x4BE36543u
+#if ARS_CONTROLLER_BUILD != 0x474CE1C0u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x4BE36543u
+#if ARS_E2E_BUILD != 0x474CE1C0u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -36,7 +36,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x4BE36543u
+#define ARS_TASK_BUILD 0x474CE1C0u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. */
 enum {
@@ -50,12 +50,12 @@ enum {
     ARS_DIAGNOSTICS_CONDITIONS_REPEATED = 0x0080u, /* VehicleConditions: a frame whose counter did not advance */
     ARS_DIAGNOSTICS_CONDITIONS_WRONG_SEQUENCE = 0x0100u, /* VehicleConditions: a counter that jumped, or must prove itself again */
     ARS_DIAGNOSTICS_CONDITIONS_SOME_LOST = 0x0200u, /* VehicleConditions: frames were lost in between, few enough to go on */
-    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0400u, /* a signal is not available or out of range */
-    ARS_DIAGNOSTICS_IMPLAUSIBLE = 0x0800u, /* the yaw rate is not explained by speed and steering */
+    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0400u, /* front angle or yaw rate is not available, out of range or impossible */
+    ARS_DIAGNOSTICS_REPLACED = 0x0800u, /* a signal is replaced by what the others say */
     ARS_DIAGNOSTICS_TASK_LATE = 0x1000u, /* a message came more than once since the last call of the task */
     ARS_DIAGNOSTICS_TASK_EARLY = 0x2000u, /* no message came since the last call of the task */
     ARS_DIAGNOSTICS_WRONG_LENGTH = 0x4000u, /* a frame that has not eight bytes */
-    ARS_DIAGNOSTICS_TIMEOUT = 0x8000u  /* samples stayed lost for longer than is tolerated */
+    ARS_DIAGNOSTICS_UNUSABLE = 0x8000u  /* neither front angle nor yaw rate is believed */
 };
 
 /* One received message. Private. */

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x4BE36543u
+#if ARS_CONTROLLER_BUILD != 0x474CE1C0u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x4BE36543u
+#if ARS_MAP_BUILD != 0x474CE1C0u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -33,19 +33,29 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .enable_speed = 4.1666665f,
     .disable_speed = 3.3333333f,
     .standby_rate = 0.08726646f,
-    .speed_max = 111.111115f,
-    .front_angle_max = 0.7853982f,
-    .yaw_rate_max = 2.6179938f,
-    .rear_angle_input_max = 0.2617994f,
-    .friction_max = 1.5f,
-    .wheelbase = 3.14f,
-    .yaw_rate_tolerance = 0.5235988f,
-    .hold_speed = 16.666666f,
-    .ramp_rate_standstill = 0.08726646f,
-    .ramp_rate_hold_speed = 0.008726646f,
-    .implausible_samples_max = 30u,
-    .degraded_samples_max = 3u,
-    .recovery_samples = 10u,
+    .fail_safe_rate = 0.05235988f,
+    .inputs = {
+        .speed_max = 111.111115f,
+        .front_angle_max = 0.7853982f,
+        .yaw_rate_max = 2.6179938f,
+        .rear_angle_max = 0.2617994f,
+        .friction_max = 1.5f,
+        .speed_step = 0.5f,
+        .front_angle_step = 0.017453292f,
+        .yaw_rate_step = 0.099483766f,
+        .wheelbase = 3.14f,
+        .understeer_coefficient = -1.3035295e-05f,
+        .expected_share = 0.064493015f,
+        .yaw_rate_tolerance = 0.5235988f,
+        .lateral_acceleration_max = 12.0f,
+        .yaw_rate_frozen = 0.05235988f,
+        .speed_agreement = 1.0f,
+        .yaw_rate_agreement = 0.029670598f,
+        .speed_fall = 0.005f,
+        .friction_recovery = 0.001f,
+        .missing_samples_max = 3u,
+        .recovery_samples = 10u
+    },
     .limiter = {
         .rear_angle_max = 0.061086524f,
         .rear_rate_max = 1000.0f,
@@ -57,7 +67,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "4BE36543";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "474CE1C0";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x49737B91u;
 

@@ -1,7 +1,7 @@
 /*
  * Yaw-rate controller for active rear steering. See ars_controller.h.
  *
- * Order of a step: judge the sample, choose the status, then control, predict, hold or ramp; the limiter comes last.
+ * Order of a step: what is believed of the sample, the status, then control, predict or ramp; the limiter comes last.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x4BE36543u
+#if ARS_CONTROLLER_BUILD != 0x474CE1C0u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x4BE36543u
+#if ARS_MAP_BUILD != 0x474CE1C0u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -29,11 +29,8 @@ ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad *
 /* Of memory that ars_controller_init() has been at; not zero, which is what memory holds before. */
 ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
 
-/* No number of the state is ever so large. */
-ARS_SECTION_CONST static const float state_max = 1.0e+06f;
-
-/* m/s, above every hold_speed: until a speed was seen, the fail-safe holds. */
-ARS_SECTION_CONST static const float speed_unknown = 1000.0f;
+/* The squares of the state's numbers never add up to so much. */
+ARS_SECTION_CONST static const float squares_max = 1.0e+12f;
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
@@ -46,23 +43,6 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
         result = high;
     }
     return result;
-}
-
-ARS_SECTION_CODE static float magnitude(float value)
-{
-    return (value < 0.0f) ? -value : value;
-}
-
-/* False for NaN. */
-ARS_SECTION_CODE static bool is_within(float value, float largest)
-{
-    return magnitude(value) <= largest;
-}
-
-/* True for NaN, which stands for "not available". */
-ARS_SECTION_CODE static bool is_absent_or_within(float value, float largest)
-{
-    return !(magnitude(value) > largest);
 }
 
 /* False for NaN. */
@@ -85,28 +65,6 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* Whether speed and steering explain the yaw rate: between none and the kinematic turn of the front wheels, give or take
- * what the rear wheels can add and a tolerance. All terms are times the wheelbase, which saves a division. */
-ARS_SECTION_CODE static bool is_plausible(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    const float half_turn = 0.5f * (measurement->speed * measurement->front_angle);
-    const float rear = magnitude(measurement->speed) * parameters->rear_angle_max;
-    const float margin = (rear + (parameters->wheelbase * parameters->yaw_rate_tolerance)) + magnitude(half_turn);
-
-    return is_within((parameters->wheelbase * measurement->yaw_rate) - half_turn, margin);
-}
-
-/* Every field is in its range, or is one that may be absent and is. */
-ARS_SECTION_CODE static bool is_in_range(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    return is_within(measurement->speed, parameters->speed_max)
-        && is_within(measurement->front_angle, parameters->front_angle_max)
-        && is_within(measurement->yaw_rate, parameters->yaw_rate_max)
-        && is_absent_or_within(measurement->rear_angle, parameters->rear_angle_input_max)
-        && is_absent_or_within(measurement->friction, parameters->friction_max)
-        && !(measurement->friction < 0.0f);
-}
-
 /* What the control law does in a sample. */
 typedef enum {
     LAW_STARTS,   /* it did not run before: without a jump of the command */
@@ -114,91 +72,28 @@ typedef enum {
     LAW_PREDICTS  /* without a new sample: the model moves on, the last error stays */
 } law_phase_t;
 
-/* Up to one above the limit, at which the fail-safe acts. */
-ARS_SECTION_CODE static uint16_t counted(uint16_t count, uint16_t limit)
+/* Control starts at the enabling speed and ends below the disabling one; where it goes on, control() has the last word. */
+ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_parameters_t *parameters, float speed)
 {
-    return (count <= limit) ? (uint16_t)(count + 1u) : count;
-}
-
-ARS_SECTION_CODE static uint16_t leaked(uint16_t count)
-{
-    return (count > 0u) ? (uint16_t)(count - 1u) : count;
-}
-
-/* Lost samples and implausible ones are counted apart: a sensor may be implausible for longer than it may be silent, because a
- * bump is not a fault. A good sample takes one off both counts, so that intermittent faults end in the fail-safe too. */
-ARS_SECTION_CODE static ars_quality_t judge(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
-{
-    ars_quality_t quality = ARS_QUALITY_GOOD;
-
-    if (is_within(measurement->speed, parameters->speed_max)) {
-        self->speed = measurement->speed; /* the fail-safe needs it even where another signal is lost */
-    }
-    if (!is_in_range(parameters, measurement)) {
-        self->bad_samples = counted(self->bad_samples, parameters->degraded_samples_max);
-        quality = ARS_QUALITY_LOST;
-    } else if (!is_plausible(parameters, measurement)) {
-        self->implausible_samples = counted(self->implausible_samples, parameters->implausible_samples_max);
-        quality = ARS_QUALITY_IMPLAUSIBLE;
-    } else {
-        self->bad_samples = leaked(self->bad_samples);
-        self->implausible_samples = leaked(self->implausible_samples);
-    }
-    return quality;
-}
-
-ARS_SECTION_CODE static void update_after_bad_sample(ars_controller_t *self, const ars_parameters_t *parameters)
-{
-    self->good_samples = 0u;
-    if ((self->status == ARS_STATUS_FAIL_SAFE)
-        || (self->bad_samples > parameters->degraded_samples_max)
-        || (self->implausible_samples > parameters->implausible_samples_max)) {
-        self->status = ARS_STATUS_FAIL_SAFE;
+    if (speed >= parameters->enable_speed) {
+        self->enabled = true;
+    } else if (speed < parameters->disable_speed) {
         self->enabled = false;
     } else {
-        self->status = ARS_STATUS_DEGRADED;
+        /* between the two speeds nothing changes */
     }
+    self->status = ARS_STATUS_STANDBY;
 }
 
-ARS_SECTION_CODE static void update_after_good_sample(ars_controller_t *self, const ars_parameters_t *parameters)
-{
-    if (self->status == ARS_STATUS_FAIL_SAFE) {
-        self->good_samples++;
-        if (self->good_samples >= parameters->recovery_samples) {
-            self->good_samples = 0u;
-            self->status = ARS_STATUS_STANDBY;
-        }
-    }
-    if (self->status != ARS_STATUS_FAIL_SAFE) {
-        if (self->speed >= parameters->enable_speed) {
-            self->enabled = true;
-        } else if (self->speed < parameters->disable_speed) {
-            self->enabled = false;
-        } else {
-            /* between the two speeds nothing changes */
-        }
-        self->status = ARS_STATUS_STANDBY; /* where it is enabled, control() has the last word */
-    }
-}
-
-/* Never simply to zero: at speed, taking the rear angle away can spin the car. Held above a speed, and below it ramped, the
- * slower the faster the car is. */
+/* To zero: at speed, taking the rear angle away at once can spin the car, and holding it spins a car whose driver steers back. */
 ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
 {
-    const float speed = magnitude(self->speed);
-
-    if (speed < parameters->hold_speed) {
-        const float share = speed / parameters->hold_speed;
-        const float rate = parameters->ramp_rate_standstill
-            + (share * (parameters->ramp_rate_hold_speed - parameters->ramp_rate_standstill));
-        self->rear_angle = toward_zero(self->rear_angle, rate * sampling_time);
-    }
+    self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
 }
 
-/* The estimate, not below the smallest that is believed; NaN stays NaN: the map takes its own friction. */
+/* The estimate, not below the smallest that is believed. */
 ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters, const ars_measurement_t *measurement)
 {
     return (measurement->friction < parameters->friction_min) ? parameters->friction_min : measurement->friction;
@@ -220,22 +115,14 @@ ARS_SECTION_CODE static void law_init(ars_controller_t *self)
     self->integral = self->rear_angle;
 }
 
-/* What of a demand the angle limit lets through and, where the actuator is measured, the distance to it: a stuck or slow
- * actuator must not wind the integral up. */
+/* What the angle limit and the distance to the actuator let through: one that is stuck or slow must not wind the integral up. */
 ARS_SECTION_CODE static float allowed(
     const ars_parameters_t *parameters, const ars_measurement_t *measurement, float demand)
 {
-    const float low = measurement->rear_angle - parameters->rear_angle_error_max; /* NaN: not measured */
-    const float high = measurement->rear_angle + parameters->rear_angle_error_max;
-    float result = demand;
+    const float ahead = parameters->rear_angle_error_max;
+    const float near = clamp(demand, measurement->rear_angle - ahead, measurement->rear_angle + ahead);
 
-    if (result < low) {
-        result = low;
-    }
-    if (result > high) {
-        result = high;
-    }
-    return clamp(result, -parameters->rear_angle_max, parameters->rear_angle_max);
+    return clamp(near, -parameters->rear_angle_max, parameters->rear_angle_max);
 }
 
 /* Returns whether a limit acted. */
@@ -282,27 +169,23 @@ ARS_SECTION_CODE static bool law_step(
 }
 
 ARS_SECTION_CODE static void control(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, law_phase_t phase)
+    ars_controller_t *self, const ars_parameters_t *parameters, law_phase_t phase)
 {
-    const bool limited = law_step(self, parameters, measurement, phase);
+    const bool limited = law_step(self, parameters, &self->sample, phase);
 
-    self->status = limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
-    self->yaw_rate_error = self->yaw_rate_reference - measurement->yaw_rate;
-    self->sample = *measurement;
-}
-
-/* The last good sample stands for the missing one. What an implausible yaw rate was about to do is not integrated. */
-ARS_SECTION_CODE static void predict(ars_controller_t *self, const ars_parameters_t *parameters)
-{
-    self->sample.inhibit = self->sample.inhibit || (self->quality == ARS_QUALITY_IMPLAUSIBLE);
-    (void)law_step(self, parameters, &self->sample, LAW_PREDICTS);
+    if (self->quality == ARS_QUALITY_REPLACED) {
+        self->status = ARS_STATUS_DEGRADED;
+    } else {
+        self->status = limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+    }
+    self->yaw_rate_error = self->yaw_rate_reference - self->sample.yaw_rate;
 }
 
 /* The last word on the command. */
 ARS_SECTION_CODE static void limit(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+    ars_controller_t *self, const ars_parameters_t *parameters)
 {
-    const ars_limiter_input_t input = { measurement->speed, measurement->front_angle, self->rear_angle };
+    const ars_limiter_input_t input = { self->sample.speed, self->sample.front_angle, self->rear_angle };
     const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
 
     if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
@@ -322,27 +205,15 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->enable_speed, 0.01f, 100.0f)
         && is_between(parameters->disable_speed, 0.01f, 100.0f)
         && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
-        && is_between(parameters->speed_max, 1.0f, 200.0f)
-        && is_between(parameters->front_angle_max, 0.01f, 1.5f)
-        && is_between(parameters->yaw_rate_max, 0.01f, 20.0f)
-        && is_between(parameters->rear_angle_input_max, 1.0e-04f, 1.5f)
-        && is_between(parameters->friction_max, 0.01f, 2.0f)
-        && is_between(parameters->wheelbase, 0.1f, 20.0f)
-        && is_between(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
-        && is_between(parameters->hold_speed, 0.1f, 200.0f)
-        && is_between(parameters->ramp_rate_standstill, 1.0e-05f, 100.0f)
-        && is_between(parameters->ramp_rate_hold_speed, 1.0e-05f, 100.0f)
-        && (parameters->rear_angle_max <= parameters->rear_angle_input_max)
+        && is_between(parameters->fail_safe_rate, 1.0e-05f, 100.0f)
+        && (parameters->rear_angle_max <= parameters->inputs.rear_angle_max)
         && (parameters->disable_speed < parameters->enable_speed)
-        && (parameters->enable_speed <= parameters->speed_max)
-        && (parameters->friction_min <= parameters->friction_max)
-        && (parameters->speed_max <= parameters->limiter.speed_max)
-        && (parameters->front_angle_max <= parameters->limiter.front_angle_max)
-        && (parameters->implausible_samples_max <= 1000u)
-        && (parameters->degraded_samples_max <= 100u)
-        && (parameters->recovery_samples >= 1u)
-        && (parameters->recovery_samples <= 10000u)
+        && (parameters->enable_speed <= parameters->inputs.speed_max)
+        && (parameters->friction_min <= parameters->inputs.friction_max)
+        && (parameters->inputs.speed_max <= parameters->limiter.speed_max)
+        && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
+        && ars_inputs_parameters_valid(&parameters->inputs)
         && ars_limiter_parameters_valid(&parameters->limiter)
         && ars_map_valid();
 }
@@ -357,20 +228,17 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->rear_angle = start;
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
-    self->speed = speed_unknown;
-    self->sample.speed = speed_unknown;
+    self->sample.speed = 0.0f;
     self->sample.front_angle = 0.0f;
     self->sample.yaw_rate = 0.0f;
     self->sample.rear_angle = start;
     self->sample.friction = 0.0f;
     self->sample.inhibit = true;
-    self->bad_samples = 0u;
-    self->good_samples = 0u;
-    self->implausible_samples = 0u;
     self->enabled = false;
     self->quality = ARS_QUALITY_GOOD;
     self->status = ARS_STATUS_STANDBY;
     self->initialised = initialised;
+    ars_inputs_init(&self->inputs, true);
     ars_limiter_init(&self->limiter, start);
     law_init(self);
 }
@@ -378,15 +246,22 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
 /* False for memory that was never initialised, and where a number of the state is none. */
 ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 {
-    return (self->initialised == initialised)
-        && is_within(self->integral, state_max)
-        && is_within(self->rear_angle, state_max)
-        && is_within(self->yaw_rate_reference, state_max)
-        && is_within(self->yaw_rate_error, state_max)
-        && is_within(self->speed, state_max)
-        && is_within(self->limiter.rear_angle, state_max)
-        && is_within(self->limiter.speed, state_max)
-        && is_within(self->limiter.front_angle, state_max);
+    float squares = 0.0f;
+
+    squares += self->integral * self->integral;
+    squares += self->rear_angle * self->rear_angle;
+    squares += self->yaw_rate_reference * self->yaw_rate_reference;
+    squares += self->yaw_rate_error * self->yaw_rate_error;
+    squares += self->inputs.speed.value * self->inputs.speed.value;
+    squares += self->inputs.front_angle.value * self->inputs.front_angle.value;
+    squares += self->inputs.yaw_rate.value * self->inputs.yaw_rate.value;
+    squares += self->inputs.expected_yaw_rate * self->inputs.expected_yaw_rate;
+    squares += self->inputs.least * self->inputs.least;
+    squares += self->inputs.friction * self->inputs.friction;
+    squares += self->limiter.rear_angle * self->limiter.rear_angle;
+    squares += self->limiter.speed * self->limiter.speed;
+    squares += self->limiter.front_angle * self->limiter.front_angle;
+    return (self->initialised == initialised) && (squares <= squares_max); /* false for NaN */
 }
 
 ARS_SECTION_CODE ars_command_t ars_controller_step(
@@ -396,20 +271,25 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
 
     if (!is_sound(self)) { /* afresh, from where the rear wheels stand, and not before good samples */
         ars_controller_init(self, measurement->rear_angle);
-        self->status = ARS_STATUS_FAIL_SAFE;
+        ars_inputs_init(&self->inputs, false);
     }
-    self->quality = judge(self, parameters, measurement);
-    if (self->quality == ARS_QUALITY_GOOD) {
-        const law_phase_t phase = self->enabled ? LAW_CONTINUES : LAW_STARTS;
-
-        update_after_good_sample(self, parameters);
-        if (self->enabled) {
-            control(self, parameters, measurement, phase);
+    self->quality = ars_inputs_step(&self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->sample);
+    if (self->quality == ARS_QUALITY_UNUSABLE) {
+        self->status = ARS_STATUS_FAIL_SAFE;
+        self->enabled = false;
+    } else if (self->quality == ARS_QUALITY_MISSING) {
+        if (self->status != ARS_STATUS_FAIL_SAFE) {
+            self->status = ARS_STATUS_DEGRADED;
+        }
+        if (self->enabled) { /* what was measured last stands for what is missing */
+            (void)law_step(self, parameters, &self->sample, LAW_PREDICTS);
         }
     } else {
-        update_after_bad_sample(self, parameters);
+        const law_phase_t phase = self->enabled ? LAW_CONTINUES : LAW_STARTS;
+
+        choose_by_speed(self, parameters, self->sample.speed);
         if (self->enabled) {
-            predict(self, parameters);
+            control(self, parameters, phase);
         }
     }
     if (self->status == ARS_STATUS_STANDBY) {
@@ -420,7 +300,7 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);
     }
-    limit(self, parameters, measurement);
+    limit(self, parameters);
     command.rear_angle = self->rear_angle;
     command.yaw_rate_reference = self->yaw_rate_reference;
     command.status = self->status;

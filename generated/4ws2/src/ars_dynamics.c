@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x4BE36543u
+#if ARS_DYNAMICS_BUILD != 0x474CE1C0u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

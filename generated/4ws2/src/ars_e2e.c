@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x4BE36543u
+#if ARS_E2E_BUILD != 0x474CE1C0u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

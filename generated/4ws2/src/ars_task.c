@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x4BE36543u
+#if ARS_CAN_BUILD != 0x474CE1C0u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x4BE36543u
+#if ARS_CONTROLLER_BUILD != 0x474CE1C0u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x4BE36543u
+#if ARS_E2E_BUILD != 0x474CE1C0u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x4BE36543u
+#if ARS_TASK_BUILD != 0x474CE1C0u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -158,7 +158,7 @@ ARS_SECTION_CODE static uint32_t check_rhythm(ars_task_t *self)
 ARS_SECTION_CODE static void start(ars_task_t *self)
 {
     const float rear_angle = self->conditions.rear_angle;
-    const float largest = self->parameters->rear_angle_input_max;
+    const float largest = self->parameters->inputs.rear_angle_max;
 
     if ((rear_angle >= -largest) && (rear_angle <= largest)) {
         self->started = true;
@@ -166,40 +166,34 @@ ARS_SECTION_CODE static void start(ars_task_t *self)
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
-        self->started = self->samples_without_angle > self->parameters->recovery_samples;
+        self->started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
     }
     if (self->started) {
         ars_controller_init(&self->controller, rear_angle);
     }
 }
 
-/* A lost sample is told to the controller by signals that are not available. The speed is given as long as it is known: the
- * fail-safe depends on it. */
+/* What did not come is told to the controller by signals that are not available. */
 ARS_SECTION_CODE static ars_command_t step(ars_task_t *self)
 {
     const bool motion_good = self->motion_input.good;
-    const bool good = motion_good && self->conditions_input.good;
+    const bool conditions_good = self->conditions_input.good;
     const float not_available = ars_can_not_available();
-    ars_measurement_t measurement = {
+    const ars_measurement_t measurement = {
         .speed = motion_good ? self->motion.speed : not_available,
-        .front_angle = not_available,
-        .yaw_rate = not_available,
-        .rear_angle = not_available,
-        .friction = not_available,
-        .inhibit = true
+        .front_angle = motion_good ? self->motion.front_angle : not_available,
+        .yaw_rate = motion_good ? self->motion.yaw_rate : not_available,
+        .rear_angle = conditions_good ? self->conditions.rear_angle : not_available,
+        .friction = conditions_good ? self->conditions.friction : not_available,
+        .inhibit = self->conditions.inhibit
     };
 
-    if (good) {
-        if (!self->started) {
-            start(self);
-        }
-        measurement.front_angle = self->motion.front_angle;
-        measurement.yaw_rate = self->motion.yaw_rate;
-        measurement.rear_angle = self->conditions.rear_angle;
-        measurement.friction = self->conditions.friction;
-        measurement.inhibit = self->conditions.inhibit;
-    } else {
+    if (!motion_good || !conditions_good) {
         self->lost_samples++;
+    } else if (!self->started) {
+        start(self);
+    } else {
+        /* control goes on */
     }
     return ars_controller_step(&self->controller, self->parameters, &measurement);
 }
@@ -207,17 +201,17 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self)
 /* What the controller had to say of a sample that came whole, and of samples that stayed lost. */
 ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool good)
 {
-    const ars_controller_t *controller = &self->controller;
+    const ars_quality_t quality = self->controller.quality;
     uint32_t causes = 0u;
 
-    if (good && (controller->quality == ARS_QUALITY_LOST)) {
+    if (good && (quality == ARS_QUALITY_MISSING)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
-    if (controller->quality == ARS_QUALITY_IMPLAUSIBLE) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_IMPLAUSIBLE;
+    if (quality == ARS_QUALITY_REPLACED) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_REPLACED;
     }
-    if (controller->bad_samples > self->parameters->degraded_samples_max) {
-        causes |= (uint32_t)ARS_DIAGNOSTICS_TIMEOUT;
+    if (quality == ARS_QUALITY_UNUSABLE) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_UNUSABLE;
     }
     return causes;
 }

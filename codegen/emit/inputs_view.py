@@ -1,0 +1,112 @@
+"""View model of the monitoring of the inputs: its parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from codegen.config import KM_H, Config
+from codegen.controller_sections import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
+from codegen.emit.parameters import Parameter, ParameterView, parameter_views
+from codegen.emit.text import Precision, literal
+from codegen.vehicle.single_track import SingleTrack
+
+FRICTION_UNKNOWN = 2.0
+"""More than the peak friction of any road: the map takes its own."""
+
+
+@dataclass(frozen=True)
+class InputsView:
+    """Everything that the templates of the inputs print."""
+
+    parameters: tuple[ParameterView, ...]
+    ranged: tuple[ParameterView, ...]
+    counts: tuple[ParameterView, ...]
+    friction_unknown: str
+    recovery_samples_max: str
+
+
+def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
+    """The fields of `<prefix>_inputs_parameters_t`, in order."""
+    inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
+    car = SingleTrack.from_config(config)
+    return (
+        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range", 1.0, 200.0),
+        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, range", 0.01, 1.5),
+        Parameter("yaw_rate_max", math.radians(inputs.yaw_rate_max_deg_s), "rad/s, range", 0.01, 20.0),
+        Parameter("rear_angle_max", math.radians(inputs.rear_angle_max_deg), "rad, range", 1e-4, 1.5),
+        Parameter("friction_max", inputs.friction_max, "range", 0.01, 2.0),
+        Parameter("speed_step", inputs.acceleration_max_m_s2 * period, "m/s at most in a sample", 1e-3, 200.0),
+        Parameter(
+            "front_angle_step", math.radians(inputs.front_angle_rate_max_deg_s) * period, "rad at most in a sample", 1e-5, 3.0
+        ),
+        Parameter(
+            "yaw_rate_step",
+            math.radians(inputs.yaw_acceleration_max_deg_s2) * period,
+            "rad/s at most in a sample",
+            1e-4,
+            40.0,
+        ),
+        Parameter("wheelbase", config.vehicle.wheelbase, "m, of the linear car", 0.1, 20.0),
+        Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m: of the linear car", -0.1, 0.1),
+        Parameter(
+            "expected_share",
+            1.0 - math.exp(-period / inputs.yaw_rate_lag_s),
+            "share of its way to the steady turn that the yaw rate goes in a sample",
+            1e-3,
+            1.0,
+        ),
+        Parameter(
+            "yaw_rate_tolerance",
+            math.radians(inputs.yaw_rate_tolerance_deg_s),
+            "rad/s beyond what the road explains",
+            1e-3,
+            20.0,
+        ),
+        Parameter("lateral_acceleration_max", inputs.lateral_acceleration_max_m_s2, "m/s^2 that no road allows", 1.0, 100.0),
+        Parameter(
+            "yaw_rate_frozen",
+            math.radians(inputs.yaw_rate_frozen_deg_s),
+            "rad/s that the others may move away while the yaw rate stays to the bit",
+            1e-3,
+            20.0,
+        ),
+        Parameter(
+            "speed_agreement",
+            inputs.speed_agreement_km_h * KM_H,
+            "m/s, within which a speed that was wrong counts again",
+            1e-3,
+            200.0,
+        ),
+        Parameter(
+            "yaw_rate_agreement",
+            math.radians(inputs.yaw_rate_agreement_deg_s),
+            "rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much",
+            1e-3,
+            10.0,
+        ),
+        Parameter("speed_fall", inputs.speed_fall_m_s2 * period, "m/s that a lost speed falls in a sample", 0.0, 1.0),
+        Parameter(
+            "friction_recovery", inputs.friction_recovery_1_s * period, "that a lost estimate rises in a sample", 1e-6, 1.0
+        ),
+        Parameter(
+            "missing_samples_max",
+            fail_safe.degraded_samples_max,
+            "missing samples less others of a signal, before it is replaced",
+            0,
+            round(DEGRADED_TIME_MAX_S / period),
+        ),
+        Parameter("recovery_samples", fail_safe.recovery_samples, "in a row that end it", 1, RECOVERY_SAMPLES_MAX),
+    )
+
+
+def inputs_view(config: Config, prefix: str, precision: Precision, real: str) -> InputsView:
+    """The view of a configuration's monitoring."""
+    parameters = parameter_views(inputs_parameters(config), prefix, precision, real)
+    return InputsView(
+        parameters=parameters,
+        ranged=tuple(view for view in parameters if not view.is_count),
+        counts=tuple(view for view in parameters if view.is_count),
+        friction_unknown=literal(FRICTION_UNKNOWN, precision),
+        recovery_samples_max=f"{RECOVERY_SAMPLES_MAX}u",
+    )

@@ -1,0 +1,143 @@
+"""The monitoring of the inputs as its header describes it, in Python, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
+
+from codegen.emit.inputs_view import FRICTION_UNKNOWN
+from codegen.sil.software import Measurement
+
+
+class Quality(Enum):
+    """What a sample is worth."""
+
+    GOOD = auto()
+    REPLACED = auto()
+    MISSING = auto()
+    UNUSABLE = auto()
+
+
+class Source(Enum):
+    """Where the value of a signal comes from."""
+
+    MEASURED = auto()
+    LOST = auto()
+    WRONG = auto()
+
+
+@dataclass
+class Signal:
+    """One signal: the value that is used, and its counts; `good` None: trusted at once."""
+
+    value: Any
+    source: Source = Source.LOST
+    missing: int = 0
+    good: int | None = 0
+
+    @property
+    def is_measured(self) -> bool:
+        return self.source is Source.MEASURED
+
+
+class SecondInputs:
+    """The monitoring that all kinds share. `happened` tells what a drive has made it do."""
+
+    def __init__(self, parameters: Any, real: Any, is_trusted: bool = True) -> None:
+        self.p = parameters
+        self.real = real
+        zero = real(0.0)
+        self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
+        self.expected = self.least = zero
+        self.friction = real(FRICTION_UNKNOWN)
+        self.happened: set[str] = set()
+
+    def parameter(self, name: str) -> Any:
+        return self.real(getattr(self.p, name))
+
+    def step(self, m: Measurement, command: Any) -> tuple[Quality, Measurement]:
+        """What a sample is worth, and what is believed of it. `command`: rad, the last one."""
+        p, signals = self.parameter, (self.speed, self.front_angle, self.yaw_rate)
+        rear = m.rear_angle if abs(m.rear_angle) <= p("rear_angle_max") else command
+        taken = [self._take_speed(m.speed)]
+        if 0.0 <= m.friction <= p("friction_max"):
+            self.friction = m.friction
+        else:
+            self.friction = min(self.friction + p("friction_recovery"), self.real(FRICTION_UNKNOWN))
+        speed, wheelbase = self.speed.value, p("wheelbase")
+        gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
+        taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
+        if not self.yaw_rate.is_measured:
+            self.yaw_rate.value = self._within(self.expected, p("yaw_rate_max"))
+        if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
+            self.front_angle.value = self._within(rear + self.yaw_rate.value / gain, p("front_angle_max"))
+        quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED
+        if not all(taken):
+            quality = Quality.MISSING
+        if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
+            quality = Quality.UNUSABLE
+        self.happened.add(quality.name)
+        numbers = (self.speed.value, self.front_angle.value, self.yaw_rate.value, rear, self.friction)
+        return quality, Measurement(*numbers, inhibit=m.inhibit)
+
+    def _take_speed(self, measured: Any) -> bool:
+        p, signal = self.parameter, self.speed
+        confirmed = abs(measured - signal.value) <= p("speed_agreement")
+        taken = self._take("speed", measured, abs(measured) <= p("speed_max"), confirmed, p("speed_step"))
+        if not signal.is_measured:
+            signal.value = signal.value - self._within(signal.value, p("speed_fall"))
+        return taken
+
+    def _take_front_angle(self, measured: Any, gain: Any, rear: Any) -> bool:
+        p, yaw_rate = self.parameter, self.yaw_rate.value
+        confirmed = self._agrees(gain * (measured - rear) - yaw_rate, yaw_rate)
+        return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, p("front_angle_step"))
+
+    def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
+        p, speed = self.parameter, abs(self.speed.value)
+        self.expected = self.expected + p("expected_share") * (gain * (self.front_angle.value - rear) - self.expected)
+        apart = abs(measured - self.expected)
+        grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
+        is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)
+        is_frozen = False
+        if is_possible and self.yaw_rate.is_measured:
+            self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
+            is_frozen = apart - self.least > p("yaw_rate_frozen")
+        step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
+        confirmed = self._agrees(measured - self.expected, self.expected)
+        return self._take("yaw_rate", measured, is_possible, confirmed, step)
+
+    def _agrees(self, apart: Any, turn: Any) -> bool:
+        """In a turn: that zero agrees with zero proves nothing."""
+        agreement = self.parameter("yaw_rate_agreement")
+        return bool(abs(apart) <= agreement and abs(turn) > agreement + agreement)
+
+    def _take(self, name: str, measured: Any, is_there: bool, is_confirmed: bool, step: Any) -> bool:
+        """False where a signal is missing for a short time."""
+        signal = getattr(self, name)
+        before = signal.source
+        if not signal.is_measured:
+            self._prove(signal, measured, is_there and (is_confirmed or signal.source is Source.LOST))
+        elif not is_there:
+            signal.missing += 1
+            if signal.missing > self.p.missing_samples_max:
+                signal.source = Source.LOST
+        elif abs(measured - signal.value) <= step * self.real(signal.missing + 1):
+            signal.value, signal.missing = measured, max(signal.missing - 1, 0)
+        else:
+            signal.source = Source.WRONG
+        if signal.source is not before:
+            self.happened.add(f"{name} {signal.source.name}")
+        return bool(is_there) or not signal.is_measured
+
+    def _prove(self, signal: Signal, measured: Any, speaks_for_it: bool) -> None:
+        if not speaks_for_it:
+            signal.good = 0
+            return
+        signal.good = None if signal.good is None else signal.good + 1
+        if signal.good is None or signal.good >= self.p.recovery_samples:
+            signal.value, signal.source, signal.missing, signal.good = measured, Source.MEASURED, 0, 0
+
+    def _within(self, value: Any, largest: Any) -> Any:
+        return max(min(value, largest), -largest)

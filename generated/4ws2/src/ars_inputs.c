@@ -1,0 +1,281 @@
+/*
+ * Monitoring of the inputs. See ars_inputs.h.
+ *
+ * Order of a step: speed, front angle, the yaw rate that they make, yaw rate; then what is not believed is replaced.
+ *
+ * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_inputs.h"
+
+#include "ars_sections.h"
+
+#if ARS_INPUTS_BUILD != 0x474CE1C0u
+#error "ars_inputs.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+/* More than any road's, and so that of a car which knows nothing of its road. */
+ARS_SECTION_CONST static const float friction_unknown = 2.0f;
+
+/* m/s: slower, a front angle makes as good as no yaw rate to find it by. */
+ARS_SECTION_CONST static const float speed_least = 1.0f;
+
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    return (value < 0.0f) ? -value : value;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_within(float value, float largest)
+{
+    return magnitude(value) <= largest;
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_between(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
+}
+
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = value;
+
+    if (result > largest) {
+        result = largest;
+    }
+    if (result < -largest) {
+        result = -largest;
+    }
+    return result;
+}
+
+/* A signal that was measured so far: it is missing, for a short time or for too long, or wrong where it moves by more than `step` in a
+ * sample. Returns whether it is missing, for a short time so far. */
+ARS_SECTION_CODE static bool follow(
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, float step)
+{
+    bool is_gap = false;
+
+    if (!is_there) {
+        self->missing++;
+        is_gap = self->missing <= parameters->missing_samples_max;
+        if (!is_gap) {
+            self->source = ARS_SIGNAL_LOST;
+        }
+    } else if (is_within(measured - self->value, step * ((float)self->missing + 1.0f))) {
+        self->value = measured;
+        if (self->missing > 0u) {
+            self->missing--;
+        }
+    } else {
+        self->source = ARS_SIGNAL_WRONG;
+    }
+    return is_gap;
+}
+
+/* A signal that is replaced: it has to be there and, where it was wrong, to be confirmed by the others, for so many samples in a row. */
+ARS_SECTION_CODE static void prove(
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, bool is_confirmed)
+{
+    if (is_there && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
+        self->good++;
+    } else {
+        self->good = 0u;
+    }
+    if (self->good >= parameters->recovery_samples) {
+        self->source = ARS_SIGNAL_MEASURED;
+        self->value = measured;
+        self->good = 0u;
+        self->missing = 0u;
+    }
+}
+
+/* A yaw rate that stays to the bit while that of the other signals moves away from it. `least` is how near it was since it changed. */
+ARS_SECTION_CODE static bool is_frozen(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+{
+    const float apart = magnitude(measured - self->expected_yaw_rate);
+
+    if ((apart < self->least) || (measured > self->yaw_rate.value) || (measured < self->yaw_rate.value)) {
+        self->least = apart;
+    }
+    return (apart - self->least) > parameters->yaw_rate_frozen;
+}
+
+/* An estimate that is lost goes slowly to that of a road nobody knows. */
+ARS_SECTION_CODE static void take_friction(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+{
+    if (is_between(measured, 0.0f, parameters->friction_max)) {
+        self->friction = measured;
+    } else {
+        self->friction = bounded(self->friction + parameters->friction_recovery, friction_unknown);
+    }
+}
+
+ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t *parameters)
+{
+    return is_between(parameters->speed_max, 1.0f, 200.0f)
+        && is_between(parameters->front_angle_max, 0.01f, 1.5f)
+        && is_between(parameters->yaw_rate_max, 0.01f, 20.0f)
+        && is_between(parameters->rear_angle_max, 1.0e-04f, 1.5f)
+        && is_between(parameters->friction_max, 0.01f, 2.0f)
+        && is_between(parameters->speed_step, 0.001f, 200.0f)
+        && is_between(parameters->front_angle_step, 1.0e-05f, 3.0f)
+        && is_between(parameters->yaw_rate_step, 1.0e-04f, 40.0f)
+        && is_between(parameters->wheelbase, 0.1f, 20.0f)
+        && is_between(parameters->understeer_coefficient, -0.1f, 0.1f)
+        && is_between(parameters->expected_share, 0.001f, 1.0f)
+        && is_between(parameters->yaw_rate_tolerance, 0.001f, 20.0f)
+        && is_between(parameters->lateral_acceleration_max, 1.0f, 100.0f)
+        && is_between(parameters->yaw_rate_frozen, 0.001f, 20.0f)
+        && is_between(parameters->speed_agreement, 0.001f, 200.0f)
+        && is_between(parameters->yaw_rate_agreement, 0.001f, 10.0f)
+        && is_between(parameters->speed_fall, 0.0f, 1.0f)
+        && is_between(parameters->friction_recovery, 1.0e-06f, 1.0f)
+        && (parameters->missing_samples_max <= 100u)
+        && (parameters->recovery_samples >= 1u)
+        && (parameters->recovery_samples <= 10000u);
+}
+
+ARS_SECTION_CODE static void signal_init(ars_signal_t *self, bool is_trusted)
+{
+    self->value = 0.0f;
+    self->missing = 0u;
+    self->good = is_trusted ? 10000u : 0u;
+    self->source = ARS_SIGNAL_LOST;
+}
+
+ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
+{
+    signal_init(&self->speed, is_trusted);
+    signal_init(&self->front_angle, is_trusted);
+    signal_init(&self->yaw_rate, is_trusted);
+    self->expected_yaw_rate = 0.0f;
+    self->least = 0.0f;
+    self->friction = friction_unknown;
+}
+
+ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_gap)
+{
+    const bool front_is_measured = self->front_angle.source == ARS_SIGNAL_MEASURED;
+    const bool yaw_is_measured = self->yaw_rate.source == ARS_SIGNAL_MEASURED;
+    ars_quality_t quality = ARS_QUALITY_GOOD;
+
+    if (!front_is_measured && !yaw_is_measured) {
+        quality = ARS_QUALITY_UNUSABLE;
+    } else if (has_gap) {
+        quality = ARS_QUALITY_MISSING;
+    } else if (!front_is_measured || !yaw_is_measured || (self->speed.source != ARS_SIGNAL_MEASURED)) {
+        quality = ARS_QUALITY_REPLACED;
+    } else {
+        /* good */
+    }
+    return quality;
+}
+
+/* rad/s of the linear car for each rad between front and rear wheels; that of a car beyond its critical speed is bounded. */
+ARS_SECTION_CODE static float yaw_gain(const ars_inputs_parameters_t *parameters, float speed)
+{
+    const float least = 0.25f * parameters->wheelbase;
+    const float length = parameters->wheelbase + ((parameters->understeer_coefficient * speed) * speed);
+
+    return speed / ((length > least) ? length : least);
+}
+
+/* Whether a yaw rate agrees with a turn that is one: that zero agrees with zero proves nothing. */
+ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn)
+{
+    const float agreement = parameters->yaw_rate_agreement;
+
+    return is_within(yaw_rate - turn, agreement) && !is_within(turn, agreement + agreement);
+}
+
+/* Each takes one signal. Returns whether it is missing, for a short time so far. */
+ARS_SECTION_CODE static bool take_speed(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+{
+    ars_signal_t *const signal = &self->speed;
+    const bool is_there = is_within(measured, parameters->speed_max);
+    bool is_gap = false;
+
+    if (signal->source == ARS_SIGNAL_MEASURED) {
+        is_gap = follow(signal, parameters, measured, is_there, parameters->speed_step);
+    } else {
+        prove(signal, parameters, measured, is_there, is_within(measured - signal->value, parameters->speed_agreement));
+    }
+    if (signal->source != ARS_SIGNAL_MEASURED) {
+        signal->value -= bounded(signal->value, parameters->speed_fall);
+    }
+    return is_gap;
+}
+
+/* turn: rad/s that the front angle would make in the linear car. */
+ARS_SECTION_CODE static bool take_front_angle(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn)
+{
+    const bool is_there = is_within(measured, parameters->front_angle_max);
+    bool is_gap = false;
+
+    if (self->front_angle.source == ARS_SIGNAL_MEASURED) {
+        is_gap = follow(&self->front_angle, parameters, measured, is_there, parameters->front_angle_step);
+    } else {
+        prove(&self->front_angle, parameters, measured, is_there, agrees(parameters, turn, self->yaw_rate.value));
+    }
+    return is_gap;
+}
+
+/* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. */
+ARS_SECTION_CODE static bool take_yaw_rate(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+{
+    const float speed = magnitude(self->speed.value);
+    const bool is_there = is_within(measured, parameters->yaw_rate_max)
+        && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
+    bool is_gap = false;
+
+    if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
+        prove(&self->yaw_rate, parameters, measured, is_there, agrees(parameters, measured, self->expected_yaw_rate));
+    } else if (is_there && is_frozen(self, parameters, measured)) {
+        self->yaw_rate.source = ARS_SIGNAL_WRONG;
+    } else {
+        is_gap = follow(&self->yaw_rate, parameters, measured, is_there, parameters->yaw_rate_step);
+    }
+    return is_gap;
+}
+
+ARS_SECTION_CODE ars_quality_t ars_inputs_step(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
+    ars_measurement_t *believed)
+{
+    const float rear
+        = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
+    bool has_gap = take_speed(self, parameters, measured->speed);
+    const float gain = yaw_gain(parameters, self->speed.value);
+
+    has_gap = take_front_angle(self, parameters, measured->front_angle, gain * (measured->front_angle - rear)) || has_gap;
+    self->expected_yaw_rate
+        += parameters->expected_share * ((gain * (self->front_angle.value - rear)) - self->expected_yaw_rate);
+    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate) || has_gap;
+    if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
+        self->yaw_rate.value = bounded(self->expected_yaw_rate, parameters->yaw_rate_max);
+    } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
+        self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
+    } else {
+        /* both are measured, or the car stands */
+    }
+    take_friction(self, parameters, measured->friction);
+    believed->speed = self->speed.value;
+    believed->front_angle = self->front_angle.value;
+    believed->yaw_rate = self->yaw_rate.value;
+    believed->rear_angle = rear;
+    believed->friction = self->friction;
+    believed->inhibit = measured->inhibit;
+    return quality_of(self, has_gap);
+}
