@@ -184,7 +184,6 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
 def _proportional_parameters(config: Config) -> tuple[Parameter, ...]:
     car = SingleTrack.from_config(config)
     return (
-        Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m, K of the linear car", -1.0, 1.0),
         Parameter("rear_arm", car.rear_arm, "m, centre of gravity to rear axle", 0.1, 20.0),
         Parameter(
             "rear_slip_per_acceleration", car.rear_slip_per_lateral_acceleration, "rad s^2/m, at the rear axle", 0.0, 1.0

@@ -25,7 +25,7 @@ ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for 
 """Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in SETS."""
 SETS: tuple[Mapping[str, Any], ...] = (
     {},
-    {"rear_angle_input_max": 2000 / 20000, "recovery_samples": 3, "degraded_samples_max": 0},
+    {"inputs": {"rear_angle_max": 2000 / 20000, "recovery_samples": 3, "missing_samples_max": 0}},
 )
 EVENTS = (
     *("good",) * 12,

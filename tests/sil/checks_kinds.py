@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from codegen.config import Config
 from codegen.sil.software import Status
-from codegen.verify.law.controller import SecondController
+from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.kinds import second_controller
 from tests.builds import Built
-from tests.sil.checks_supervision import random_measurements
 
 
 def config_of(built: Built) -> Config:
@@ -19,12 +19,13 @@ def config_of(built: Built) -> Config:
 
 
 def parameters_of(built: Built, changes: Mapping[str, Any] | None = None) -> Any:
-    """The default parameters with some changed; those of the limiter as a mapping under `limiter`. All of them valid."""
+    """The default parameters with some changed; those of `inputs` and `limiter` as mappings. All of them valid."""
     plain = dict(changes or {})
-    limiter = plain.pop("limiter", {})
+    structs = {name: plain.pop(name, {}) for name in ("inputs", "limiter")}
     parameters = built.software.parameters(**plain)
-    for name, value in limiter.items():
-        setattr(parameters.limiter, name, value)
+    for struct, values in structs.items():
+        for name, value in values.items():
+            setattr(getattr(parameters, struct), name, value)
     assert built.software.function("parameters_valid")(parameters), changes
     return parameters
 
@@ -42,6 +43,13 @@ def model_of(built: Built, parameters: Any, start: float) -> SecondController:
     return second_controller(config_of(built), parameters, built.lookup, built.total, start)
 
 
+OPEN: dict[str, Any] = {
+    **{"speed_step": 200.0, "front_angle_step": 3.0, "yaw_rate_step": 40.0},
+    **{"yaw_rate_frozen": 20.0, "yaw_rate_tolerance": 20.0, "lateral_acceleration_max": 100.0},
+}
+"""Inputs that believe whatever is in its range, for checks of what stands behind them."""
+STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0}}
+"""Inputs for which a sample that comes again and again is no fault."""
 WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
 """Ranges of a limiter that takes every input that a controller may."""
 EXTREMES: dict[str, Mapping[str, Any]] = {
@@ -49,13 +57,8 @@ EXTREMES: dict[str, Mapping[str, Any]] = {
     "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
     "slow": {"rear_rate_max": 0.01, "rear_angle_error_max": 1e-4},
     "forgiving": {"grip_shortfall": 20.0, "grip_recovery": 100.0, "trim_share": 0.2, "trim_rate": 20.0},
-    "wide inputs": {
-        "yaw_rate_tolerance": 20.0,
-        "front_angle_max": 1.5,
-        "speed_max": 200.0,
-        "yaw_rate_max": 20.0,
-        "limiter": WIDE,
-    },
+    "open inputs": {"inputs": OPEN},
+    "wide inputs": {"inputs": {**OPEN, **WIDE, "yaw_rate_max": 20.0}, "limiter": WIDE},
 }
 
 
@@ -86,13 +89,44 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
     assert state.limiter.rear_angle == state.rear_angle
     assert 0.0 <= state.limiter.speed <= parameters.limiter.speed_max
     assert abs(state.limiter.front_angle) <= parameters.limiter.front_angle_max
-    kind = config_of(built).controller.kind
+    kind, inputs, sample = config_of(built).controller.kind, parameters.inputs, state.sample
+    for field in ("speed", "front_angle", "yaw_rate", "rear_angle"):
+        assert abs(getattr(sample, field)) <= max(getattr(inputs, f"{field}_max"), parameters.rear_angle_max), field
+    assert 0.0 <= sample.friction <= 2.0
     if kind == "pi":
-        largest = float(built.total.yaw_rate.max()) + parameters.yaw_rate_max
+        largest = float(built.total.yaw_rate.max()) + inputs.yaw_rate_max
         assert abs(state.integral) <= 1.000001 * (parameters.rear_angle_max + parameters.proportional_gain * largest)
     if kind == "tracking":
-        largest = parameters.yaw_rate_max + 20.0 + max(abs(state.yaw_rate_reference), float(built.total.yaw_rate.max()))
+        largest = inputs.yaw_rate_max + 20.0 + max(abs(state.yaw_rate_reference), float(built.total.yaw_rate.max()))
         assert abs(state.trim) <= 1.001 * parameters.trim_share * float(built.total.yaw_rate.max())
         most = 2.0 * parameters.rear_angle_max + max(parameters.proportional_gain) * largest
         assert abs(state.integral) <= 1.01 * most
         assert 0.0 < state.grip <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
+
+
+def random_measurements(built: Built, rng: np.random.Generator, count: int) -> Any:
+    """A C array of measurements, each field at random plausible, at a limit, special, or any bit pattern."""
+    software = built.software
+    samples = software.ffi.new(f"{software.prefix}_measurement_t[]", count)
+    real: Any = software.real
+    size = np.dtype(real).itemsize
+    stride = software.ffi.sizeof(samples) // count
+    rest = stride - 5 * size - 1
+    layout = np.dtype([("bits", f"u{size}", 5), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
+    view: npt.NDArray[Any] = np.frombuffer(software.ffi.buffer(samples), dtype=layout)
+    parameters = software.parameters()
+    limits = np.array([getattr(parameters.inputs, f"{field}_max") for field in NUMBERS])
+    special = np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 1e-40, 1e30, -1e30])
+    kinds = [
+        rng.uniform(-0.5, 0.5, (count, 5)) * limits,
+        np.abs(rng.normal(0.0, 0.15, (count, 5))) * limits,
+        rng.choice([-1.0, 1.0], (count, 5)) * limits,
+        rng.choice(special, (count, 5)),
+        np.frombuffer(rng.bytes(count * 5 * size), dtype=real).reshape(count, 5),
+    ]
+    weights = np.repeat(rng.choice([0, 1, 2], count // 50 + 1, p=[0.3, 0.4, 0.3]), 50)[:count]  # calm, rough and wild spells
+    chances = np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.1, 0.88, 0.005, 0.01, 0.005], [0.2, 0.2, 0.2, 0.2, 0.2]])
+    pick = (rng.random((count, 5, 1)) > np.cumsum(chances, axis=1)[weights][:, np.newaxis, :]).sum(axis=2).clip(0, 4)
+    view["bits"] = np.choose(pick, [kind.astype(real).view(f"u{size}") for kind in kinds])  # a copied NaN may turn quiet
+    view["inhibit"] = rng.random(count) < 0.1
+    return samples

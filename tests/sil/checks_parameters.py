@@ -3,12 +3,15 @@
 Each check takes a build of any kind and raises AssertionError where it does not hold.
 """
 
+import functools
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from codegen.config import Config
 from codegen.emit.controller_view import controller_view
+from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
@@ -18,7 +21,7 @@ from tests.sil.checks_kinds import config_of
 def configured(built: Built) -> dict[str, Any]:
     """Values of the parameters as their documentation says that they follow from the configuration; SI units."""
     config = config_of(built)
-    controller, inputs, fail_safe = config.controller, config.controller.inputs, config.controller.fail_safe
+    controller = config.controller
     rate, period = controller.rear_rate_max_deg_s, controller.sampling_time_s
     values: dict[str, Any] = {
         "rear_angle_max": math.radians(config.rear_actuator.angle_max_deg),
@@ -27,19 +30,7 @@ def configured(built: Built) -> dict[str, Any]:
         "enable_speed": controller.enable_speed_km_h / 3.6,
         "disable_speed": controller.disable_speed_km_h / 3.6,
         "standby_rate": math.radians(controller.standby_rate_deg_s),
-        "speed_max": inputs.speed_max_km_h / 3.6,
-        "front_angle_max": math.radians(inputs.front_angle_max_deg),
-        "yaw_rate_max": math.radians(inputs.yaw_rate_max_deg_s),
-        "rear_angle_input_max": math.radians(inputs.rear_angle_max_deg),
-        "friction_max": inputs.friction_max,
-        "wheelbase": config.vehicle.cg_to_front_axle_m + config.vehicle.cg_to_rear_axle_m,
-        "yaw_rate_tolerance": math.radians(inputs.yaw_rate_tolerance_deg_s),
-        "hold_speed": fail_safe.hold_above_km_h / 3.6,
-        "ramp_rate_standstill": math.radians(fail_safe.rate_at_standstill_deg_s),
-        "ramp_rate_hold_speed": math.radians(fail_safe.rate_at_hold_speed_deg_s),
-        "implausible_samples_max": round(inputs.implausible_time_s / period),
-        "degraded_samples_max": fail_safe.degraded_samples_max,
-        "recovery_samples": fail_safe.recovery_samples,
+        "fail_safe_rate": math.radians(controller.fail_safe.rate_deg_s),
     }
     if controller.kind in ("pi", "tracking"):
         values["rear_angle_error_max"] = math.radians(controller.rear_angle_error_max_deg)
@@ -70,16 +61,43 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
 
 
 def check_defaults(built: Built) -> None:
-    """The default parameters are those of the configuration, but for one rounding, of the limiter for two."""
+    """The default parameters are those of the configuration, but for one rounding, of inputs and limiter for two."""
     parameters = built.software.parameters()
-    wanted_of_limiter = _configured_limiter(config_of(built))
-    assert wanted_of_limiter.keys() == set(dir(parameters.limiter))
-    of_both = (parameters, configured(built), 1.0), (parameters.limiter, wanted_of_limiter, 2.0)
-    for struct, values, roundings in of_both:
+    of_limiter, of_inputs = _configured_limiter(config_of(built)), _configured_inputs(config_of(built))
+    assert of_limiter.keys() == set(dir(parameters.limiter))
+    assert of_inputs.keys() == set(dir(parameters.inputs))
+    structs = ((parameters, configured(built), 1.0), (parameters.limiter, of_limiter, 2.0), (parameters.inputs, of_inputs, 2.0))
+    for struct, values, roundings in structs:
         for name, wanted in values.items():
             got = getattr(struct, name)
             pairs = zip(list(got), wanted, strict=True) if isinstance(wanted, list) else [(got, wanted)]
             assert all(abs(have - want) <= roundings * built.eps * abs(want) for have, want in pairs), name
+
+
+def _configured_inputs(config: Config) -> dict[str, Any]:
+    inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
+    return {
+        "speed_max": inputs.speed_max_km_h / 3.6,
+        "front_angle_max": math.radians(inputs.front_angle_max_deg),
+        "yaw_rate_max": math.radians(inputs.yaw_rate_max_deg_s),
+        "rear_angle_max": math.radians(inputs.rear_angle_max_deg),
+        "friction_max": inputs.friction_max,
+        "speed_step": inputs.acceleration_max_m_s2 * period,
+        "front_angle_step": math.radians(inputs.front_angle_rate_max_deg_s) * period,
+        "yaw_rate_step": math.radians(inputs.yaw_acceleration_max_deg_s2) * period,
+        "wheelbase": config.vehicle.cg_to_front_axle_m + config.vehicle.cg_to_rear_axle_m,
+        "understeer_coefficient": SingleTrack.from_config(config).understeer_coefficient,
+        "expected_share": 1.0 - math.exp(-period / inputs.yaw_rate_lag_s),
+        "yaw_rate_tolerance": math.radians(inputs.yaw_rate_tolerance_deg_s),
+        "lateral_acceleration_max": inputs.lateral_acceleration_max_m_s2,
+        "yaw_rate_frozen": math.radians(inputs.yaw_rate_frozen_deg_s),
+        "speed_agreement": inputs.speed_agreement_km_h / 3.6,
+        "yaw_rate_agreement": math.radians(inputs.yaw_rate_agreement_deg_s),
+        "speed_fall": inputs.speed_fall_m_s2 * period,
+        "friction_recovery": inputs.friction_recovery_1_s * period,
+        "missing_samples_max": fail_safe.degraded_samples_max,
+        "recovery_samples": fail_safe.recovery_samples,
+    }
 
 
 def _configured_limiter(config: Config) -> dict[str, Any]:
@@ -107,10 +125,9 @@ def opposite_phase_bounds(config: Config) -> list[float]:
 
 
 COMPANIONS: Mapping[str, Mapping[str, float]] = {
-    "rear_angle_max": {"rear_angle_input_max": 1.5},
-    "rear_angle_input_max": {"rear_angle_max": 1e-4},
-    "speed_max": {"enable_speed": 0.02, "disable_speed": 0.01},
-    "friction_max": {"friction_min": 0.01},
+    "inputs.rear_angle_max": {"rear_angle_max": 1e-4},
+    "inputs.speed_max": {"enable_speed": 0.02, "disable_speed": 0.01},
+    "inputs.friction_max": {"friction_min": 0.01},
 }
 """What a parameter at the end of its range needs of another."""
 NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
@@ -120,7 +137,10 @@ NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
 def is_valid(built: Built, **changes: Any) -> bool:
     """Of the defaults with some changed. The limiter's angle goes down with the controller's, which it may not exceed; its
     ranges of the inputs are the widest."""
-    parameters = built.software.parameters(**changes)
+    plain = {name: value for name, value in changes.items() if not name.startswith("inputs.")}
+    parameters = built.software.parameters(**plain)
+    for name in changes.keys() - plain.keys():
+        setattr(parameters.inputs, name.removeprefix("inputs."), changes[name])
     limiter = parameters.limiter
     limiter.speed_max, limiter.front_angle_max = 200.0, 1.5
     if parameters.rear_angle_max < limiter.rear_angle_max:
@@ -134,14 +154,17 @@ def check_ranges(built: Built) -> None:
     """Every parameter of every kind is taken to the ends of its range and refused beyond, array elements one by one."""
     software, real = built.software, built.real
     view = controller_view(config_of(built), built.total, software.prefix, software.precision, "float")
+    of_inputs = inputs_view(config_of(built), software.prefix, software.precision, "float").ranged
     assert is_valid(built)
-    fields = dict(software.ffi.typeof(f"{software.prefix}_parameters_t").fields)
-    numbers = {name for name, field in fields.items() if field.type.cname.startswith(("float", "double"))}
-    assert numbers == {parameter.name for parameter in (*view.ranged, *view.ranged_arrays)}, "every number has a range"
-    for parameter in (*view.ranged, *view.ranged_arrays):
+    for struct, views in (("parameters", (*view.ranged, *view.ranged_arrays)), ("inputs_parameters", of_inputs)):
+        fields = dict(software.ffi.typeof(f"{software.prefix}_{struct}_t").fields)
+        numbers = {name for name, field in fields.items() if field.type.cname.startswith(("float", "double"))}
+        assert numbers == {parameter.name for parameter in views}, "every number has a range"
+    named = [replace(parameter, name=f"inputs.{parameter.name}") for parameter in of_inputs]
+    for parameter in (*view.ranged, *view.ranged_arrays, *named):
         low, high = (float(real(text.rstrip("f"))) for text in (parameter.low, parameter.high))
         defaults = software.parameters()  # owns its arrays
-        given = getattr(defaults, parameter.name)
+        given = functools.reduce(getattr, parameter.name.split("."), defaults)
         good: Any = given if isinstance(given, float) else list(given)
         others = COMPANIONS.get(parameter.name, {})
 
@@ -170,31 +193,33 @@ def _check_increasing(built: Built, name: str, good: list[float]) -> None:
 def _check_what_fits_together(built: Built) -> None:
     software, lowest = built.software, float(built.real(0.01))
     angle = float(software.parameters().rear_angle_max)
-    assert is_valid(built, rear_angle_input_max=angle)
-    assert not is_valid(built, rear_angle_input_max=built.next(angle, 0.0))
+    assert is_valid(built, **{"inputs.rear_angle_max": angle})
+    assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
     for enable, disable in ((built.next(lowest, 1.0), lowest), (100.0, built.next(100.0, 0.0)), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
-    ranges = {"implausible_samples_max": (0, round(10.0 / period)), "degraded_samples_max": (0, round(1.0 / period))}
-    for name, (least, most) in (ranges | {"recovery_samples": (1, 10_000)}).items():
+    ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}
+    for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
         assert not is_valid(built, **{name: most + 1}), "a fail-safe that never acts, or never ends"
     for enable, fits in ((20.0, True), (built.next(20.0, 30.0), False)):
-        assert is_valid(built, enable_speed=enable, speed_max=20.0) == fits, "control could not start"
+        assert is_valid(built, enable_speed=enable, **{"inputs.speed_max": 20.0}) == fits, "control could not start"
     for least, fits in ((0.5, True), (built.next(0.5, 1.0), False)):
-        assert is_valid(built, friction_min=least, friction_max=0.5) == fits
-    assert not is_valid(built, recovery_samples=0), "a fail-safe that ends at once"
+        assert is_valid(built, friction_min=least, **{"inputs.friction_max": 0.5}) == fits
+    assert not is_valid(built, **{"inputs.recovery_samples": 0}), "a fail-safe that ends at once"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle
         assert software.function("parameters_valid")(parameters) == fits
     for name in ("speed_max", "front_angle_max"):
-        for beyond, fits in ((getattr(parameters, name), True), (built.next(getattr(parameters, name), 0.0), False)):
+        most = getattr(parameters.inputs, name)
+        for beyond, fits in ((most, True), (built.next(most, 0.0), False)):
             parameters = software.parameters()
             setattr(parameters.limiter, name, beyond)
             assert software.function("parameters_valid")(parameters) == fits, "the limiter knows what the controller takes"
+    assert not is_valid(built, **{"inputs.wheelbase": math.nan}), "those of the inputs are judged with them"
     parameters = software.parameters()
     parameters.limiter.rear_rate_max = math.nan
     assert not software.function("parameters_valid")(parameters), "the limiter's are judged with them"

@@ -10,7 +10,7 @@ from typing import Any
 
 from codegen.sil.software import Controller, Measurement, Status
 from tests.builds import TRACKING_CONFIG, Built
-from tests.sil.checks_kinds import config_of, open_limiter, parameters_of
+from tests.sil.checks_kinds import OPEN, config_of, open_limiter, parameters_of
 
 PERIOD = TRACKING_CONFIG.controller.sampling_time_s
 SPEED = 20.0
@@ -29,7 +29,7 @@ MODEL_CHANGES: dict[str, dict[str, Any]] = {
 
 def _running(built: Built, **changes: Any) -> Controller:
     """Return a controller with no limit but the angle's own, that has taken a sample straight ahead; grip may be lost."""
-    wide = {"rear_rate_max": 1000.0, "limiter": open_limiter(built)}
+    wide = {"rear_rate_max": 1000.0, "limiter": open_limiter(built), "inputs": OPEN}
     controller = built.software.controller(0.0, parameters_of(built, {**wide, **changes}))
     controller.step(Measurement(SPEED, 0.0, 0.0))
     return controller
@@ -48,12 +48,12 @@ def check_tracking_state_after_init(built: Built) -> None:
 
 def check_tracking_memory_of_the_road(built: Built) -> None:
     """What is known of the road survives the fail-safe and a start, and grows old in standby."""
-    controller = built.software.controller(0.0)
+    controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
     p, period = controller.parameters, config_of(built).controller.sampling_time_s
     good, lost = Measurement(SPEED, 0.0, 0.0), Measurement(math.nan, math.nan, math.nan)
     controller.step(good)
     controller.state.grip = controller.state.reached = 2.0
-    controller.run([lost] * (p.degraded_samples_max + 3) + [good] * (p.recovery_samples - 1))
+    controller.run([lost] * (p.inputs.missing_samples_max + 3) + [good] * (p.inputs.recovery_samples - 1))
     assert (controller.state.status, controller.state.grip, controller.state.reached) == (Status.FAIL_SAFE, 2.0, 2.0)
     assert controller.step(good).status in (Status.TRACKING, Status.LIMITED)
     assert controller.state.grip < 2.1, "one sample of recovery"

@@ -18,6 +18,7 @@ from tests.sil import (
     answers_task,
     checks_calibration,
     checks_edges,
+    checks_inputs,
     checks_kinds,
     checks_limiter,
     checks_lookup,
@@ -84,7 +85,7 @@ def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any
     return Judge(name, lambda case: check(case, _known(case, name, lambda: make(case))))
 
 
-STRICT = {"degraded_samples_max": 0, "recovery_samples": 1, "implausible_samples_max": 0}
+STRICT = {"inputs": {"missing_samples_max": 0, "recovery_samples": 1}}
 DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     "pi": {
         "as built": {},
@@ -185,6 +186,7 @@ TASK = _answered(
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
     "controller": _controller,
+    "inputs": lambda kind: [*_drives(kind), *_of_built(*_in(checks_inputs), *_in(checks_supervision)), *_inits(kind)],
     "limiter": _limiter,
     "map": _map,
     "reference_model": _reference_model,

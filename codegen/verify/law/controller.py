@@ -66,6 +66,7 @@ class SecondController:
         elif self.quality is Quality.MISSING:
             if self.status is not Status.FAIL_SAFE:
                 self.status = Status.DEGRADED
+            self.above_enabling_speed &= not sample.speed < self.parameter("disable_speed")
             if self.above_enabling_speed:
                 self.missed += 1
                 yaw_rate_reference, _ = self.law(sample)
@@ -173,7 +174,7 @@ class SecondProportional(SecondController):
     def law(self, m: Measurement) -> tuple[Any, bool]:
         p = self.parameter
         squared, arm, slip = m.speed * m.speed, p("rear_arm"), p("rear_slip_per_acceleration")
-        rest = (p("wheelbase") - arm) + (p("understeer_coefficient") + slip) * squared
+        rest = (self.real(self.p.inputs.wheelbase) - arm) + (self.real(self.p.inputs.understeer_coefficient) + slip) * squared
         wanted = -((arm - slip * squared) / max(rest, self.real(0.01))) * m.front_angle
         bound = p("rear_angle_max")
         self.angle = self.reachable(clip(wanted, -bound, bound))

@@ -46,5 +46,6 @@ def drive(
     nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
     for column in np.flatnonzero(spells(0.006, 6)):
         fields[rng.integers(5), column] = rng.choice(nonsense)
+    fields[:3, spells(0.003, 12)] = math.nan
     rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
     return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=held) for row, held in rows]

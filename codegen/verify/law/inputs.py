@@ -69,7 +69,7 @@ class SecondInputs:
         gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
         taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
         if not self.yaw_rate.is_measured:
-            self.yaw_rate.value = self._within(self.expected, p("yaw_rate_max"))
+            self.yaw_rate.value = self.expected
         if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
             self.front_angle.value = self._within(rear + self.yaw_rate.value / gain, p("front_angle_max"))
         quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED
@@ -86,7 +86,7 @@ class SecondInputs:
         confirmed = abs(measured - signal.value) <= p("speed_agreement")
         taken = self._take("speed", measured, abs(measured) <= p("speed_max"), confirmed, p("speed_step"))
         if not signal.is_measured:
-            signal.value = signal.value - self._within(signal.value, p("speed_fall"))
+            signal.value = signal.value - self._within(signal.value, p("speed_fall"))  # not beyond zero
         return taken
 
     def _take_front_angle(self, measured: Any, gain: Any, rear: Any) -> bool:
@@ -96,12 +96,15 @@ class SecondInputs:
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
-        self.expected = self.expected + p("expected_share") * (gain * (self.front_angle.value - rear) - self.expected)
+        change = p("expected_share") * (gain * (self.front_angle.value - rear) - self.expected)
+        self.expected = self._within(self.expected + change, p("yaw_rate_max"))
         apart = abs(measured - self.expected)
         grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
         is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)
         is_frozen = False
-        if is_possible and self.yaw_rate.is_measured:
+        if not self.yaw_rate.is_measured:
+            self.least = self.real(2.0) * p("yaw_rate_max")
+        elif is_possible:
             self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
             is_frozen = apart - self.least > p("yaw_rate_frozen")
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")

@@ -502,6 +502,9 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         if (self->status != ARS_STATUS_FAIL_SAFE) {
             self->status = ARS_STATUS_DEGRADED;
         }
+        if (self->sample.speed < parameters->disable_speed) {
+            self->enabled = false;
+        }
         if (self->enabled) { /* what was measured last stands for what is missing */
             (void)law_step(self, parameters, &self->sample, LAW_PREDICTS);
         }

@@ -42,15 +42,30 @@ ARS_SECTION_CODE static bool is_between(float value, float low, float high)
     return (value >= low) && (value <= high);
 }
 
+/* NaN as the lower bound: none stays in the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
-    float result = value;
+    float result = -largest;
 
+    if (value > -largest) {
+        result = value;
+    }
     if (result > largest) {
         result = largest;
     }
-    if (result < -largest) {
-        result = -largest;
+    return result;
+}
+
+ARS_SECTION_CODE static float toward_zero(float value, float step)
+{
+    float result = 0.0f;
+
+    if (value > step) {
+        result = value - step;
+    } else if (value < -step) {
+        result = value + step;
+    } else {
+        /* closer to zero than one step */
     }
     return result;
 }
@@ -211,7 +226,7 @@ ARS_SECTION_CODE static bool take_speed(
         prove(signal, parameters, measured, is_there, is_within(measured - signal->value, parameters->speed_agreement));
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
-        signal->value -= bounded(signal->value, parameters->speed_fall);
+        signal->value = toward_zero(signal->value, parameters->speed_fall);
     }
     return is_gap;
 }
@@ -241,6 +256,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     bool is_gap = false;
 
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
+        self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
         prove(&self->yaw_rate, parameters, measured, is_there, agrees(parameters, measured, self->expected_yaw_rate));
     } else if (is_there && is_frozen(self, parameters, measured)) {
         self->yaw_rate.source = ARS_SIGNAL_WRONG;
@@ -258,13 +274,14 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
     bool has_gap = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
+    float change;
 
     has_gap = take_front_angle(self, parameters, measured->front_angle, gain * (measured->front_angle - rear)) || has_gap;
-    self->expected_yaw_rate
-        += parameters->expected_share * ((gain * (self->front_angle.value - rear)) - self->expected_yaw_rate);
+    change = parameters->expected_share * ((gain * (self->front_angle.value - rear)) - self->expected_yaw_rate);
+    self->expected_yaw_rate = bounded(self->expected_yaw_rate + change, parameters->yaw_rate_max);
     has_gap = take_yaw_rate(self, parameters, measured->yaw_rate) || has_gap;
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
-        self->yaw_rate.value = bounded(self->expected_yaw_rate, parameters->yaw_rate_max);
+        self->yaw_rate.value = self->expected_yaw_rate;
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
         self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {

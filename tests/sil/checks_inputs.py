@@ -1,0 +1,139 @@
+"""What must hold of the monitoring of the inputs: thresholds to the bit, and what stands for a signal that is not believed.
+
+Each check takes a build of any kind and raises AssertionError where it does not hold.
+"""
+
+import math
+from dataclasses import replace
+
+from codegen.sil.software import Controller, Measurement, Status
+from codegen.vehicle.single_track import SingleTrack
+from tests.builds import Built
+from tests.sil.checks_kinds import OPEN, config_of, parameters_of
+
+RUNNING = (Status.TRACKING, Status.LIMITED)
+STRAIGHT = Measurement(16.0, 0.0, 0.0, 0.0)
+SIGNALS = ("speed", "front_angle", "yaw_rate")
+WRONG = 2
+"""`<prefix>_SIGNAL_WRONG`."""
+
+
+def _gain(built: Built, speed: float) -> float:
+    """rad/s of the linear car for each rad between front and rear wheels: v / (L + K v^2)."""
+    car = SingleTrack.from_config(config_of(built))
+    return speed / (car.wheelbase + car.understeer_coefficient * speed**2)
+
+
+def _turning(built: Built, front: float = 0.03, **inputs: float) -> tuple[Controller, Measurement]:
+    """Return a controller that has seen a long steady turn of the linear car, with straight rear wheels, and a sample of it."""
+    turn = Measurement(16.0, front, front * _gain(built, 16.0), 0.0)
+    controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 20.0, **inputs}}))
+    assert {command.status for command in controller.run([turn] * 300)} <= set(RUNNING)
+    return controller, turn
+
+
+def check_step_of_each_signal(built: Built) -> None:
+    """A signal may move by its step, from zero to the bit, and not by one unit in the last place more; after missing samples by
+    as many steps more. One that jumps is wrong at once, and the others stand for it."""
+    for field in SIGNALS:
+        base = float(getattr(STRAIGHT, field))
+        step = 0.5 if field == "speed" else float(built.software.parameters().inputs.front_angle_step)
+        for missing, share, believed in ((0, 1.0, True), (1, 2.0, True), (0, 1.001, False), (1, 2.001, False)):
+            for side in (1.0, -1.0):
+                changes = {**OPEN, f"{field}_step": step, "missing_samples_max": 2}
+                controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
+                controller.run([STRAIGHT] + [replace(STRAIGHT, **{field: math.nan})] * missing)  # type: ignore[arg-type]
+                controller.step(replace(STRAIGHT, **{field: base + side * share * step}))  # type: ignore[arg-type]
+                source = getattr(controller.state.inputs, field).source
+                assert source == (0 if believed else WRONG), (field, missing, share)
+                assert (controller.state.status in RUNNING) == believed
+
+
+def check_lost_yaw_rate(built: Built) -> None:
+    """The steady turn of the linear car stands for it, and control goes on; it counts again after so many samples."""
+    controller, turn = _turning(built)
+    most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
+    lost = replace(turn, yaw_rate=math.nan, front_angle=0.02)
+    assert {command.status for command in controller.run([lost] * 600)} == {Status.DEGRADED}
+    # The lag has decayed by exp(-40); what is left is rounding: of the lag's steps, each half a unit, over its 15 samples.
+    wanted = 0.02 * _gain(built, 16.0)
+    assert abs(controller.state.sample.yaw_rate - wanted) <= 20.0 * built.eps * wanted
+    assert controller.state.inputs.yaw_rate.missing == most + 1
+    back = replace(turn, yaw_rate=wanted, front_angle=0.02)
+    statuses = [command.status for command in controller.run([back] * needed)]
+    assert set(statuses[:-1]) == {Status.DEGRADED} and statuses[-1] in RUNNING
+
+
+def check_lost_front_angle(built: Built) -> None:
+    """The angle that makes the yaw rate stands for it; rear wheels included."""
+    controller, turn = _turning(built)
+    lost = replace(turn, front_angle=math.nan, rear_angle=0.01)
+    assert {command.status for command in controller.run([lost] * 30)} == {Status.DEGRADED}
+    assert abs(controller.state.sample.front_angle - (0.01 + 0.03)) <= 8.0 * built.eps * 0.04  # five operations, each rounded
+
+
+def check_lost_speed(built: Built) -> None:
+    """It is held, and falls by so much in a sample, until it is back; never beyond zero."""
+    controller, turn = _turning(built, speed_fall=0.5)
+    lost, most = replace(turn, speed=math.nan), controller.parameters.inputs.missing_samples_max
+    controller.run([lost] * (most + 3))
+    assert controller.state.sample.speed == 16.0 - 3 * 0.5
+    controller.run([lost] * 40)
+    assert (controller.state.sample.speed, controller.state.status) == (0.0, Status.STANDBY)
+
+
+def check_lost_friction_and_rear_angle(built: Built) -> None:
+    """A lost estimate rises to that of a road which nobody knows; the command stands for the rear angle."""
+    controller = built.software.controller(0.01, parameters_of(built, {"inputs": {"friction_recovery": 0.125}}))
+    controller.step(replace(STRAIGHT, friction=0.5, rear_angle=0.015))
+    sample = controller.state.sample
+    assert (sample.friction, sample.rear_angle) == (0.5, float(built.real(0.015)))
+    before = controller.state.rear_angle
+    controller.step(replace(STRAIGHT, rear_angle=math.nan))
+    assert (sample.friction, sample.rear_angle) == (0.625, before)
+    controller.run([STRAIGHT] * 30)
+    assert sample.friction == 2.0
+
+
+def check_frozen_yaw_rate(built: Built) -> None:
+    """A yaw rate that stays to the bit is wrong once that of the linear car has moved away by more than so much, and not
+    before; one that moves by the least is not frozen."""
+    for frozen in (True, False):
+        controller, turn = _turning(built, yaw_rate_frozen=0.05)
+        for sample in range(400):
+            shaking = 0.0 if frozen or sample % 2 else 1e-6
+            controller.step(replace(turn, front_angle=0.02, yaw_rate=turn.yaw_rate + shaking))
+            moved = turn.yaw_rate - controller.state.inputs.expected_yaw_rate
+            wrong = controller.state.inputs.yaw_rate.source == WRONG
+            if abs(moved - 0.05) > 1e-5:  # that of the shaking
+                assert wrong == (frozen and moved > 0.05), sample
+
+
+def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
+    """It has to agree with the others for so many samples in a row, in a turn: that zero agrees with zero proves nothing."""
+    for field in ("front_angle", "yaw_rate"):
+        controller, turn = _turning(built)
+        needed = controller.parameters.inputs.recovery_samples
+        controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
+        signal = getattr(controller.state.inputs, field)
+        assert signal.source == WRONG
+        controller.run([replace(turn, **{field: -getattr(turn, field)})] * 50)  # type: ignore[arg-type]
+        assert signal.source == WRONG, "it goes on being wrong"
+        controller.run([turn] * (needed - 1))
+        assert signal.source == WRONG
+        controller.step(turn)
+        assert signal.source == 0, field
+        controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
+        straight = replace(turn, front_angle=0.0, yaw_rate=0.0)
+        controller.run([straight] * 200)
+        assert signal.source == WRONG, "straight ahead"
+
+
+def check_oversteering_car(built: Built) -> None:
+    """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
+    wheelbase."""
+    changes = {**OPEN, "understeer_coefficient": -0.01, "expected_share": 1.0, "wheelbase": 2.0, "yaw_rate_max": 20.0}
+    for speed, length in ((10.0, 1.0), (20.0, 0.5)):
+        controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
+        controller.run([Measurement(speed, 0.03125, 0.1, 0.0)] * 2)
+        assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
