@@ -55,18 +55,16 @@ class Cause:
 
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
-    ("WRONG_CRC", "a frame with a wrong CRC", "CRC wrong"),
-    ("REPEATED", "a frame whose counter did not advance", "repeated"),
-    ("WRONG_SEQUENCE", "a counter that jumped, or must prove itself again", "out of sequence"),
-    ("SOME_LOST", "frames were lost in between, few enough to go on", "lost in between"),
+    ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
+    ("WRONG_COUNTER", "a counter that stood or jumped, or the message must prove itself first", "out of sequence"),
 )
 _OTHERS = (
     ("UNAVAILABLE", "a signal is not available or out of range", "signal unavailable or out of range"),
     ("IMPLAUSIBLE", "the yaw rate is not explained by speed and steering", "yaw rate implausible"),
-    ("TASK_LATE", "a message came more than once since the last call of the task", "task late"),
-    ("TASK_EARLY", "no message came since the last call of the task", "task early"),
-    ("WRONG_LENGTH", "a frame that has not eight bytes", "wrong length"),
     ("TIMEOUT", "samples stayed lost for longer than is tolerated", "timeout"),
+    ("TASK_LATE", "the calls of the task stay behind the frames", "task late"),
+    ("INTERMITTENT", "the bus is disturbed and comes back, again and again", "bus intermittent"),
+    ("ACTUATOR_STUCK", "the measured rear angle does not follow the command", "actuator stuck"),
 )
 
 
@@ -81,7 +79,7 @@ def _causes() -> tuple[Cause, ...]:
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
 DIAGNOSTICS = _causes()
-"""Bits of `Diagnostics`, from bit 0; the five of each received message lie side by side in the same order."""
+"""Bits of `Diagnostics`, from bit 0; the three of each received message lie side by side in the same order."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +157,15 @@ class CanView:
     max_delta_counter_init: int
     max_no_new_or_repeated_data: int
     sync_counter_init: int
+    window_size: int
+    window_ms: str
+    window_mask: str
+    min_ok_state_init: int
+    max_error_state_init: int
+    min_ok_state_valid: int
+    max_error_state_valid: int
+    min_ok_state_invalid: int
+    max_error_state_invalid: int
     exact: bool
     scale: str
     to_code: str
@@ -201,9 +208,9 @@ def can_view(config: Config, precision: Precision) -> CanView:
         cycle_time_ms=_decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
         baudrate=_decimal(can.bitrate_kbit_s * 1e3),
-        max_delta_counter_init=can.e2e.max_delta_counter_init,
-        max_no_new_or_repeated_data=can.e2e.max_no_new_or_repeated_data,
-        sync_counter_init=can.e2e.sync_counter_init,
+        **can.e2e.model_dump(),
+        window_ms=_decimal(period_ms * can.e2e.window_size),
+        window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
         exact=exact,
         scale="steps" if exact else "factor",
         to_code="* steps" if exact else "/ factor",

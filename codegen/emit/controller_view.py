@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,9 @@ INITIALISED = 0x41525331
 
 STATE_MAX = 1e6
 """SI units; the largest number of a state is SPEED_UNKNOWN."""
+
+ACTUATOR_SAMPLES_MAX = 60_000
+"""Less than the largest number of the count, which goes to one above."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
@@ -137,7 +141,25 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             round(DEGRADED_TIME_MAX_S / period),
         ),
         Parameter("recovery_samples", fail_safe.recovery_samples, "good ones that end the fail-safe", 1, RECOVERY_SAMPLES_MAX),
+        *_actuator_parameters(config),
     )
+
+
+def _actuator_parameters(config: Config) -> Iterator[Parameter]:
+    """By which the task judges whether the actuator follows; see `RearActuator`."""
+    actuator, period = config.rear_actuator, config.controller.sampling_time_s
+    rates = (actuator.rate_max_deg_s, config.controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s)
+    rate = min(rate for rate in rates if rate != "off")
+    error, time = actuator.stuck_error_deg, actuator.stuck_time_s
+    if error == "from-actuator":
+        error = min(rate * (0.5 * actuator.lag_s + 2.0 * period), 0.5 * actuator.angle_max_deg)
+    if time == "from-actuator":
+        time = 2.0 * actuator.angle_max_deg / rate + 5.0 * actuator.lag_s
+    share = 1.0 - math.exp(-period / actuator.lag_s)
+    yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
+    yield Parameter("actuator_error_max", math.radians(error), "rad that the actuator may be off", 1e-4, 1.5)
+    samples = max(round(time / period), 1)
+    yield Parameter("actuator_samples_max", samples, "samples off, less others, then it is stuck", 1, ACTUATOR_SAMPLES_MAX)
 
 
 _COMMON_STATE = (

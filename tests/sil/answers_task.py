@@ -25,7 +25,10 @@ ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for 
 """Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in SETS."""
 SETS: tuple[Mapping[str, Any], ...] = (
     {},
-    {"rear_angle_input_max": 2000 / 20000, "recovery_samples": 3, "degraded_samples_max": 0},
+    {
+        **{"rear_angle_input_max": 2000 / 20000, "recovery_samples": 3, "degraded_samples_max": 0},
+        **{"actuator_samples_max": 3, "actuator_error_max": 0.02, "actuator_share": 0.5},
+    },
 )
 EVENTS = (
     *("good",) * 12,
@@ -60,7 +63,7 @@ class _Counted(SecondTask):
     lost: int = field(default=0, init=False)
 
     def _sample(self, motion: Any, conditions: Any) -> Any:
-        self.lost += not (motion.is_good and conditions.is_good)
+        self.lost += not (motion.is_usable and conditions.is_usable)
         return super()._sample(motion, conditions)
 
 
