@@ -150,10 +150,11 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     actuator, period = config.rear_actuator, config.controller.sampling_time_s
     rates = (actuator.rate_max_deg_s, config.controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s)
     rate = min(rate for rate in rates if rate != "off")
-    error, time = actuator.stuck_error_deg, actuator.stuck_time_s
-    if error == "from-actuator":
+    error: float | str = actuator.stuck_error_deg
+    time: float | str = actuator.stuck_time_s
+    if isinstance(error, str):
         error = min(rate * (0.5 * actuator.lag_s + 2.0 * period), 0.5 * actuator.angle_max_deg)
-    if time == "from-actuator":
+    if isinstance(time, str):
         time = 2.0 * actuator.angle_max_deg / rate + 5.0 * actuator.lag_s
     share = 1.0 - math.exp(-period / actuator.lag_s)
     yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
