@@ -240,8 +240,8 @@ class RearActuator(Section):
     on its own where no command comes: hold its last one, or return to zero.
 
     The task reports it as stuck where the measured angle is off by more than `stuck_error_deg` from what the lag makes of the
-    commands, for `stuck_time_s`. "from-actuator" takes as error what half of the lag and two samples make of a ramp at the
-    largest rate, at most half of the largest angle, and as time a ramp from one stop to the other and five lags.
+    commands, for `stuck_time_s`. "from-actuator" takes a tenth of the largest angle, and the time from one stop to the other at
+    the largest rate and ten lags.
     """
 
     angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5

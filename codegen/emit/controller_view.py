@@ -148,17 +148,21 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
 def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     """By which the task judges whether the actuator follows; see `RearActuator`."""
     actuator, period = config.rear_actuator, config.controller.sampling_time_s
-    rates = (actuator.rate_max_deg_s, config.controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s)
-    rate = min(rate for rate in rates if rate != "off")
     error: float | str = actuator.stuck_error_deg
     time: float | str = actuator.stuck_time_s
     if isinstance(error, str):
-        error = min(rate * (0.5 * actuator.lag_s + 2.0 * period), 0.5 * actuator.angle_max_deg)
+        error = 0.1 * actuator.angle_max_deg
     if isinstance(time, str):
-        time = 2.0 * actuator.angle_max_deg / rate + 5.0 * actuator.lag_s
+        time = 2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * actuator.lag_s
     share = 1.0 - math.exp(-period / actuator.lag_s)
     yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
-    yield Parameter("actuator_error_max", math.radians(error), "rad that the actuator may be off", 1e-4, 1.5)
+    yield Parameter(
+        "actuator_error_max",
+        math.radians(error),
+        "rad that the actuator may be off, beside twice the way that it has to go",
+        1e-4,
+        1.5,
+    )
     samples = max(round(time / period), 1)
     yield Parameter("actuator_samples_max", samples, "samples off, less others, then it is stuck", 1, ACTUATOR_SAMPLES_MAX)
 

@@ -135,7 +135,7 @@ class SecondTask:
         self._cycles += 1
         behind = max(self._backlog + advance - 1, 0)
         behind = max(behind - (self._cycles % FORGIVEN_EVERY == 0), 0)
-        self._backlog = min(behind, BACKLOG_MAX + 1)
+        self._backlog = min(behind, BACKLOG_MAX + 2)
         return _BITS["TASK_LATE"] if behind > BACKLOG_MAX else 0
 
     def _of_bus(self, has_returned: bool) -> int:
@@ -150,7 +150,8 @@ class SecondTask:
         moved = expected + real(self.parameters.actuator_share) * (command - expected)
         self._expected = moved if abs(moved) <= real(self.parameters.rear_angle_input_max) else command
         if measured is not None:
-            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max)
+            way = abs(command - self._expected)
+            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max) + (way + way)
             self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
         return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
 
