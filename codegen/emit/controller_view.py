@@ -159,7 +159,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     yield Parameter(
         "actuator_error_max",
         math.radians(error),
-        "rad that the actuator may be off, beside twice the way that it has to go",
+        "rad off, beside twice the way to go, that is tolerated",
         1e-4,
         1.5,
     )

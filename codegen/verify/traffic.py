@@ -27,16 +27,7 @@ RESTART = 0.002
 
 STANDING = {"standing car": 0.0, "standing car that turns": 2.0}
 """Kinds of traffic, and the yaw rate in rad/s that the car reports."""
-SHARES = {
-    "good": 6,
-    "noisy": 3,
-    "random payload": 3,
-    **dict.fromkeys(STANDING, 1),
-    "silent": 1,
-    "half": 1,
-    "late": 1,
-    "garbage": 1,
-}
+SHARES = dict.fromkeys((*STANDING, "silent", "half", "late", "garbage"), 1) | {"good": 6, "noisy": 3, "random payload": 3}
 """How often each kind of traffic comes."""
 
 FAULT = 0.15

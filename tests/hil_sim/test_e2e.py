@@ -74,13 +74,13 @@ def test_receiver(settings: tuple[int, int, int], events: str, expected: str) ->
 
 
 def states(events: str, **settings: int) -> str:
-    """State after each cycle, the first letter of its name or "x" for INVALID: "o" a good frame, "d" a damaged one, "b" both."""
+    """First letter of the state after each cycle, "x" for INVALID; "o" is a good frame, "d" a damaged one, "b" both."""
     supervision = Supervision(E2e(**settings))
     return "".join("nivx"[supervision.step(event in "ob", event in "db")] for event in events)
 
 
-# PRS_E2EProtocol, figure of E2E_SMCheck, by hand; the default window: 6 cycles, 2 good ones for VALID and to stay there, 3 damaged
-# ones at most, 3 good ones and at most 2 damaged ones for VALID again.
+# PRS_E2EProtocol, figure of E2E_SMCheck, by hand. The default window of 6 cycles: 2 good ones for VALID and to stay there, 3
+# damaged ones at most, 3 good ones and at most 2 damaged ones for VALID again.
 @pytest.mark.parametrize(
     ("events", "expected"),
     [

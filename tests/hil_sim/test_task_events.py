@@ -64,7 +64,7 @@ def first(diagnostics: Sequence[int], mask: int) -> int | None:
 # A driver with a queue gives both frames, one with a mailbox the last.
 @pytest.mark.parametrize("queued", [True, False])
 def test_a_task_that_is_called_every_20_ms_is_late(software: Software, queued: bool) -> None:
-    """One step more is left behind with each call: the fourth exceeds three. The first frames make no step, unless both came."""
+    """One step more is left behind with each call, and the fourth exceeds three. A first frame alone leaves none behind."""
     found = events(software, step_steer(1.0), lambda cycle: cycle % 2 == 1, lambda cycle: queued or cycle % 2 == 1)
     assert first(found, LATE) == (3 if queued else 4)
     assert all(bits & LATE for bits in found[4:])
@@ -109,8 +109,8 @@ def test_intermittent_loss_ends_in_the_fail_safe(software: Software) -> None:
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
 def test_a_stuck_actuator(kind: Kind) -> None:
-    """The rear wheels stay straight ahead. The step asks for more than is tolerated within 0.1 s, and for so much again where the
-    law has given up; then the time runs."""
+    """The rear wheels stay straight ahead. The step asks for more than is tolerated within 0.1 s, and the kind "tracking" goes
+    back to the other side for 0.2 s; then the time runs."""
     software = builds.of_kind(kind).software
     found = events(software, step_steer(3.0), stuck_from=30)
     since = first(found, STUCK)

@@ -39,7 +39,7 @@ def column(batch: str, rows: Rows, name: str) -> Rows:
 def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None:
     """The tour at their start reaches every status alone, and returns to control from both ways into the fail-safe."""
     batch = program().batches["controller"]
-    rows = Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 2_000)
+    rows = Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
     for place in range(1, 7):
         numbers = rows[:, place].view(np.float32)
         assert np.isinf(numbers).any()
@@ -93,7 +93,7 @@ def test_a_recording_holds_what_the_controller_measured() -> None:
 def test_drawn_samples_go_everywhere() -> None:
     ground = Ground.of(TRACKING.manifest)
     inputs = ground.config.controller.inputs
-    without_gaps = drawn(ground, 2_000)[0]
+    without_gaps = drawn(ground, 4_000)[0]
     speed, front_angle, _, rear_angle, friction, inhibit = without_gaps.T
     speed_max = inputs.speed_max_km_h / 3.6
     assert np.histogram(speed, bins=10, range=(0.0, speed_max))[0].min() > 0
