@@ -160,6 +160,8 @@ class CanView:
     window_size: int
     window_ms: str
     window_mask: str
+    counts_mask: str
+    count_mask: str
     min_ok_state_init: int
     max_error_state_init: int
     min_ok_state_valid: int
@@ -201,6 +203,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
     # In single precision the arithmetic is made exact; in double precision it is that of every tool that reads a DBC.
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
+    count_mask = (1 << can.e2e.window_size.bit_length()) - 1
     return CanView(
         messages=tuple(_message(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
@@ -211,6 +214,8 @@ def can_view(config: Config, precision: Precision) -> CanView:
         **can.e2e.model_dump(),
         window_ms=_decimal(period_ms * can.e2e.window_size),
         window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
+        counts_mask=f"0x{count_mask * 0x10001:08X}",
+        count_mask=f"0x{count_mask:02X}",
         exact=exact,
         scale="steps" if exact else "factor",
         to_code="* steps" if exact else "/ factor",
