@@ -236,7 +236,7 @@ class E2e(Section):
     sync_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
     window_size: Annotated[int, Field(ge=1, le=WINDOW_SIZE_MAX)] = 6
     min_ok_state_init: WindowCount = 2
-    max_error_state_init: WindowCount = 2
+    max_error_state_init: WindowCount = 1
     min_ok_state_valid: WindowCount = 2
     max_error_state_valid: WindowCount = 3
     min_ok_state_invalid: WindowCount = 3
