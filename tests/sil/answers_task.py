@@ -159,6 +159,27 @@ def _life(built: Built, parameters: Any, rng: np.random.Generator, life: int) ->
     return found
 
 
+def check_backlog(built: Built) -> None:
+    """A second frame in each call fills it up to five; one is forgiven in each 64th call, one made up for without a frame."""
+    can = built.software.config.can
+    task, car = built.software.task(), _Car(can, Codec(can, built.software.precision), np.random.default_rng(0), 0)
+
+    def after(frames: int) -> tuple[int, int]:
+        """The backlog after a call with so many frames of the first message, and whether the task is late."""
+        for _ in range(frames):
+            frame = car._frame(0, bytes(FRAME_BYTES))
+            task.on_can_frame(frame.id, frame.data)
+        _, data = task.run()
+        return task.state.backlog, int.from_bytes(data[6:8], "little") >> BITS["TASK_LATE"] & 1
+
+    filled = [after(count) for count in (1, 2, 2, 2, 2, 2, 2, 9)]
+    assert filled == [(0, 0), (1, 0), (2, 0), (3, 0), (4, 1), (5, 1), (5, 1), (5, 1)]
+    found = [after(1) for _ in range(len(filled), 5 * 64 + 10)]
+    left = [max(5 - call // 64, 0) for call in range(len(filled) + 1, 5 * 64 + 11)]
+    assert found == [(backlog, int(backlog > 3)) for backlog in left]
+    assert [after(count)[0] for count in (3, 0, 1, 0, 0)] == [2, 1, 1, 0, 0]
+
+
 def check_actuator_is_followed(built: Built) -> None:
     """The limits of angle and time, both signs, to a code and a sample; and memory that holds no angle that can be."""
     can, real = built.software.config.can, built.real
