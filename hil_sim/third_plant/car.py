@@ -56,6 +56,7 @@ class Differences:
 
 DEFAULT = Differences()
 NONE = Differences(
+    roll_centre_height=0.0,
     roll_per_lateral_acceleration=DEFAULT.roll_per_lateral_acceleration / 20.0,
     stiffness_percent=(0.0, 0.0),
     peak_load_sensitivity=0.0,

@@ -64,6 +64,14 @@ def test_sil_through_can_with_faults_and_sensors(run: Run, here: Path) -> None:
     assert one["metrics"] != other["metrics"]
 
 
+def test_sil_with_the_third_plant(run: Run, here: Path) -> None:
+    options = ("sil", "--build", BUILD, "--plant", "roll", "--scenario", "step-steer", "--json")
+    one, other = (json.loads(run(*options, "--seed", seed).out)["metrics"] for seed in (3, 4))
+    assert one["controlled"] != other["controlled"] and one["passive"] == other["passive"]
+    answer = run(*options, "--can")
+    assert (answer.code, answer.err) == (2, "error: --plant: the bench on a bus drives the two-track car; leave --can out\n")
+
+
 def test_faults_are_a_table_and_as_defined(run: Run) -> None:
     answer = run("faults", "--build", TRACKING)
     assert answer.code == 0, answer
