@@ -56,7 +56,7 @@ class Cause:
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
     ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
-    ("WRONG_COUNTER", "a counter that stood or jumped, or the message must prove itself first", "out of sequence"),
+    ("WRONG_COUNTER", "a wrong counter, or the message has to prove itself", "out of sequence"),
 )
 _OTHERS = (
     ("UNAVAILABLE", "a signal is not available or out of range", "signal unavailable or out of range"),
