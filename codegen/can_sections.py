@@ -218,12 +218,52 @@ class RearSteerCommand(Message):
         return self
 
 
+WINDOW_SIZE_MAX = 16
+"""Cycles: the generated C keeps a window in half a word."""
+
+WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
+
+
 class E2e(Section):
-    """What the receivers of protected frames tolerate; names of AUTOSAR's E2E profile 1."""
+    """What the receivers of protected frames tolerate; names of AUTOSAR's E2E profile 1 and of its E2E state machine.
+
+    The state machine judges a message by its last `window_size` cycles: how many brought a good frame (`min_ok_*`), and how
+    many a damaged one (`max_error_*`). Only while it is VALID are the message's data used.
+    """
 
     max_delta_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
     max_no_new_or_repeated_data: Annotated[int, Field(ge=0, le=14)] = 3
     sync_counter_init: Annotated[int, Field(ge=0, le=14)] = 1
+    window_size: Annotated[int, Field(ge=1, le=WINDOW_SIZE_MAX)] = 6
+    min_ok_state_init: WindowCount = 2
+    max_error_state_init: WindowCount = 1
+    min_ok_state_valid: WindowCount = 2
+    max_error_state_valid: WindowCount = 3
+    min_ok_state_invalid: WindowCount = 3
+    max_error_state_invalid: WindowCount = 2
+
+    @model_validator(mode="after")
+    def _state_is_reached_and_kept(self) -> Self:
+        if self.min_ok_state_valid < 1:
+            raise ValueError("min_ok_state_valid is 0: a message that stays away would be valid for ever; give at least 1")
+        for state in ("init", "invalid"):
+            least, most = getattr(self, f"min_ok_state_{state}"), getattr(self, f"max_error_state_{state}")
+            if least > self.window_size:
+                raise ValueError(
+                    f"min_ok_state_{state} is {least} of {self.window_size} cycles: no message would become valid; "
+                    "give at most window_size"
+                )
+            if least < self.min_ok_state_valid:
+                raise ValueError(
+                    f"min_ok_state_{state} is below min_ok_state_valid: a message would be valid and invalid in turns; "
+                    "give at least as much"
+                )
+            if most > self.max_error_state_valid:
+                raise ValueError(
+                    f"max_error_state_{state} is above max_error_state_valid: a message would be valid and invalid in turns; "
+                    "give at most as much"
+                )
+        return self
 
 
 class Can(Section):

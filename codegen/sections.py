@@ -237,7 +237,12 @@ class Steering(Section):
 
 class RearActuator(Section):
     """The rear-steering actuator: what it can do, how the plant models it (first-order lag, rate limit), and what it does
-    on its own where no command comes: hold its last one, or return to zero."""
+    on its own where no command comes: hold its last one, or return to zero.
+
+    The task reports it as stuck where the measured angle is off by more than `stuck_error_deg` from what the lag makes of the
+    commands, for `stuck_time_s`. "from-actuator" takes a tenth of the largest angle, and the time from one stop to the other at
+    the largest rate and ten lags.
+    """
 
     angle_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 3.5
     rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] = 30.0
@@ -245,6 +250,8 @@ class RearActuator(Section):
     on_command_loss: Literal["hold", "return"] = "hold"
     command_loss_samples_max: int = Field(default=3, ge=0, le=1_000)
     return_rate_deg_s: Annotated[float, Range(0.1, 500.0, "deg/s")] = 5.0
+    stuck_error_deg: Annotated[float, Range(0.05, 20.0, "deg")] | Literal["from-actuator"] = "from-actuator"
+    stuck_time_s: Annotated[float, Range(0.01, 10.0, "s")] | Literal["from-actuator"] = "from-actuator"
 
     @property
     def angle_max(self) -> float:

@@ -1,4 +1,4 @@
-"""End-to-end protection of frames: AUTOSAR E2E profile 1, variant 1A, both sides.
+"""End-to-end protection of frames: AUTOSAR E2E profile 1, variant 1A, both sides, and the state of a message (E2E_SMCheck).
 
 After AUTOSAR FO R20-11, E2E Protocol Specification (PRS_E2EProtocol, document 849), section 6.3. A frame of eight bytes holds
 a CRC-8 in byte 0 and a counter, 0 to 14, in the low nibble of byte 1. The data id, known to both sides and never sent, goes
@@ -8,6 +8,7 @@ into the CRC before the data, so that a frame under a wrong identifier does not 
 from __future__ import annotations
 
 import enum
+from collections import deque
 
 from codegen.can_sections import FRAME_BYTES, E2e
 
@@ -138,3 +139,49 @@ class Receiver:
 
     def _count_no_new_or_repeated(self) -> None:
         self._no_new_or_repeated = min(self._no_new_or_repeated + 1, LARGEST_COUNTER)
+
+
+class E2eState(enum.IntEnum):
+    """State of a message; values of the C enum `<prefix>_e2e_state_t`."""
+
+    NO_DATA = 0
+    INIT = 1
+    VALID = 2
+    INVALID = 3
+
+
+class Supervision:
+    """E2E state machine of one message: E2E_SMCheck of PRS_E2EProtocol (SWS_E2E_00345, SWS_E2E_00466), once for each cycle.
+
+    Attributes:
+        state: after the last cycle. Only in VALID may data be used.
+    """
+
+    def __init__(self, settings: E2e) -> None:
+        self._settings = settings
+        self._good: deque[bool] = deque(maxlen=settings.window_size)
+        self._damaged: deque[bool] = deque(maxlen=settings.window_size)
+        self.state = E2eState.NO_DATA
+
+    def step(self, is_good: bool, is_damaged: bool) -> E2eState:
+        """Close a cycle and return the state.
+
+        Args:
+            is_good: a frame came whose data may be used.
+            is_damaged: a frame came with a wrong CRC or length.
+        """
+        if self.state is E2eState.NO_DATA:
+            if is_good:
+                self.state = E2eState.INIT
+            return self.state
+        self._good.append(is_good)
+        self._damaged.append(is_damaged)
+        name = self.state.name.lower()
+        has_enough = sum(self._good) >= getattr(self._settings, f"min_ok_state_{name}")
+        if sum(self._damaged) > getattr(self._settings, f"max_error_state_{name}"):
+            self.state = E2eState.INVALID
+        elif has_enough:
+            self.state = E2eState.VALID
+        elif self.state is E2eState.VALID:
+            self.state = E2eState.INVALID
+        return self.state

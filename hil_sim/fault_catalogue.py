@@ -190,7 +190,9 @@ def judge(case: FaultCase, result: BenchResult, config: Config) -> FaultOutcome:
 def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
     """What the ECU reports, and what the car notices of the commands."""
     commands = {"command missing": "cycles_without", "command refused": "refused", "command lost in between": "lost"}
-    noticed = tuple(text for text, count in commands.items() if result.received[count])
+    # Until the car's messages are valid, the ECU has no angle to command.
+    at_start = {"cycles_without": int(np.count_nonzero(_column(result, "status")[~after] > Status.LIMITED))}
+    noticed = tuple(text for text, count in commands.items() if result.received[count] > at_start.get(count, 0))
     return causes(int(np.bitwise_or.reduce(result.diagnostics[after]))) + noticed
 
 

@@ -20,16 +20,22 @@ def run(software: Software, scenario: Scenario, *, controlled: bool = True) -> n
         CodegenError: the scenario has faults on the bus or two clocks, and here is no bus. The passive car has nothing to do
             with it.
     """
-    if (scenario.faults or scenario.clocks.are_free_running) and controlled:
+    if controlled:
+        refuse_bus(scenario)
+    loop = ClosedLoop(software, LoopOptions(controlled=controlled))
+    driver, inputs = scenario.driver(software.config), scenario.inputs(software.config)
+    return loop.run(inputs) if driver is None else loop.run_stepped(inputs, driver.steer)
+
+
+def refuse_bus(scenario: Scenario) -> None:
+    """Raise CodegenError where a scenario has faults on the bus or two clocks, for a run without a bus."""
+    if scenario.faults or scenario.clocks.are_free_running:
         kinds = ", ".join(fault.kind for fault in scenario.faults) or "two clocks"
         raise CodegenError(
             f"it has faults on the bus ({kinds}), and this run has no bus",
             where=f"scenario {scenario.name}",
             remedy="run it with `codegen hil`, or with `codegen sil --can`",
         )
-    loop = ClosedLoop(software, LoopOptions(controlled=controlled))
-    driver, inputs = scenario.driver(software.config), scenario.inputs(software.config)
-    return loop.run(inputs) if driver is None else loop.run_stepped(inputs, driver.steer)
 
 
 def run_through_can(software: Software, scenario: Scenario, *, sensors: bool = False, seed: int = 0) -> BenchResult:

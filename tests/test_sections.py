@@ -61,6 +61,11 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
         ({"vehicle_motion": {"sped": {"name": "x"}}}, ("can.vehicle_motion.sped: unknown key", "did you mean 'speed'?")),
         ({"rear_steer_command": {"diagnostics": {"length": 15}}}, ("Diagnostics needs 16 bits",)),
         ({"e2e": {"sync_counter_init": 15}}, ("can.e2e.sync_counter_init",)),
+        ({"e2e": {"min_ok_state_valid": 0}}, ("would be valid for ever; give at least 1",)),
+        ({"e2e": {"min_ok_state_init": 1}}, ("min_ok_state_init is below min_ok_state_valid",)),
+        ({"e2e": {"min_ok_state_invalid": 7}}, ("min_ok_state_invalid is 7 of 6 cycles",)),
+        ({"e2e": {"max_error_state_invalid": 4}}, ("max_error_state_invalid is above max_error_state_valid",)),
+        ({"e2e": {"window_size": 17}}, ("can.e2e.window_size",)),
         ({"vehicle_motion": {"cycle_time_ms": 20.0}}, ("can.vehicle_motion.cycle_time_ms must be", "10")),
         # What the controller accepts must fit into the signal that carries it.
         ({"vehicle_motion": {"speed": {"factor": 0.001}}}, ("can.vehicle_motion.speed carries", "-111.1 to 111.1 is needed")),

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
     Record = npt.NDArray[np.float64]
 
-OF_A_SCENARIO = ("map_path", "scenario", "baselines", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed", "csv")
+OF_A_SCENARIO = (
+    *("map_path", "scenario", "baselines", "plant", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed", "csv"),
+)
 """Parameters that do not go with --suite."""
 
 
@@ -44,6 +46,7 @@ class Choices:
     map_path: Path | None
     scenario: str
     baselines: bool
+    plant: str
     through_can: bool
     drift_ppm: float | None
     jitter_ms: float | None
@@ -56,12 +59,24 @@ class Choices:
 
     def drive(self, software: Software, scenario: Scenario) -> tuple[Record, BenchResult | None]:
         """A recording of a controller; with what its bus did, where there is one."""
+        from hil_sim import third_plant
         from hil_sim.runs import run, run_through_can
 
+        if self.plant == "roll":
+            return third_plant.run(software, software.config, scenario, seed=self.seed), None
         if not self.through_can:
             return run(software, scenario), None
         result = run_through_can(software, scenario, sensors=self.sensors, seed=self.seed)
         return result.record, result
+
+    def passive(self, software: Software, scenario: Scenario) -> Record:
+        """Return a recording of the same car with its rear wheels straight."""
+        from hil_sim import third_plant
+        from hil_sim.runs import run
+
+        if self.plant == "roll":
+            return third_plant.run(None, software.config, scenario, seed=self.seed)
+        return run(software, scenario, controlled=False)
 
 
 @click.command(
@@ -72,6 +87,13 @@ class Choices:
 @click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
 @scenario_option
 @click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
+@click.option(
+    "--plant",
+    type=click.Choice(["two-track", "roll"]),
+    default="two-track",
+    show_default=True,
+    help="The simulated car; roll: with roll, unlike tyres, a servo with backlash, and sensors with bias and jitter.",
+)
 @click.option("--can", "through_can", is_flag=True, help="Through the task and its CAN frames, in this process, without a bus.")
 @drift_options
 @sensor_options
@@ -85,7 +107,7 @@ class Choices:
 @result_options
 @click.pass_context
 def sil(context: click.Context, /, suite: str | None, **given: Any) -> None:
-    """Run the generated C in closed loop with the two-track plant, software in the loop.
+    """Run the generated C in closed loop with a simulated car, software in the loop.
 
     With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
     is asked, and exit 1 where one is missed. --plot then draws an overview.
@@ -116,12 +138,13 @@ def _run_scenario(chosen: Choices) -> None:
     from codegen.cli.bench_report import Outputs, note_edited
     from codegen.refmap import map as npz
     from codegen.sil.software import load
-    from hil_sim.runs import run
     from hil_sim.scenarios import find
 
     build_path = chosen.build_path
     outputs = Outputs(chosen.plot, chosen.csv, None, chosen.files, chosen.as_json)
     outputs.check((chosen.map_path, Path(chosen.scenario)))
+    if chosen.plant != "two-track" and chosen.through_can:
+        raise CodegenError("the bench on a bus drives the two-track car", where="--plant", remedy="leave --can out")
     if chosen.sensors and not chosen.through_can:
         raise CodegenError("sensors belong to the frames on a bus", where="--sensors", remedy="add --can")
     if (chosen.drift_ppm is not None or chosen.jitter_ms is not None) and not chosen.through_can:
@@ -137,7 +160,7 @@ def _run_scenario(chosen: Choices) -> None:
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     with console.status(scenario.title):
         controlled, result = chosen.drive(software, scenario)
-        passive = run(software, scenario, controlled=False)
+        passive = chosen.passive(software, scenario)
     beside = _baselines(chosen, software, scenario) if chosen.baselines else {}
     runs = {"controlled": controlled, **beside, "passive": passive}
     facts = {"build": str(build_path), "scenario": scenario.name, "edited": list(software.edited)}

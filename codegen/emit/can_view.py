@@ -55,18 +55,17 @@ class Cause:
 
 _RECEPTION = (
     ("MISSING", "no frame in this cycle", "missing"),
-    ("WRONG_CRC", "a frame with a wrong CRC", "CRC wrong"),
-    ("REPEATED", "a frame whose counter did not advance", "repeated"),
-    ("WRONG_SEQUENCE", "a counter that jumped, or must prove itself again", "out of sequence"),
-    ("SOME_LOST", "frames were lost in between, few enough to go on", "lost in between"),
+    ("WRONG_CRC", "a frame with a wrong CRC, or without eight bytes", "damaged"),
+    ("WRONG_COUNTER", "a wrong counter, or the message has to prove itself", "out of sequence"),
 )
 _OTHERS = (
-    ("UNAVAILABLE", "front angle or yaw rate is not available, out of range or impossible", "signal unavailable"),
-    ("REPLACED", "a signal is replaced by what the others say", "signal replaced"),
-    ("TASK_LATE", "a message came more than once since the last call of the task", "task late"),
-    ("TASK_EARLY", "no message came since the last call of the task", "task early"),
-    ("WRONG_LENGTH", "a frame that has not eight bytes", "wrong length"),
-    ("UNUSABLE", "neither front angle nor yaw rate is believed", "no turn known"),
+    ("UNAVAILABLE", "a signal is not available, out of range or impossible, for a short time so far", "signal unavailable"),
+    ("SPEED_REPLACED", "the speed is not believed: held, then falling", "speed replaced"),
+    ("FRONT_ANGLE_REPLACED", "the front angle is not believed: taken from the yaw rate", "front angle replaced"),
+    ("YAW_RATE_REPLACED", "the yaw rate is not believed: taken from the front angle", "yaw rate replaced"),
+    ("TASK_LATE", "the calls of the task stay behind the frames", "task late"),
+    ("INTERMITTENT", "the bus is disturbed and comes back, again and again", "bus intermittent"),
+    ("ACTUATOR_STUCK", "the measured rear angle does not follow the command", "actuator stuck"),
 )
 
 
@@ -81,7 +80,7 @@ def _causes() -> tuple[Cause, ...]:
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
 DIAGNOSTICS = _causes()
-"""Bits of `Diagnostics`, from bit 0; the five of each received message lie side by side in the same order."""
+"""Bits of `Diagnostics`, from bit 0; the three of each received message lie side by side in the same order."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +158,17 @@ class CanView:
     max_delta_counter_init: int
     max_no_new_or_repeated_data: int
     sync_counter_init: int
+    window_size: int
+    window_ms: str
+    window_mask: str
+    counts_mask: str
+    count_mask: str
+    min_ok_state_init: int
+    max_error_state_init: int
+    min_ok_state_valid: int
+    max_error_state_valid: int
+    min_ok_state_invalid: int
+    max_error_state_invalid: int
     exact: bool
     scale: str
     to_code: str
@@ -194,6 +204,7 @@ def can_view(config: Config, precision: Precision) -> CanView:
     # In single precision the arithmetic is made exact; in double precision it is that of every tool that reads a DBC.
     exact = precision == "single"
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
+    count_mask = (1 << can.e2e.window_size.bit_length()) - 1
     return CanView(
         messages=tuple(_message(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
@@ -201,9 +212,11 @@ def can_view(config: Config, precision: Precision) -> CanView:
         cycle_time_ms=_decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
         baudrate=_decimal(can.bitrate_kbit_s * 1e3),
-        max_delta_counter_init=can.e2e.max_delta_counter_init,
-        max_no_new_or_repeated_data=can.e2e.max_no_new_or_repeated_data,
-        sync_counter_init=can.e2e.sync_counter_init,
+        **can.e2e.model_dump(),
+        window_ms=_decimal(period_ms * can.e2e.window_size),
+        window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
+        counts_mask=f"0x{count_mask * 0x10001:08X}",
+        count_mask=f"0x{count_mask:02X}",
         exact=exact,
         scale="steps" if exact else "factor",
         to_code="* steps" if exact else "/ factor",

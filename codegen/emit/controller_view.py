@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,9 @@ SQUARES_MAX = 1e12
 
 INPUT_NUMBERS = ("speed.value", "front_angle.value", "yaw_rate.value", "expected_yaw_rate", "least", "friction")
 """Of the state of the inputs."""
+
+ACTUATOR_SAMPLES_MAX = 60_000
+"""Less than the largest number of the count, which goes to one above."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
@@ -49,6 +53,7 @@ class ControllerView:
     parameters: tuple[ParameterView, ...]
     ranged: tuple[ParameterView, ...]
     ranged_arrays: tuple[ParameterView, ...]
+    counts: tuple[ParameterView, ...]
     points: tuple[tuple[str, int], ...]
     halvings: int
     state: tuple[FieldView, ...]
@@ -94,7 +99,30 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "fail_safe_rate", math.radians(controller.fail_safe.rate_deg_s), "rad/s, return to zero in fail-safe", 1e-5, 100.0
         ),
+        *_actuator_parameters(config),
     )
+
+
+def _actuator_parameters(config: Config) -> Iterator[Parameter]:
+    """By which the task judges whether the actuator follows; see `RearActuator`."""
+    actuator, period = config.rear_actuator, config.controller.sampling_time_s
+    error: float | str = actuator.stuck_error_deg
+    time: float | str = actuator.stuck_time_s
+    if isinstance(error, str):
+        error = 0.1 * actuator.angle_max_deg
+    if isinstance(time, str):
+        time = 2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * actuator.lag_s
+    share = 1.0 - math.exp(-period / actuator.lag_s)
+    yield Parameter("actuator_share", share, "of the way to the command that the actuator goes in a sample", 1e-4, 1.0)
+    yield Parameter(
+        "actuator_error_max",
+        math.radians(error),
+        "rad off, beside twice the way to go, that is tolerated",
+        1e-4,
+        1.5,
+    )
+    samples = max(round(time / period), 1)
+    yield Parameter("actuator_samples_max", samples, "samples off, less others, then it is stuck", 1, ACTUATOR_SAMPLES_MAX)
 
 
 _COMMON_STATE = (
@@ -126,7 +154,8 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
     period, points = config.controller.sampling_time_s, law.points(config, prefix)
     return ControllerView(
         parameters=parameters,
-        ranged=tuple(view for view in parameters if not view.points),
+        ranged=tuple(view for view in parameters if not view.is_count and not view.points),
+        counts=tuple(view for view in parameters if view.is_count),
         ranged_arrays=tuple(view for view in parameters if view.points),
         points=points,
         halvings=max((halvings(size) for _, size in points), default=0),

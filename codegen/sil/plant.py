@@ -10,7 +10,7 @@ from codegen.config import Config
 from codegen.emit.dynamics_view import function_view
 from codegen.emit.render import render
 from codegen.sil.compile import compile_library
-from codegen.vehicle.dynamics import two_track
+from codegen.vehicle.dynamics import Model, two_track
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,16 @@ class PlantSample:
 class Plant:
     """The two-track car of a configuration, starting straight ahead with all states zero.
 
+    Args:
+        config: of the car, and the step.
+        model: another car, with the states, inputs and outputs of `two_track` among its own.
+
     Raises:
         BuildError: the C does not compile here.
     """
 
-    def __init__(self, config: Config) -> None:
-        library = compile_library("plant", plant_sources(config), ["plant.h"], include_folders=(".",))
+    def __init__(self, config: Config, model: Model | None = None) -> None:
+        library = compile_library("plant", plant_sources(config, model), ["plant.h"], include_folders=(".",))
         self._lib = library.lib
         self._step = config.plant.sampling_time_s
         self._state: Any = library.ffi.new("plant_state_t *")
@@ -87,9 +91,9 @@ class Plant:
         target.yaw_moment = acting.yaw_moment
 
 
-def plant_sources(config: Config) -> dict[str, bytes]:
-    """The C of the plant: plant.h and plant.c."""
-    model = two_track(config)
+def plant_sources(config: Config, model: Model | None = None) -> dict[str, bytes]:
+    """The C of the plant, the two-track car or another model: plant.h and plant.c."""
+    model = two_track(config) if model is None else model
     assert model.output is not None  # the plant has outputs by construction
     context = {
         "plant": {

@@ -25,7 +25,9 @@ EPISODE = (5, 60)
 RESTART = 0.002
 """Probability that the task is initialised before a cycle."""
 
-SHARES = {"good": 6, "noisy": 3, "random payload": 3, "standing car": 1, "silent": 1, "half": 1, "garbage": 1}
+STANDING = {"standing car": 0.0, "standing car that turns": 2.0}
+"""Kinds of traffic, and the yaw rate in rad/s that the car reports."""
+SHARES = dict.fromkeys((*STANDING, "silent", "half", "late", "garbage"), 1) | {"good": 6, "noisy": 3, "random payload": 3}
 """How often each kind of traffic comes."""
 
 FAULT = 0.15
@@ -75,8 +77,10 @@ class _Traffic:
         self._random = random.Random(seed)
         self._recorded = [cycle for cycle in recorded if len(cycle) == len(messages)]
         codec = Codec(config.can)
-        standing = (codec.encode(VehicleMotion(0.0, 0.0, 0.0)), codec.encode(VehicleConditions(0.0)))
-        self._standing = {message.id: data for message, data in zip(messages, standing, strict=True)}
+        self._standing = {}
+        for kind, yaw_rate in STANDING.items():
+            contents = (codec.encode(VehicleMotion(0.0, 0.0, yaw_rate)), codec.encode(VehicleConditions(0.0)))
+            self._standing[kind] = {message.id: data for message, data in zip(messages, contents, strict=True)}
 
     def cycles(self, count: int) -> list[Cycle]:
         found: list[Cycle] = []
@@ -91,7 +95,8 @@ class _Traffic:
     def _cycle(self, kind: str, place: int) -> Cycle:
         if kind == "garbage":
             return tuple(self._garbage() for _ in range(self._random.randint(0, FRAMES)))
-        frames = [self._frame(identifier, kind, place) for identifier in self._data_ids]
+        sets = 2 if kind == "late" else 1  # of frames since the last cycle of the task
+        frames = [self._frame(identifier, kind, place) for _ in range(sets) for identifier in self._data_ids]
         if kind == "silent":
             frames = []
         elif kind == "half":
@@ -105,8 +110,8 @@ class _Traffic:
     def _frame(self, identifier: int, kind: str, place: int) -> Frame:
         """The next frame of a message, protected: with what was recorded, of a car that stands, or with any bits."""
         data = self._random.randbytes(8)
-        if kind == "standing car":
-            data = self._standing[identifier]
+        if kind in STANDING:
+            data = self._standing[kind][identifier]
         elif self._recorded and kind != "random payload":
             cycle = self._recorded[place % len(self._recorded)]
             data = next((frame.data for frame in cycle if frame.id == identifier), data)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from codegen.config import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.refmap.map import ReferenceMap
-from codegen.sil.plant import PlantInput
+from codegen.sil.plant import PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
@@ -106,9 +107,51 @@ def run(
     Raises:
         CodegenError: the package is missing, or the scenario cannot be driven.
     """
-    inputs = scenario.inputs(config)
-    plant = MultiBodyPlant(config, float(inputs[0, 0]), parameters)
-    driver = scenario.driver(config)
+    plant = MultiBodyPlant(config, float(scenario.inputs(config)[0, 0]), parameters)
+
+    def measured(car: PlantSample) -> dict[str, float]:
+        return {"speed": plant.speed, "front_angle": car.front_angle, "yaw_rate": car.yaw_rate, "rear_angle": car.rear_angle}
+
+    return drive(
+        plant, software, config, scenario, measured, delay_samples=delay_samples, controller_parameters=controller_parameters
+    )
+
+
+class SteppedPlant(Protocol):
+    """A car that Python steps."""
+
+    @property
+    def speed(self) -> float:
+        """m/s, at the last sample."""
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """m forward and m to the left in the road frame, heading in rad."""
+
+    def sample(self, acting: PlantInput) -> PlantSample:
+        """The car as it is now."""
+
+    def advance(self, acting: Iterable[PlantInput]) -> None:
+        """One plant step for each input."""
+
+
+def drive(
+    plant: SteppedPlant,
+    software: Software | None,
+    config: Config,
+    scenario: Scenario,
+    measured: Callable[[PlantSample], Mapping[str, float]],
+    *,
+    delay_samples: int = 1,
+    controller_parameters: Any | None = None,
+) -> FloatArray:
+    """Return a recording (samples, 12) of a scenario on any car; see `run`.
+
+    Args:
+        plant: at its start.
+        measured: fields of a measurement, SI units, of the car at a sample; called once a sample.
+    """
+    inputs, driver = scenario.inputs(config), scenario.driver(config)
     controller = None if software is None else software.controller(parameters=controller_parameters)
     period = config.controller.sampling_time_s
     per_sample = round(period / config.plant.sampling_time_s)
@@ -125,8 +168,7 @@ def run(
                 wheel = driver.steer(plant.position, car.sideslip_angle, car.yaw_rate)
                 steps = [[step[0], wheel, *step[2:]] for step in steps]
             if controller is not None:
-                measured = Measurement(plant.speed, car.front_angle, car.yaw_rate, car.rear_angle, estimate, bool(inhibit))
-                answer = controller.step(measured)
+                answer = controller.step(Measurement(**measured(car), friction=estimate, inhibit=bool(inhibit)))
                 command, reference, status = answer.rear_angle, answer.yaw_rate_reference, answer.status
             row[1:] = (
                 *(plant.speed, car.front_angle, car.yaw_rate, reference, car.sideslip_angle, car.lateral_acceleration),

@@ -50,16 +50,26 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path) -> 
         ):
             one, wanted = signals.get(name), record[:, RECORD_COLUMNS.index(column)]
             assert one.unit == unit
+            given = ~np.isnan(one.samples)
+            assert given[2:].all()  # no command before the car's messages are valid
             # Half a step of the signal, and the rounding of its decoding.
-            np.testing.assert_allclose(one.samples, wanted, rtol=0.0, atol=0.5 * resolution + 1e-12)
-        assert {bytes(text) for text in signals.get("Status").samples} <= {b"TRACKING", b"LIMITED", b"STANDBY"}
+            np.testing.assert_allclose(one.samples[given], wanted[given], rtol=0.0, atol=0.5 * resolution + 1e-12)
+        assert {bytes(text) for text in signals.get("Status").samples} <= {b"TRACKING", b"LIMITED", b"STANDBY", b"DEGRADED"}
 
 
 def test_sil_through_can_with_faults_and_sensors(run: Run, here: Path) -> None:
     options = ("sil", "--build", BUILD, "--can", "--sensors", "--scenario", "ecu-loss", "--json")
     one, other = (json.loads(run(*options, "--seed", seed).out) for seed in (3, 4))
-    assert one["bus_figures"]["cycles_in_status"]["DEGRADED"] == 3
+    assert one["bus_figures"]["cycles_in_status"]["DEGRADED"] == 2 + 3  # until the messages are valid, and at the loss
     assert one["metrics"] != other["metrics"]
+
+
+def test_sil_with_the_third_plant(run: Run, here: Path) -> None:
+    options = ("sil", "--build", BUILD, "--plant", "roll", "--scenario", "step-steer", "--json")
+    one, other = (json.loads(run(*options, "--seed", seed).out)["metrics"] for seed in (3, 4))
+    assert one["controlled"] != other["controlled"] and one["passive"] == other["passive"]
+    answer = run(*options, "--can")
+    assert (answer.code, answer.err) == (2, "error: --plant: the bench on a bus drives the two-track car; leave --can out\n")
 
 
 def test_faults_are_a_table_and_as_defined(run: Run) -> None:

@@ -181,7 +181,7 @@ def test_the_orientation_of_the_map(tracking: Linked) -> None:
 # --- other programs -----------------------------------------------------------------------------------------------------
 
 EMPTY = "int main(void) { return 0; }\n"
-TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.wrong_length || two[1].wrong_length; }\n'
+TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.started || two[1].started; }\n'
 
 
 def filled_with(folder: Path, main: str, *flags: str) -> Filled:

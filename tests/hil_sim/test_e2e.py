@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.can_sections import E2e
-from hil_sim.e2e import LARGEST_COUNTER, E2eStatus, Receiver, crc, protect
+from hil_sim.e2e import LARGEST_COUNTER, E2eStatus, Receiver, Supervision, crc, protect
 
 DATA_ID = 0x101
 
@@ -70,3 +70,41 @@ def test_receiver(settings: tuple[int, int, int], events: str, expected: str) ->
         body = bytes((0, int(event, 16) if event not in broken else 0)) + bytes(6)
         statuses.append(receiver.check(DATA_ID, broken.get(event, bytes((crc(DATA_ID, body),)) + body[1:])))
     assert statuses == [STATUSES[letter] for letter in expected]
+
+
+def states(events: str, **settings: int) -> str:
+    """First letter of the state after each cycle, "x" for INVALID; "o" is a good frame, "d" a damaged one, "b" both."""
+    supervision = Supervision(E2e(**settings))
+    return "".join("nivx"[supervision.step(event in "ob", event in "db")] for event in events)
+
+
+# PRS_E2EProtocol, figure of E2E_SMCheck, by hand. The default window of 6 cycles: 2 good ones for VALID and to stay there, 3
+# damaged ones at most, 3 good ones and at most 2 damaged ones for VALID again.
+@pytest.mark.parametrize(
+    ("events", "expected"),
+    [
+        pytest.param("-d-ooo", "nnniiv", id="valid with the third frame"),
+        pytest.param("ooo------ooo", "iivvvvvxxxxv", id="silence, and three good ones after it"),
+        pytest.param("ooodddd", "iivvvvx", id="more than three damaged ones"),
+        pytest.param("ooobbbb", "iivvvvx", id="damaged ones beside good ones"),
+        pytest.param("odd", "iix", id="damaged ones at the start"),
+        pytest.param("odddooooo", "iixxxxxvv", id="which leave the window first"),
+        pytest.param("ooo" + "-o" * 9, "iiv" + "v" * 18, id="two clocks: every other cycle"),
+    ],
+)
+def test_state_machine(events: str, expected: str) -> None:
+    assert states(events) == expected
+
+
+def test_intermittent_loss_of_any_pattern_ends_the_valid_state_within_the_window() -> None:
+    settings = E2e()
+    size, least = settings.window_size, settings.min_ok_state_valid
+    for bits in range(1 << size):
+        pattern = "".join("-o"[bits >> k & 1] for k in range(size))
+        after = states("o" * 20 + 5 * pattern)[20:]
+        if pattern.count("o") < least:
+            assert "v" not in after[size - 1 :], pattern
+        else:  # of any window of such a pattern as many are good
+            assert set(after) == {"v"}, pattern
+    # Three of four lost: 60 ms with a cycle of 10 ms.
+    assert states("ooo" + "---o" * 5)[3:].index("x") == settings.window_size - 1

@@ -13,7 +13,7 @@ import numpy as np
 
 from codegen.can_sections import E2e, RealSignal
 from hil_sim.codec import PAYLOADS, Codec
-from hil_sim.e2e import E2eStatus, Receiver, crc, next_counter, protect
+from hil_sim.e2e import E2eStatus, Receiver, Supervision, crc, next_counter, protect
 from tests.builds import Built
 
 
@@ -97,9 +97,10 @@ Events = list[tuple[bytes | None, int]]
 
 @dataclass(frozen=True)
 class Received:
-    """What receivers say of frames from their start on; and frames that are protected."""
+    """What receivers say of frames from their start on; cycles (good, damaged) with the message's state; frames protected."""
 
     receptions: list[Events]
+    states: list[list[tuple[bool, bool, int]]]
     protected: list[tuple[int, int, bytes, bytes]]
 
 
@@ -132,7 +133,17 @@ def answers_of_e2e(built: Built, count: int = 4000, every: bool = True) -> Recei
     for index in range(600):
         data_id, body = int(rng.integers(0, 1 << 16)), bytes(rng.integers(0, 256, 8, dtype=np.uint8))
         protected.append((data_id, index % 15, body, protect(data_id, index % 15, body)))
-    return Received([events, *silences], protected)
+    return Received([events, *silences], [_states(settings, rng) for _ in range(count // 80)], protected)
+
+
+def _states(settings: E2e, rng: np.random.Generator) -> list[tuple[bool, bool, int]]:
+    """Cycles from the start of a supervision on: spells with any shares of good and damaged frames, those of 0 and 1 too."""
+    supervision, states = Supervision(settings), []
+    for length in rng.integers(1, 30, 6):
+        good, damaged = rng.choice((0.0, 0.3, 0.5, 1.0), 2, p=(0.1, 0.4, 0.2, 0.3))
+        for came in zip((rng.random(length) < good).tolist(), (rng.random(length) < damaged).tolist(), strict=True):
+            states.append((*came, int(supervision.step(*came))))
+    return states
 
 
 def _silences(settings: E2e, jump: int, silences: Sequence[int], steps: Sequence[int | None]) -> Iterator[Events]:
@@ -160,6 +171,11 @@ def check_e2e(built: Built, known: Received) -> None:
         for index, (data, wanted) in enumerate(events):
             got = silent(state) if data is None else check(state, 0x101, data)
             assert got == wanted, f"event {index}: {got} instead of {E2eStatus(wanted).name}"
+    supervision, supervise = software.new("e2e_supervision"), software.function("e2e_supervise")
+    for states in known.states:
+        software.function("e2e_supervision_init")(supervision)
+        for index, (good, damaged, wanted) in enumerate(states):
+            assert supervise(supervision, good, damaged) == wanted, f"cycle {index}"
     for data_id, counter, body, wanted_frame in known.protected:
         buffer, count = software.ffi.new("uint8_t[8]", body), software.ffi.new("uint8_t *", counter)
         software.function("e2e_protect")(data_id, count, buffer)

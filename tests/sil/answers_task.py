@@ -19,13 +19,16 @@ from hil_sim.frames import Frame
 from tests.builds import Built
 from tests.sil.checks_kinds import model_of, parameters_of
 
-LIVES, CYCLES = 30, 60
+LIVES, CYCLES = 20, 140
 """Starts of the task, and cycles after each."""
 ANGLES = (0.02, math.nan, 0.3, -0.3, math.inf, -0.05, *(side * code / 20000 for side in (1, -1) for code in (2000, 2001)))
 """Rear angle at the actuator after a start, rad. Some are impossible; the last four are codes at and past the limit in SETS."""
 SETS: tuple[Mapping[str, Any], ...] = (
     {},
-    {"inputs": {"rear_angle_max": 2000 / 20000, "recovery_samples": 3, "missing_samples_max": 0}},
+    {
+        "inputs": {"rear_angle_max": 2000 / 20000, "recovery_samples": 3, "missing_samples_max": 0},
+        **{"actuator_samples_max": 3, "actuator_error_max": 0.02, "actuator_share": 0.5},
+    },
 )
 EVENTS = (
     *("good",) * 12,
@@ -33,6 +36,9 @@ EVENTS = (
     *("short", "foreign", "other message", "twice", "wrong and good", "reversed", "burst", "unavailable", "slow"),
 )
 """Bus events, drawn with the frequency at which they stand here."""
+
+
+BITS = {name: bit for bit, (name, _) in DIAGNOSTICS.items()}
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ class _Counted(SecondTask):
     lost: int = field(default=0, init=False)
 
     def _sample(self, motion: Any, conditions: Any) -> Any:
-        self.lost += not (motion.is_good and conditions.is_good)
+        self.lost += not (motion.is_usable and conditions.is_usable)
         return super()._sample(motion, conditions)
 
 
@@ -97,7 +103,7 @@ class _Car:
         if cycle >= 14:
             return 0.04 * math.cos(0.05 * cycle)
         told = ANGLES[self.life % len(ANGLES)]
-        return 0.3 if math.isnan(told) and cycle == 2 else told
+        return 0.3 if math.isnan(told) and cycle == 5 else told
 
     def _of(self, event: str, place: int, angle: float) -> list[Frame]:
         rng = self.rng
@@ -122,7 +128,8 @@ class _Car:
         elif event == "other message":
             frames[place] = Frame(one.id, other.data)
         elif event == "wrong and good":
-            frames.insert(place, Frame(one.id, bytes((one.data[0] ^ 1,)) + one.data[1:]))
+            wrong = Frame(one.id, one.data[:3] + bytes((one.data[3] ^ 0x10,)) + one.data[4:])
+            frames.insert(place + int(rng.integers(2)), wrong)
         elif event in ("twice", "burst"):
             count = 1 if event == "twice" else int(rng.choice([253, 254, 255, 256, 511]))
             frames[place + 1 : place + 1] = [self._frame(place, contents[place]) for _ in range(count)]
@@ -150,6 +157,63 @@ def _life(built: Built, parameters: Any, rng: np.random.Generator, life: int) ->
         counters = {"cycles": number, "late_cycles": late, "early_cycles": early, "lost_samples": task.lost}
         found.append(Cycle(frames, states, answer, counters))
     return found
+
+
+def check_backlog(built: Built) -> None:
+    """A second frame in each call fills it up to five; one is forgiven in each 64th call, one made up for without a frame."""
+    can = built.software.config.can
+    task, car = built.software.task(), _Car(can, Codec(can, built.software.precision), np.random.default_rng(0), 0)
+
+    def after(frames: int) -> tuple[int, int]:
+        """The backlog after a call with so many frames of the first message, and whether the task is late."""
+        for _ in range(frames):
+            frame = car._frame(0, bytes(FRAME_BYTES))
+            task.on_can_frame(frame.id, frame.data)
+        _, data = task.run()
+        return task.state.backlog, int.from_bytes(data[6:8], "little") >> BITS["TASK_LATE"] & 1
+
+    filled = [after(count) for count in (1, 2, 2, 2, 2, 2, 2, 9)]
+    assert filled == [(0, 0), (1, 0), (2, 0), (3, 0), (4, 1), (5, 1), (5, 1), (5, 1)]
+    found = [after(1) for _ in range(len(filled), 5 * 64 + 10)]
+    left = [max(5 - call // 64, 0) for call in range(len(filled) + 1, 5 * 64 + 11)]
+    assert found == [(backlog, int(backlog > 3)) for backlog in left]
+    assert [after(count)[0] for count in (3, 0, 1, 0, 0)] == [2, 1, 1, 0, 0]
+
+
+def check_actuator_is_followed(built: Built) -> None:
+    """The limits of angle and time, both signs, to a code and a sample; and memory that holds no angle that can be."""
+    can, real = built.software.config.can, built.real
+    codec, limit = Codec(can, built.software.precision), 400
+    changes = {"actuator_share": 0.5, "actuator_error_max": limit / 20000, "actuator_samples_max": 3}
+    parameters = parameters_of(built, changes)
+    task, car, stuck = built.software.task(parameters), _Car(can, codec, np.random.default_rng(0), 0), 0
+
+    def samples(count: int, code: int = 0) -> int:
+        """Samples of a standing car, whose command is zero; how many count as off then."""
+        nonlocal stuck
+        for _ in range(count):
+            for place, contents in enumerate((VehicleMotion(0.0, 0.0, 0.0), VehicleConditions(code / 20000))):
+                frame = car._frame(place, codec.encode(contents))
+                task.on_can_frame(frame.id, frame.data)
+            answer = codec.decode(*task.run())
+            assert isinstance(answer, RearSteerCommand)
+            stuck = answer.diagnostics >> BITS["ACTUATOR_STUCK"] & 1
+        return int(task.state.actuator_samples)
+
+    samples(5)
+    for side in (1, -1):
+        assert samples(6, side * limit) == 0
+        assert (samples(3, side * (limit + 1)), stuck) == (3, 0)
+        assert (samples(1, side * (limit + 1)), stuck) == (4, 1)
+        assert (samples(9, side * (limit + 1)), stuck) == (4, 1)
+        assert (samples(1), stuck) == (3, 0)
+        assert samples(3) == 0
+    largest = float(real(parameters.inputs.rear_angle_max))
+    expected = {math.nan: 0.0, math.inf: 0.0, -math.inf: 0.0, 2.1 * largest: 0.0, -2.1 * largest: 0.0}
+    for held, becomes in {**expected, 2.0 * largest: largest, -2.0 * largest: -largest}.items():
+        task.state.expected_angle = held
+        samples(1)
+        assert task.state.expected_angle == becomes, held
 
 
 def answers_of_task(built: Built, lives: int = LIVES) -> list[Traffic]:

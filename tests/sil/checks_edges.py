@@ -54,8 +54,9 @@ def check_init_sets_everything(built: Built) -> None:
     task = software.new("task")
     ffi.memmove(task, b"\xff" * ffi.sizeof(task[0]), ffi.sizeof(task[0]))
     software.function("task_init")(task, parameters)
-    zero = ("counter", "wrong_length", "conditions_close", "started", "samples_without_angle", "cycles", "late_cycles")
-    assert not any(getattr(task, field) for field in (*zero, "early_cycles", "lost_samples"))
+    zero = ("counter", "conditions_close", "started", "samples_without_angle", "cycles", "late_cycles", "early_cycles")
+    zero += ("lost_samples", "backlog", "disturbance", "actuator_samples", "expected_angle")
+    assert not any(getattr(task, field) for field in zero)
     assert not task.conditions.inhibit
     for signals, fields in (("motion", ("speed", "front_angle", "yaw_rate")), ("conditions", ("rear_angle", "friction"))):
         assert all(math.isnan(getattr(getattr(task, signals), field)) for field in fields)

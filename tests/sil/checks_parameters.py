@@ -21,16 +21,20 @@ from tests.sil.checks_kinds import config_of
 def configured(built: Built) -> dict[str, Any]:
     """Values of the parameters as their documentation says that they follow from the configuration; SI units."""
     config = config_of(built)
-    controller = config.controller
-    rate, period = controller.rear_rate_max_deg_s, controller.sampling_time_s
+    controller, actuator = config.controller, config.rear_actuator
+    rate, period, lag = controller.rear_rate_max_deg_s, controller.sampling_time_s, actuator.lag_s
     values: dict[str, Any] = {
-        "rear_angle_max": math.radians(config.rear_actuator.angle_max_deg),
+        "rear_angle_max": math.radians(actuator.angle_max_deg),
         "rear_rate_max": 1000.0 if rate == "off" else math.radians(rate),
         "friction_min": controller.friction_min,
         "enable_speed": controller.enable_speed_km_h / 3.6,
         "disable_speed": controller.disable_speed_km_h / 3.6,
         "standby_rate": math.radians(controller.standby_rate_deg_s),
         "fail_safe_rate": math.radians(controller.fail_safe.rate_deg_s),
+        # A first-order lag over a sample; a tenth of the angle; from stop to stop at the largest rate, and ten lags.
+        "actuator_share": 1.0 - math.exp(-period / lag),
+        "actuator_error_max": 0.1 * math.radians(actuator.angle_max_deg),
+        "actuator_samples_max": round((2.0 * actuator.angle_max_deg / actuator.rate_max_deg_s + 10.0 * lag) / period),
     }
     if controller.kind in ("pi", "tracking"):
         values["rear_angle_error_max"] = math.radians(controller.rear_angle_error_max_deg)
@@ -201,14 +205,15 @@ def _check_what_fits_together(built: Built) -> None:
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
     ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}
+    ranges |= {"actuator_samples_max": (1, 60_000)}
     for name, (least, most) in ranges.items():
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
-        assert not is_valid(built, **{name: most + 1}), "a fail-safe that never acts, or never ends"
+        assert not is_valid(built, **{name: most + 1}), "what never acts, or never ends"
+        assert least == 0 or not is_valid(built, **{name: least - 1}), "what ends at once"
     for enable, fits in ((20.0, True), (built.next(20.0, 30.0), False)):
         assert is_valid(built, enable_speed=enable, **{"inputs.speed_max": 20.0}) == fits, "control could not start"
     for least, fits in ((0.5, True), (built.next(0.5, 1.0), False)):
         assert is_valid(built, friction_min=least, **{"inputs.friction_max": 0.5}) == fits
-    assert not is_valid(built, **{"inputs.recovery_samples": 0}), "a fail-safe that ends at once"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle

@@ -76,7 +76,9 @@ def test_in_c_and_stepped_from_python_the_same_bits(either: Built, name: str, de
     in_c, stepped = (ClosedLoop(either.software, options) for _ in range(2))
     record = in_c.run(SCENARIOS[name])
     assert record.tobytes() == stepped.run_stepped(SCENARIOS[name]).tobytes()
-    assert name != "everything at once" or set(column(record, "status")) == {float(status) for status in Status if status is not Status.FAIL_SAFE}
+    assert name != "everything at once" or set(column(record, "status")) == {
+        float(status) for status in Status if status is not Status.FAIL_SAFE
+    }
 
 
 def test_a_run_in_pieces_is_the_run_in_one(either: Built) -> None:

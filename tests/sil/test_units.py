@@ -52,6 +52,8 @@ def test_unit(name: str, judge: Judge) -> None:
 
 def test_receivers_with_other_settings() -> None:
     """The protection of frames: limits at the ends of what a configuration takes."""
-    strict = Can(e2e=E2e(max_delta_counter_init=0, max_no_new_or_repeated_data=14, sync_counter_init=0))
+    window = {"window_size": 16, "min_ok_state_init": 5, "min_ok_state_valid": 4, "min_ok_state_invalid": 9}
+    window |= {"max_error_state_init": 1, "max_error_state_valid": 7, "max_error_state_invalid": 4}
+    strict = Can(e2e=E2e(max_delta_counter_init=0, max_no_new_or_repeated_data=14, sync_counter_init=0, **window))
     built = builds.make(builds.paper_map(), builds.CONFIG.model_copy(update={"can": strict}))
     answers_frames.check_e2e(built, answers_frames.answers_of_e2e(built, every=False))

@@ -32,7 +32,7 @@ def test_a_build_passes() -> None:
         assert figures["edges"] > 200
 
 
-CRC = "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (data[7] > 0x7Fu) ? 1u : 0u;"
+CRC = "    planted_ars_e2e_protect(data_id, counter, data);\n    data[0] ^= (uint8_t)(data[7] & 1u);"
 FAR = (
     "    ((volatile uint8_t *)self)[4096] = (uint8_t)(input->demand > 0.05f);\n"
     "    return planted_ars_limiter_step(self, parameters, input);"

@@ -93,14 +93,17 @@ def long_ways(ground: Ground) -> tuple[LongWay, ...]:
 def long_ways_of_task(ground: Ground) -> tuple[LongWay, ...]:
     """Of the task: a start without the rear angle, or with one that cannot be; and frames after a silence."""
     recovery, inputs = ground.config.controller.fail_safe.recovery_samples, ground.config.controller.inputs
+    e2e = ground.config.can.e2e
+    proven = 1 + e2e.min_ok_state_init  # frames of each message until it is valid
+    again = 1 + e2e.sync_counter_init + e2e.min_ok_state_invalid
     first, absent = _sample(ground, restart=1.0, rear_angle=math.nan), _sample(ground, rear_angle=math.nan)
     beyond = [_sample(ground, rear_angle=sign * 1.05 * math.radians(inputs.rear_angle_max_deg)) for sign in (1.0, -1.0)]
     start, usual = _sample(ground, restart=1.0), _sample(ground)
-    silent = _cycles(Fault.MISSING, (ground.config.can.e2e.max_no_new_or_repeated_data + 4, usual))
+    silent = _cycles(Fault.MISSING, (e2e.max_no_new_or_repeated_data + 4, usual))
     return (
-        LongWay(_faultless((1, first), (max(recovery - 2, 1), absent)), _faultless((4, absent))),
-        LongWay(_faultless((1, first)), _faultless(*((2, row) for row in beyond), (2, usual))),
-        LongWay(np.concatenate([_faultless((1, start), (2, usual)), silent]), _faultless((3, usual))),
+        LongWay(_faultless((1, first), (proven + max(recovery - 3, 0), absent)), _faultless((4, absent))),
+        LongWay(_faultless((1, first), (proven, absent)), _faultless(*((2, row) for row in beyond), (2, usual))),
+        LongWay(np.concatenate([_faultless((1, start), (proven, usual)), silent]), _faultless((again + 1, usual))),
     )
 
 

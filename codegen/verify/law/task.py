@@ -13,19 +13,17 @@ from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.diagnostics import DIAGNOSTICS
-from hil_sim.e2e import E2eStatus, Receiver, next_counter, protect
+from hil_sim.e2e import E2eState, E2eStatus, Receiver, Supervision, next_counter, protect
 from hil_sim.frames import Frame
 
 _BITS = {name: 1 << bit for bit, (name, _) in DIAGNOSTICS.items()}
-_CAUSES = {
-    E2eStatus.OK: "",
-    E2eStatus.INITIAL: "",
-    E2eStatus.OK_SOME_LOST: "SOME_LOST",
-    E2eStatus.WRONG_CRC: "WRONG_CRC",
-    E2eStatus.REPEATED: "REPEATED",
-}
-"""What a status of the check of a frame tells; all others tell a wrong sequence."""
-_USABLE = (E2eStatus.OK, E2eStatus.INITIAL, E2eStatus.OK_SOME_LOST)
+_ADVANCE = {E2eStatus.OK: 1, E2eStatus.INITIAL: 1, E2eStatus.OK_SOME_LOST: 2}
+"""Steps of the sender's counter by a good frame, as far as the task counts them; no other status is that of a good frame."""
+
+BACKLOG_MAX, FORGIVEN_EVERY = 3, 64
+"""Steps that the calls may stay behind the sender, and the calls after which one is forgiven."""
+DISTURBANCE_WEIGHT, DISTURBANCE_MAX = 10, 40
+"""Weight of a return from a disturbance, and the sum, less one for each other call, above which the bus is intermittent."""
 
 
 @dataclass
@@ -35,26 +33,44 @@ class _Input:
     name: str
     data_id: int
     receiver: Receiver
+    supervision: Supervision
     frames: int = 0
-    is_good: bool = False
-    causes: int = 0
+    advance: int = 0
+    causes: set[str] = field(default_factory=set)
+    is_disturbed: bool = False
+    is_usable: bool = False
     contents: Any = None
 
     def receive(self, data: bytes) -> bool:
-        """Whether the frame may be used."""
+        """Whether the frame is good. One of a wrong length is damaged, and no frame as far as its counter goes."""
+        if len(data) != FRAME_BYTES:
+            self.causes.add("WRONG_CRC")
+            return False
         self.frames += 1
         status = self.receiver.check(self.data_id, data)
-        cause = _CAUSES.get(status, "WRONG_SEQUENCE")
-        self.causes |= _BITS[f"{self.name}_{cause}"] if cause else 0
-        self.is_good |= status in _USABLE
-        return status in _USABLE
+        self.advance += _ADVANCE.get(status, 0)
+        if status not in _ADVANCE:
+            self.causes.add("WRONG_CRC" if status is E2eStatus.WRONG_CRC else "WRONG_COUNTER")
+        self.is_disturbed |= status is E2eStatus.OK_SOME_LOST
+        return status in _ADVANCE
+
+    def has_returned(self) -> bool:
+        """Whether a good frame came, and something was wrong before it or in the same cycle."""
+        return self.advance > 0 and (self.is_disturbed or bool(self.causes))
 
     def close(self) -> int:
         """The end of a cycle: its diagnostics."""
+        is_good = self.advance > 0
+        self.is_disturbed = not is_good and (self.is_disturbed or bool(self.causes))
+        is_valid = self.supervision.step(is_good, "WRONG_CRC" in self.causes) is E2eState.VALID
+        self.is_usable = is_good and is_valid
         if not self.frames:
             self.receiver.no_new_data()
-        causes = self.causes | (0 if self.frames else _BITS[f"{self.name}_MISSING"])
-        self.frames, self.is_good, self.causes = 0, False, 0
+            self.causes.add("MISSING")
+        if is_good and not is_valid:
+            self.causes.add("WRONG_COUNTER")
+        causes = sum(_BITS[f"{self.name}_{cause}"] for cause in self.causes)
+        self.frames, self.advance, self.causes = 0, 0, set()
         return causes
 
 
@@ -74,15 +90,19 @@ class SecondTask:
     make: Callable[[float], SecondController]
     _started: bool = False
     _samples_without_angle: int = 0
-    _wrong_length: bool = False
     _counter: int = 0
+    _cycles: int = 0
+    _backlog: int = 0
+    _disturbance: int = 0
+    _samples_off: int = 0
+    _expected: Any = 0.0
     _inputs: dict[int, _Input] = field(init=False)
     _controller: SecondController = field(init=False)
 
     def __post_init__(self) -> None:
         motion, conditions = self.can.vehicle_motion, self.can.vehicle_conditions
         self._inputs = {
-            message.id: _Input(name, message.e2e_data_id, Receiver(self.can.e2e))
+            message.id: _Input(name, message.e2e_data_id, Receiver(self.can.e2e), Supervision(self.can.e2e))
             for name, message in (("MOTION", motion), ("CONDITIONS", conditions))
         }
         self._controller = self.make(0.0)
@@ -92,13 +112,14 @@ class SecondTask:
         for frame in frames:
             self._receive(frame)
         motion, conditions = self._inputs.values()
-        diagnostics = self._rhythm(motion.frames, conditions.frames)
-        is_good = motion.is_good and conditions.is_good
+        diagnostics = self._rhythm(motion.advance) | self._of_bus(motion.has_returned() or conditions.has_returned())
+        diagnostics |= motion.close() | conditions.close()
+        is_good = motion.is_usable and conditions.is_usable
+        if self._started:
+            diagnostics |= self._of_actuator(conditions.contents.rear_angle if is_good else None)
         sample = self._sample(motion, conditions)  # which may start the controller anew
         command = self._controller.step(sample)
         diagnostics |= self._of_controller(is_good)
-        diagnostics |= motion.close() | conditions.close() | (_BITS["WRONG_LENGTH"] if self._wrong_length else 0)
-        self._wrong_length = False
         told = (command.rear_angle, command.yaw_rate_reference) if self._started else (math.nan, math.nan)
         message = self.can.rear_steer_command
         contents = self.codec.encode(RearSteerCommand(*told, command.status, diagnostics))
@@ -107,25 +128,40 @@ class SecondTask:
         return message.id, data
 
     def _receive(self, frame: Frame) -> None:
-        if frame.id not in self._inputs:
-            return
-        if len(frame.data) != FRAME_BYTES:
-            self._wrong_length = True
-        elif self._inputs[frame.id].receive(frame.data):
+        if frame.id in self._inputs and self._inputs[frame.id].receive(frame.data):
             self._inputs[frame.id].contents = self.codec.decode(frame.id, frame.data)
 
-    @staticmethod
-    def _rhythm(motion_frames: int, conditions_frames: int) -> int:
-        if max(motion_frames, conditions_frames) > 1:
-            return _BITS["TASK_LATE"]
-        return 0 if motion_frames or conditions_frames else _BITS["TASK_EARLY"]
+    def _rhythm(self, advance: int) -> int:
+        """A late task: the sender's counter runs away from the calls."""
+        self._cycles += 1
+        behind = max(self._backlog + advance - 1, 0)
+        behind = max(behind - (self._cycles % FORGIVEN_EVERY == 0), 0)
+        self._backlog = min(behind, BACKLOG_MAX + 2)
+        return _BITS["TASK_LATE"] if behind > BACKLOG_MAX else 0
+
+    def _of_bus(self, has_returned: bool) -> int:
+        changed = self._disturbance + (DISTURBANCE_WEIGHT if has_returned else -1)
+        self._disturbance = min(max(changed, 0), DISTURBANCE_MAX + DISTURBANCE_WEIGHT)
+        return _BITS["INTERMITTENT"] if self._disturbance > DISTURBANCE_MAX else 0
+
+    def _of_actuator(self, measured: float | None) -> int:
+        """The measured angle (None: a lost sample) against a first-order lag behind the commands before it."""
+        real, most = self._controller.real, self.parameters.actuator_samples_max
+        command, expected = real(self._controller.angle), real(self._expected)
+        moved = expected + real(self.parameters.actuator_share) * (command - expected)
+        self._expected = moved if abs(moved) <= real(self.parameters.inputs.rear_angle_max) else command
+        if measured is not None:
+            way = abs(command - self._expected)
+            is_off = abs(real(measured) - self._expected) > real(self.parameters.actuator_error_max) + (way + way)
+            self._samples_off = min(self._samples_off, most) + 1 if is_off else max(self._samples_off - 1, 0)
+        return _BITS["ACTUATOR_STUCK"] if self._samples_off > most else 0
 
     def _sample(self, motion: _Input, conditions: _Input) -> Measurement:
         """What the controller is told: what did not come is not available."""
-        car = motion.contents if motion.is_good else VehicleMotion(math.nan, math.nan, math.nan)
+        car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
-        state = last if conditions.is_good else VehicleConditions(inhibit=last.inhibit)
-        if motion.is_good and conditions.is_good and not self._started:
+        state = last if conditions.is_usable else VehicleConditions(inhibit=last.inhibit)
+        if motion.is_usable and conditions.is_usable and not self._started:
             self._start(state.rear_angle)
         return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, state.friction, state.inhibit)
 
@@ -140,13 +176,13 @@ class SecondTask:
             self._samples_without_angle = 0
         if self._started:
             self._controller = self.make(rear_angle)
+            self._expected = self._controller.angle
 
     def _of_controller(self, is_good: bool) -> int:
-        quality, found = self._controller.quality, 0
-        if is_good and quality is Quality.MISSING:
+        controller, found = self._controller, 0
+        if is_good and controller.quality is Quality.MISSING:
             found |= _BITS["UNAVAILABLE"]
-        if quality is Quality.REPLACED:
-            found |= _BITS["REPLACED"]
-        if quality is Quality.UNUSABLE:
-            found |= _BITS["UNUSABLE"]
+        for name in ("speed", "front_angle", "yaw_rate"):
+            if not getattr(controller.inputs, name).is_measured:
+                found |= _BITS[f"{name.upper()}_REPLACED"]
         return found

@@ -198,12 +198,6 @@ def commanded(program: Program, function: Function, sampling_time: float) -> Cla
         yield "in fail-safe |rear_angle| does not grow", implied(pool, is_status("FAIL_SAFE"), shrinks)
         may_stay = limiter.lets_through(before)
         stays = pool.feq(angle, before)
-        step = over(pool, call.before("parameters", ("fail_safe_rate",)), sampling_time)
-        near = pool.and_(pool.fle(pool.sub(before, step), angle), pool.fle(angle, pool.add(before, step)))
-        yield (
-            "in fail-safe the angle moves by at most fail_safe_rate, where the limiter lets it stay",
-            implied(pool, is_status("FAIL_SAFE"), may_stay, near),
-        )
         idle = pool.and_(is_status("DEGRADED"), pool.not_(call.behind("self", ("enabled",))))
         yield "degraded without control, the angle is held, where the limiter lets it", implied(pool, idle, may_stay, stays)
 

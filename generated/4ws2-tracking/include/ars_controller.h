@@ -21,13 +21,13 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xF83727A6u
+#if ARS_INPUTS_BUILD != 0x50D862A3u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xF83727A6u
+#if ARS_LIMITER_BUILD != 0x50D862A3u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xF83727A6u
+#if ARS_REFERENCE_MODEL_BUILD != 0x50D862A3u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xF83727A6u
+#define ARS_CONTROLLER_BUILD 0x50D862A3u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -79,6 +79,9 @@ typedef struct {
     float disable_speed;                /* m/s, standby below */
     float standby_rate;                 /* rad/s, return to zero in standby */
     float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
+    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
+    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
+    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
     ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
     ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
 } ars_parameters_t;

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xF83727A6u
+#define ARS_LIMITER_BUILD 0x50D862A3u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xF83727A6u
+#define ARS_MAP_BUILD 0x50D862A3u
 
 /* Breakpoints of the table. */
 enum {

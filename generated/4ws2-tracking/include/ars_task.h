@@ -5,8 +5,8 @@
  * returns. The two must not interrupt each other on one ars_task_t: call both from one task, or hand frames over through a queue.
  * There is no clock in here: time is the number of calls.
  *
- * A sample needs a good frame of both VehicleMotion and VehicleConditions; else it counts as lost, and the
- * controller holds its last command, then goes to the fail-safe. Until the first good sample with a measured rear angle the command
+ * A sample needs a good frame of both VehicleMotion and VehicleConditions, and both messages must be valid by the last
+ * 6 cycles (ars_e2e.h); else it counts as lost, and the controller holds its last command, then goes to the fail-safe. Until the first good sample with a measured rear angle the command
  * is sent as "not available"; then the controller starts from the angle that the actuator holds.
  *
  * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
@@ -22,13 +22,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0xF83727A6u
+#if ARS_CAN_BUILD != 0x50D862A3u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xF83727A6u
+#if ARS_CONTROLLER_BUILD != 0x50D862A3u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xF83727A6u
+#if ARS_E2E_BUILD != 0x50D862A3u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -36,34 +36,35 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0xF83727A6u
+#define ARS_TASK_BUILD 0x50D862A3u
 
-/* Bits of the signal "Diagnostics": what was seen since the call before. */
+/* Bits of the signal "Diagnostics": what was seen since the call before. Both messages MISSING: the task
+ * came early, or the bus is silent. */
 enum {
     ARS_DIAGNOSTICS_MOTION_MISSING = 0x0001u, /* VehicleMotion: no frame in this cycle */
-    ARS_DIAGNOSTICS_MOTION_WRONG_CRC = 0x0002u, /* VehicleMotion: a frame with a wrong CRC */
-    ARS_DIAGNOSTICS_MOTION_REPEATED = 0x0004u, /* VehicleMotion: a frame whose counter did not advance */
-    ARS_DIAGNOSTICS_MOTION_WRONG_SEQUENCE = 0x0008u, /* VehicleMotion: a counter that jumped, or must prove itself again */
-    ARS_DIAGNOSTICS_MOTION_SOME_LOST = 0x0010u, /* VehicleMotion: frames were lost in between, few enough to go on */
-    ARS_DIAGNOSTICS_CONDITIONS_MISSING = 0x0020u, /* VehicleConditions: no frame in this cycle */
-    ARS_DIAGNOSTICS_CONDITIONS_WRONG_CRC = 0x0040u, /* VehicleConditions: a frame with a wrong CRC */
-    ARS_DIAGNOSTICS_CONDITIONS_REPEATED = 0x0080u, /* VehicleConditions: a frame whose counter did not advance */
-    ARS_DIAGNOSTICS_CONDITIONS_WRONG_SEQUENCE = 0x0100u, /* VehicleConditions: a counter that jumped, or must prove itself again */
-    ARS_DIAGNOSTICS_CONDITIONS_SOME_LOST = 0x0200u, /* VehicleConditions: frames were lost in between, few enough to go on */
-    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0400u, /* front angle or yaw rate is not available, out of range or impossible */
-    ARS_DIAGNOSTICS_REPLACED = 0x0800u, /* a signal is replaced by what the others say */
-    ARS_DIAGNOSTICS_TASK_LATE = 0x1000u, /* a message came more than once since the last call of the task */
-    ARS_DIAGNOSTICS_TASK_EARLY = 0x2000u, /* no message came since the last call of the task */
-    ARS_DIAGNOSTICS_WRONG_LENGTH = 0x4000u, /* a frame that has not eight bytes */
-    ARS_DIAGNOSTICS_UNUSABLE = 0x8000u  /* neither front angle nor yaw rate is believed */
+    ARS_DIAGNOSTICS_MOTION_WRONG_CRC = 0x0002u, /* VehicleMotion: a frame with a wrong CRC, or without eight bytes */
+    ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER = 0x0004u, /* VehicleMotion: a wrong counter, or the message has to prove itself */
+    ARS_DIAGNOSTICS_CONDITIONS_MISSING = 0x0008u, /* VehicleConditions: no frame in this cycle */
+    ARS_DIAGNOSTICS_CONDITIONS_WRONG_CRC = 0x0010u, /* VehicleConditions: a frame with a wrong CRC, or without eight bytes */
+    ARS_DIAGNOSTICS_CONDITIONS_WRONG_COUNTER = 0x0020u, /* VehicleConditions: a wrong counter, or the message has to prove itself */
+    ARS_DIAGNOSTICS_UNAVAILABLE = 0x0040u, /* a signal is not available, out of range or impossible, for a short time so far */
+    ARS_DIAGNOSTICS_SPEED_REPLACED = 0x0080u, /* the speed is not believed: held, then falling */
+    ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED = 0x0100u, /* the front angle is not believed: taken from the yaw rate */
+    ARS_DIAGNOSTICS_YAW_RATE_REPLACED = 0x0200u, /* the yaw rate is not believed: taken from the front angle */
+    ARS_DIAGNOSTICS_TASK_LATE = 0x0400u, /* the calls of the task stay behind the frames */
+    ARS_DIAGNOSTICS_INTERMITTENT = 0x0800u, /* the bus is disturbed and comes back, again and again */
+    ARS_DIAGNOSTICS_ACTUATOR_STUCK = 0x1000u  /* the measured rear angle does not follow the command */
 };
 
 /* One received message. Private. */
 typedef struct {
     ars_e2e_receiver_t receiver;
+    ars_e2e_supervision_t supervision;
     uint16_t causes;                    /* diagnostics of this message, from bit 0, since the last call */
     uint8_t frames;                     /* that came since the last call */
-    bool good;                          /* and one of them may be used */
+    uint8_t advance;                    /* steps of the sender's counter since the last call, by good frames; 0: none is good */
+    bool disturbed;                     /* something was wrong or lost since the last good frame */
+    bool usable;                        /* in this sample: a good frame came, and the message is valid */
 } ars_task_input_t;
 
 /* One task. The counters at the end are for the caller to read; the rest is private. */
@@ -75,7 +76,10 @@ typedef struct {
     ars_vehicle_motion_t motion;            /* last good one */
     ars_vehicle_conditions_t conditions;    /* last good one */
     uint8_t counter;                            /* of the next command */
-    bool wrong_length;                          /* a frame without eight bytes came since the last call */
+    uint8_t backlog;                            /* periods by which the calls stay behind the sender */
+    uint8_t disturbance;                        /* of the bus, lately */
+    uint16_t actuator_samples;                  /* in which the actuator did not follow, less ones in which it did */
+    float expected_angle;                       /* rad, of an actuator that follows the command */
     bool conditions_close;                      /* a frame of the conditions came after one of the motion: a set is complete */
     bool started;                               /* a good sample with a rear angle to start from was seen */
     uint16_t samples_without_angle;             /* good ones before that, in which it was not available */

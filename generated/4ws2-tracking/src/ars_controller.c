@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF83727A6u
+#if ARS_CONTROLLER_BUILD != 0x50D862A3u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xF83727A6u
+#if ARS_MAP_BUILD != 0x50D862A3u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -417,12 +417,16 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->disable_speed, 0.01f, 100.0f)
         && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
         && is_between(parameters->fail_safe_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->actuator_share, 1.0e-04f, 1.0f)
+        && is_between(parameters->actuator_error_max, 1.0e-04f, 1.5f)
         && (parameters->rear_angle_max <= parameters->inputs.rear_angle_max)
         && (parameters->disable_speed < parameters->enable_speed)
         && (parameters->enable_speed <= parameters->inputs.speed_max)
         && (parameters->friction_min <= parameters->inputs.friction_max)
         && (parameters->inputs.speed_max <= parameters->limiter.speed_max)
         && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
+        && (parameters->actuator_samples_max >= 1u)
+        && (parameters->actuator_samples_max <= 60000u)
         && are_valid_arrays(parameters)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_inputs_parameters_valid(&parameters->inputs)

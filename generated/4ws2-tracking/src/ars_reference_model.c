@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xF83727A6u
+#if ARS_REFERENCE_MODEL_BUILD != 0x50D862A3u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x474CE1C0u
+#define ARS_CAN_BUILD 0x3F5E3A23u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

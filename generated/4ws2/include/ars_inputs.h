@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x474CE1C0u
+#define ARS_INPUTS_BUILD 0x3F5E3A23u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

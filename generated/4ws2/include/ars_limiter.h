@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x474CE1C0u
+#define ARS_LIMITER_BUILD 0x3F5E3A23u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x474CE1C0u
+#if ARS_XCP_BUILD != 0x3F5E3A23u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x474CE1C0u
+#if ARS_CONTROLLER_BUILD != 0x3F5E3A23u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x474CE1C0u
+#if ARS_MAP_BUILD != 0x3F5E3A23u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -34,6 +34,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     .disable_speed = 3.3333333f,
     .standby_rate = 0.08726646f,
     .fail_safe_rate = 0.05235988f,
+    .actuator_share = 0.18126924f,
+    .actuator_error_max = 0.0061086523f,
+    .actuator_samples_max = 73u,
     .inputs = {
         .speed_max = 111.111115f,
         .front_angle_max = 0.7853982f,
@@ -67,7 +70,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "474CE1C0";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "3F5E3A23";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x49737B91u;
 

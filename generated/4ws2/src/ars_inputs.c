@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x474CE1C0u
+#if ARS_INPUTS_BUILD != 0x3F5E3A23u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -74,6 +74,15 @@ CRC_OF_FRAME = """
     SAME("CRC-8 bit by bit", {{ function }}(data_id, data), crc);
 """
 INCREASED = 'SAME("one more, up to 14", increased((uint8_t)bits), (bits < 14u) ? bits + 1u : bits);'
+ONES_OF_HALVES = """
+    const uint32_t window = (bits & {{ half }}u) | ((bits >> {{ size }}u) << 16u);
+    uint32_t counts = 0u;
+
+    for (uint32_t k = 0u; k < {{ size }}u; k++) {
+        counts += (window >> k) & 0x00010001u;
+    }
+    SAME("the ones of either half", ones_of_halves(window), counts);
+"""
 NOT_AVAILABLE = 'SAME("a quiet NaN", bits_of({{ function }}()), 0x7FC00000u);'
 
 
@@ -97,3 +106,7 @@ def claims(source: Source) -> Iterator[Claim]:
         yield Claim("can", "to_value", text, TO_VALUE, of=of, inputs=count, values=values)
     yield Claim("e2e", "@_e2e_crc", "CRC-8 of data id and bytes 1 to 7", CRC_OF_FRAME, setup=CRC, inputs=7 * 2**16)
     yield Claim("e2e", "increased", "counts up to its limit and no further", INCREASED, inputs=2**8)
+    size = can.e2e.window_size
+    values = {"size": size, "half": (1 << size) - 1}
+    text = "counts the ones of either half of a window"
+    yield Claim("e2e", "ones_of_halves", text, ONES_OF_HALVES, inputs=2 ** (2 * size), values=values)

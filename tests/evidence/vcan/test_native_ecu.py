@@ -38,7 +38,7 @@ PATIENCE = 10.0
 """s: far longer than anything here takes; only a failure waits so long."""
 GOOD = (Status.TRACKING, Status.LIMITED, Status.STANDBY)
 STEADY_TURN, STRAIGHT_REAR = VehicleMotion(speed=15.0, front_angle=0.02, yaw_rate=0.1), VehicleConditions(rear_angle=0.0)
-TASK_EARLY, WRONG_LENGTH, TIMEOUT = 1 << 13, 1 << 14, 1 << 15
+MISSING, WRONG_CRC, TIMEOUT = 1 << 0 | 1 << 3, 1 << 1 | 1 << 4, 1 << 8
 
 
 class Wire:
@@ -178,7 +178,7 @@ def test_each_set_is_answered_once_with_the_bits_of_the_task(vcan: str, wire: Wi
     assert (counts["cycles"], counts["sent"], counts["send_errors"], counts["late"]) == (sets, sets, 0, 0)
     assert (counts["late_samples"], counts["early_samples"]) == (task.counters()["late_cycles"], 0)
     assert counts["lost_samples"] == task.counters()["lost_samples"] > 0  # the flipped bits
-    assert seen & WRONG_LENGTH
+    assert seen & WRONG_CRC
 
 
 def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None:
@@ -187,7 +187,8 @@ def test_no_command_is_left_out_and_none_is_extra(wire: Wire, vcan: str) -> None
     with EcuProcess(native.command(FOLDER, vcan, parent=os.getpid())) as ecu:
         answers = [wire.receive() for _ in range(8)]
         for command in map(car.command, answers):
-            assert np.isnan(command.rear_angle) and np.isnan(command.yaw_rate_reference) and command.diagnostics & TASK_EARLY
+            assert np.isnan((command.rear_angle, command.yaw_rate_reference)).all()
+            assert command.diagnostics & MISSING == MISSING
         while len(answers) < 100:
             wire.send(*car.frames())
             answers.append(wire.receive())
@@ -213,7 +214,7 @@ def test_silence_degrades_then_fails_safe_and_ends(wire: Wire, vcan: str) -> Non
         assert statuses[:tolerated] == [Status.DEGRADED] * tolerated
         assert set(statuses[tolerated:]) == {Status.FAIL_SAFE}
         assert commands[-1].diagnostics & TIMEOUT
-        assert commands[-1].diagnostics & TASK_EARLY
+        assert commands[-1].diagnostics & MISSING == MISSING
         assert car.takes_control(wire)
 
 

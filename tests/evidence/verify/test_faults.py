@@ -190,7 +190,7 @@ FAULTS = {
         ("e2e_check", MENDED.replace("mended[0] =", "if ((data[7] & 0xF0u) == 0x50u) mended[0] ="), UNUSED),
         ("e2e_protect", "*counter += (*counter == 7u);", "counter of the command"),
         ("task_on_can_frame", "planted_ars_task_on_can_frame(self, id, data, (length < 8u) ? 8u : length);", "src/ars_e2e.c:"),
-        ("task_10ms", "return planted_ars_task_10ms(self, data) + (data[6] == 0x21u);", "identifier of the command"),
+        ("task_10ms", "return planted_ars_task_10ms(self, data) + (data[6] == 0x09u);", "identifier of the command"),
         ("can_pack_rear_steer_command", SENT, "rear angle "),
     ],
     "step": [

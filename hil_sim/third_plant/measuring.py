@@ -1,0 +1,52 @@
+"""Sensors of the third plant: those of the configuration, with a bias each and samples that are taken too early."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from codegen.config import Config
+from hil_sim.sensors import SensorModel
+from hil_sim.third_plant.car import RollPlant
+
+BIASES: Mapping[str, float] = {
+    "front_angle": math.radians(0.05),
+    "yaw_rate": math.radians(0.25),
+    "rear_angle": math.radians(0.05),
+}
+"""rad and rad/s, added to every sample."""
+SPEED_FACTOR = 1.005
+"""Measured over true speed: a tyre worn by 2 mm."""
+JITTER_STEPS = 2
+"""Plant steps by which a sample may be older than the controller takes it for; all ages are as frequent."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the sensors beside noise, resolution and delay, which are the configuration's."""
+
+    biases: Mapping[str, float] = field(default_factory=lambda: dict(BIASES))
+    speed_factor: float = SPEED_FACTOR
+    jitter_steps: int = JITTER_STEPS
+
+
+class Sensors:
+    """The sensors of one run; the same seed gives the same run."""
+
+    def __init__(self, config: Config, errors: Errors, seed: int) -> None:
+        self._errors, self._model = errors, SensorModel(config.sensors, seed)
+        self._random = np.random.default_rng((seed, 1))
+
+    def measure(self, plant: RollPlant) -> dict[str, float]:
+        """Return speed (m/s), front angle, yaw rate (rad/s) and rear angle (rad) as measured; once a sample.
+
+        The rear angle is that of the actuator's motor: no sensor sees the play behind it.
+        """
+        age = min(int(self._random.integers(self._errors.jitter_steps + 1)), len(plant.seen) - 1)
+        true = dict(zip(("front_angle", "yaw_rate", "rear_angle"), plant.seen[-1 - age], strict=True))
+        biased = {name: value + self._errors.biases.get(name, 0.0) for name, value in true.items()}
+        biased["speed"] = self._errors.speed_factor * plant.speed
+        return {name: self._model.measure(name, value) for name, value in biased.items()}

@@ -1,0 +1,95 @@
+"""The third plant: our own where nothing differs, each difference against its own closed form, and a repeatable run."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from codegen.config import Config
+from codegen.errors import CodegenError
+from codegen.sil.plant import Plant, PlantInput
+from hil_sim import third_plant
+from hil_sim.faults import Fault
+from hil_sim.metrics import column
+from hil_sim.scenarios import find
+from hil_sim.suite.plants import changed
+from hil_sim.third_plant import DEFAULT, NONE, RollPlant
+from hil_sim.third_plant.measuring import BIASES, SPEED_FACTOR, Errors, Sensors
+from tests import builds
+
+CONFIG = builds.CONFIG
+FRICTION = CONFIG.road.friction
+SILENT = {"noise_deg": 0.0, "resolution_deg": 0.0}
+
+
+def turn(plant: Plant, rear: float = 0.0, seconds: float = 3.0, wheel: float = math.radians(30.0)) -> PlantInput:
+    acting = PlantInput(20.0, wheel, rear, FRICTION)
+    plant.advance([acting] * round(seconds * 1000))
+    return acting
+
+
+def test_without_differences_it_turns_as_our_own_plant() -> None:
+    """Stiff springs and short relaxation change the way to the steady turn; the same load moves in it."""
+    ours, theirs = Plant(CONFIG), RollPlant(CONFIG, NONE)
+    one, other = (plant.sample(turn(plant, math.radians(-1.0))) for plant in (ours, theirs))
+    # The body still rolls by 1/20 of 4 deg/g, whose weight moves 0.3 % more load, of which the forces see a tenth.
+    assert other.yaw_rate == pytest.approx(one.yaw_rate, rel=3e-4)
+    assert other.sideslip_angle == pytest.approx(one.sideslip_angle, abs=math.radians(0.005))
+
+
+def test_roll_is_to_the_outside_and_as_large_as_asked() -> None:
+    plant = RollPlant(CONFIG)
+    car = plant.sample(turn(plant, seconds=6.0))
+    assert car.lateral_acceleration > 2.0
+    # Gravity goes with the sine: 3e-4 less at 2 deg.
+    assert plant.roll == pytest.approx(DEFAULT.roll_per_lateral_acceleration * car.lateral_acceleration, rel=1e-3)
+
+
+def angles(plant: RollPlant, commands: Sequence[float]) -> list[tuple[float, float]]:
+    """Motor and rear wheels, rad, after each ms."""
+    found = []
+    for command in commands:
+        acting = PlantInput(20.0, 0.0, command, FRICTION)
+        plant.advance([acting])
+        found.append((plant.seen[-1][2], plant.sample(acting).rear_angle))
+    return found
+
+
+def test_the_actuator_overshoots_as_one_of_second_order_and_has_play() -> None:
+    plant, small = RollPlant(CONFIG), math.radians(0.5)
+    motor, wheels = np.array(angles(plant, [small] * 1000)).T
+    damping = 0.5 / math.sqrt(DEFAULT.motor_fraction)
+    overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
+    assert motor.max() / small - 1.0 == pytest.approx(overshoot, rel=0.01)  # a peak between two steps: 1e-5
+    assert motor[-1] - wheels[-1] < DEFAULT.play  # the motor came back from its peak within the play
+    held = wheels[-1]
+    _, wheels = np.array(angles(plant, [small - 0.5 * DEFAULT.play] * 500)).T
+    assert (wheels == held).all()
+    motor, wheels = np.array(angles(plant, [0.0] * 1000)).T
+    back = overshoot * (small - 0.5 * DEFAULT.play)  # so far the motor went beyond zero, and came back within the play
+    assert wheels[-1] - motor[-1] == pytest.approx(DEFAULT.play - back, rel=0.01)
+
+
+def test_sensors_have_a_bias_each_and_see_samples_of_any_age() -> None:
+    table: dict[str, dict[str, float]] = dict.fromkeys(("front_angle", "rear_angle"), SILENT)
+    table |= {"speed": {"noise_km_h": 0.0, "resolution_km_h": 0.0}}
+    table |= {"yaw_rate": {"noise_deg_s": 0.0, "resolution_deg_s": 0.0, "delay_samples": 0}}
+    config: Config = changed(CONFIG, {"sensors": table})
+    plant, sensors = RollPlant(config, remembered=3), Sensors(config, Errors(), 1)
+    plant.sample(turn(plant, seconds=0.05))
+    seen = [sensors.measure(plant) for _ in range(100)]
+    for place, name in enumerate(("front_angle", "yaw_rate", "rear_angle")):
+        true = {round(values[place] + BIASES[name], 12) for values in plant.seen}
+        assert {round(measured[name], 12) for measured in seen} == true
+    assert {measured["speed"] for measured in seen} == {20.0 * SPEED_FACTOR}
+
+
+def test_a_seed_repeats_a_run_and_faults_need_a_bus() -> None:
+    software, scenario = builds.paper().software, replace(find("step-steer"), duration=1.0)
+    one, again, other = (third_plant.run(software, CONFIG, scenario, seed=seed) for seed in (1, 1, 2))
+    assert np.array_equal(one, again) and not np.array_equal(one, other)
+    assert not column(third_plant.run(None, CONFIG, scenario), "rear_angle_command_rad").any()
+    with pytest.raises(CodegenError, match="faults on the bus"):
+        third_plant.run(software, CONFIG, replace(scenario, faults=(Fault("drop", 0.1, 0.1),)))
