@@ -86,6 +86,7 @@ def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any
 
 
 STRICT = {"inputs": {"missing_samples_max": 0, "recovery_samples": 1}}
+SLOW = {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}, "inputs": checks_kinds.OPEN}
 DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     "pi": {
         "as built": {},
@@ -96,8 +97,8 @@ DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
         "a limiter that acts": {"limiter": {"rear_rate_max": 0.2, "opposite_phase_max": [0.03, 0.01]}},
     },
     "tracking": {**checks_tracking.MODEL_CHANGES, "strict supervision": STRICT},
-    "feedforward": {"as built": {}, "slow": {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}}},
-    "proportional": {"as built": {}, "slow": {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}}},
+    "feedforward": {"as built": {}, "slow": SLOW},
+    "proportional": {"as built": {}, "slow": SLOW},
 }
 """Parameters that bring out each limit of a law."""
 
@@ -106,7 +107,7 @@ def _drives(kind: Kind) -> list[Judge]:
     """Judges against the independent model of the law, bit for bit."""
 
     def drive(case: Case, changes: dict[str, Any], index: int) -> answers.Drive:
-        course = {"speed_amplitude": 24.0, "steering_samples": 45.0} if index % 2 else {}
+        course = {"speed_amplitude": 24.0, "steering_samples": 90.0} if index % 2 else {}
         return answers.answers_of_drive(
             case.built, _resized(case, changes), case.samples(2500, least=1000), index + 1, **course
         )

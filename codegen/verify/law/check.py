@@ -53,7 +53,7 @@ NEVER_OTHER = "In every accepted set these parameters have their default: {names
 
 STARTS = (0.0, 0.02, -0.05, -1e30, math.nan, math.inf)
 """rad; no actuator stands at some of them."""
-AMPLITUDES, STEERING_SAMPLES = (16.0, 24.0), (330.0, 45.0)
+AMPLITUDES, STEERING_SAMPLES = (16.0, 24.0), (330.0, 90.0)
 """Of the courses: m/s, and samples of one turn of the steering wheel there and back."""
 STOPS = 40
 """Starts from where the actuator ends."""

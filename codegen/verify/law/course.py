@@ -38,7 +38,7 @@ def drive(
     front = 0.12 * np.sin(2.0 * np.pi * t / steering_samples + rng.uniform(0.0, 6.0))
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
     yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
-    yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 1.5, yaw)
+    yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 2.2, yaw)
     rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
     friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
     inhibit = spells(0.01, 20)

@@ -153,7 +153,11 @@ ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const
 
     if ((motion || conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
         /* Its data are not read: damaged, and no frame as far as its counter goes. */
-        input_disturb(motion ? &self->motion_input : &self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        if (motion) {
+            input_disturb(&self->motion_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        } else {
+            input_disturb(&self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        }
     } else if (motion) {
         if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data)) {
             ars_can_unpack_vehicle_motion(data, &self->motion);
