@@ -153,11 +153,11 @@ ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, flo
             upper = middle;
         }
     }
-    share = clamp((speed - at[lower]) / (at[upper] - at[lower]), 0.0f, 1.0f);
+    share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
     gains.proportional = parameters->proportional_gain[lower]
-        + (share * (parameters->proportional_gain[upper] - parameters->proportional_gain[lower]));
+        + (share * (parameters->proportional_gain[lower + 1u] - parameters->proportional_gain[lower]));
     gains.integral = parameters->integral_gain[lower]
-        + (share * (parameters->integral_gain[upper] - parameters->integral_gain[lower]));
+        + (share * (parameters->integral_gain[lower + 1u] - parameters->integral_gain[lower]));
     return gains;
 }
 

@@ -322,11 +322,12 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
 
 ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
 {
-    uint32_t diagnostics = check_rhythm(self) | check_bus(self);
+    uint32_t diagnostics = check_rhythm(self);
     ars_rear_steer_command_t signals;
     ars_command_t command;
     bool good;
 
+    diagnostics |= check_bus(self);
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     self->conditions_close = false;
