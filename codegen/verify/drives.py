@@ -120,12 +120,12 @@ def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[floa
 
     def drive(gap: tuple[float, float], held: int) -> Drive:
         drawn = np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples]
-        return _with_gaps(drawn if held == 1 else _moving(drawn, ground.config), gap, generator)
+        return _with_gaps(drawn if held == 1 else moving(drawn, ground.config), gap, generator)
 
     return tuple(drive(gap, held) for gap, held in zip(gaps, HELD, strict=False))
 
 
-def _moving(drive: Drive, config: Config) -> Drive:
+def moving(drive: Drive, config: Config) -> Drive:
     """Speed, front angle and yaw rate on their way to those of a drive, each sample by a little less than may be believed."""
     names = ("speed_step", "front_angle_step", "yaw_rate_step")
     largest = {parameter.name: parameter.value for parameter in inputs_parameters(config)}
