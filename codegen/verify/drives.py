@@ -38,7 +38,8 @@ GAPS = ((0.0, 1.0), (0.05, 0.5), (0.5, 1.0), (0.3, 0.2), (0.05, 0.04))
 restart of the law with every other sample, long enough for the fail-safe, and pauses long enough to come back from it."""
 
 HELD = (1, 1, 1, 4, 25)
-"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car, and are believed."""
+"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car, and
+are believed."""
 
 
 def drive_of(measurements: Sequence[Measurement]) -> Drive:

@@ -148,7 +148,7 @@ def _tour(config: Config) -> Drive:
     steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, 0.0)
     slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, 0.0)
     gone = (math.nan, math.nan, math.nan, 0.0, math.nan, 0.0)
-    beyond = (speed, *(1.1 * math.radians(each) for each in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)), 0.0, 0.0, 0.0)
+    beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, 0.0)
     first = ((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH))
     last = ((slow, wait + 3), (straight, STRETCH), (steered, STRETCH))
     drive = np.concatenate(
