@@ -30,8 +30,6 @@ RESTART = 0.005
 WHOLE_DRIVES = ((0.0, 1.0),) * len(HELD)
 """Drives without gaps, into which others are made."""
 
-YAW_RATE_NOISE = 1e-3
-"""rad/s of every second sample of the tour: a yaw rate that stays to the bit counts as frozen."""
 TOUR_MAX = 2_500
 """Samples of one leg of the tour."""
 
@@ -151,15 +149,13 @@ def _tour(config: Config) -> Drive:
     beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, 0.0)
     first = ((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH))
     last = ((slow, wait + 3), (straight, STRETCH), (steered, STRETCH))
-    drive = np.concatenate(
+    return np.concatenate(
         [
             moving(_legs(first), config),
             _legs(((beyond, lost + 3), (straight, wait + STRETCH), (gone, lost + 3))),
             moving(_legs(last), config),
         ]
     )
-    drive[1::2, 2] += YAW_RATE_NOISE
-    return drive
 
 
 def _legs(legs: Sequence[tuple[Any, int]]) -> Drive:
