@@ -200,7 +200,11 @@ FAULTS = {
         ("controller_step", f"if ({STATUS} == 3) {STATUS} = ARS_STATUS_TRACKING;", "no control upon a signal out of range"),
         ("controller_step", f"if ({STATUS} == 2) {STATUS} = ARS_STATUS_TRACKING;", "no control below the disabling speed"),
         ("controller_step", f"if ({STATUS} == 4) {REFERENCE} = 0.01f;", "no reference in standby and fail-safe"),
-        ("controller_step", f"if ({STATUS} == 3) {REFERENCE} = 5.0f;", "degraded, the reference is within what the road allows"),
+        (
+            "controller_step",
+            f"if ({STATUS} == 3) {REFERENCE} = 5.0f;",
+            "degraded, the reference is within what the road allows",
+        ),
         (
             "limiter_step",
             "ars_limiter_parameters_t fast = *parameters; fast.rear_rate_max *= 1.5f;"
