@@ -1,6 +1,6 @@
 """Every fault on the bus, each in the same turn-in: what was injected, what became of it, and whether that is as defined.
 
-The fault begins while the car turns in and the rear wheels move, above the speed from which the fail-safe holds the rear angle.
+The fault begins while the car turns in and the rear wheels move.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         case("drop-4", "4 samples lost: one too many", safe, "drop", 4),
         case("drop-50", "50 samples lost", safe, "drop", 50),
         case("drop-motion", f"50 frames of {motion} lost", safe, "drop", 50, message=motion),
-        case("drop-conditions", f"50 frames of {conditions} lost", safe, "drop", 50, message=conditions),
+        case("drop-conditions", f"50 frames of {conditions} lost", fine, "drop", 50, message=conditions),
         case("drop-command", f"50 frames of {command} lost", safe, "drop", 50, message=command),
         case("delay-2", "frames 2 cycles late for 50 samples", held, "delay", 50, cycles=2),
         case("delay-6", "frames 6 cycles late for 50 samples", safe, "delay", 50, cycles=6),
@@ -120,10 +120,10 @@ def catalogue(can: Can, sampling_time: float) -> tuple[FaultCase, ...]:
         case("corrupt-command", f"a bit flipped in 50 frames of {command}", safe, "corrupt", 50, message=command),
         case("freeze-3", "the counters stand still for 3 samples", held, "freeze-counter", 3),
         case("freeze-50", "the counters stand still for 50 samples", safe, "freeze-counter", 50),
-        case("stuck", "the yaw rate stands still for 50 samples", fine, "stuck-value", 50, message=motion, signal="yaw_rate"),
+        case("stuck", "the yaw rate stands still for 50 samples", held, "stuck-value", 50, message=motion, signal="yaw_rate"),
         case("nan-3", "NaN into the encoder for 3 samples", held, "not-a-number", 3, message=motion, signal="yaw_rate"),
-        case("nan-50", "NaN into the encoder for 50 samples", safe, "not-a-number", 50, message=motion, signal="yaw_rate"),
-        case("inf-50", "infinity into the encoder for 50 samples", safe, "infinity", 50, message=motion, signal="speed"),
+        case("nan-50", "NaN into the encoder for 50 samples", held, "not-a-number", 50, message=motion, signal="yaw_rate"),
+        case("inf-50", "infinity into the encoder for 50 samples", held, "infinity", 50, message=motion, signal="speed"),
         case(
             "nan-rear",
             "rear angle not available for 50 samples",
@@ -199,7 +199,8 @@ def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> float:
     """How far the command may move in one sample: what its rate limits allow, or without any what the feedback makes of the
     largest error of the run; of a feedforward without a rate limit nothing is known but its range. Where commands are lost on
-    their way, the controller goes on meanwhile, up to its distance from the measured rear angle."""
+    their way, the controller goes on meanwhile, up to its distance from the measured rear angle; where its samples are too, as
+    far as the fail-safe's ramp goes."""
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.rear_angle.factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
     law = law_of(config)
@@ -217,9 +218,11 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
         bound *= 1 + config.can.e2e.sync_counter_init + config.can.e2e.max_delta_counter_init
     if case.clocks.are_free_running:
         bound *= 2  # a cycle without a command, and two in the next
-    lost = any(fault.message == config.can.rear_steer_command.name for fault in case.faults)
+    if any(fault.message == config.can.rear_steer_command.name for fault in case.faults):
+        bound += controller.rear_angle_error_max_deg
+    silent = sum(fault.duration for fault in case.faults if fault.kind in ("bus-down", "plant-restart"))
     # A command is rounded to its code: a step between two of them is off by one code at most.
-    return bound + code + (controller.rear_angle_error_max_deg if lost else 0.0)
+    return bound + code + controller.fail_safe.rate_deg_s * silent
 
 
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:

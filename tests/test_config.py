@@ -100,7 +100,7 @@ def test_no_number_takes_a_value_of_no_car(value: str) -> None:
         ("deg", ["controller.rear_angle_error_max_deg = 0.03491", "controller.inputs.front_angle_max_deg = 0.7854"]),
         ("deg/s", ["controller.rear_rate_max_deg_s = 0.43633", "controller.inputs.yaw_rate_max_deg_s = 2.618"]),
         ("s", ["steering.lag_s = 5", "rear_actuator.lag_s = 50", "controller.sampling_time_s = 10"]),
-        ("s", ["controller.inputs.implausible_time_s = 300", "plant.sampling_time_s = 1"]),
+        ("s", ["controller.inputs.yaw_rate_lag_s = 150", "plant.sampling_time_s = 1"]),
     ],
 )
 def test_a_wrong_unit_shows_by_its_size(unit: str, lines: list[str]) -> None:

@@ -28,6 +28,8 @@ COUNTERS = (
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
+BELIEVED = (("speed", "m/s"), ("front_angle", "rad"), ("yaw_rate", "rad/s"))
+"""Signals of a sample that are judged, and their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""
 INSTANCE = "task"
@@ -199,7 +201,7 @@ class _Lists:
             name, where, text = f"{group}.{view.name}", f"{link}.{view.name}", view.comment
             low, high = (bound.rstrip("u") if view.is_count else _plain(bound) for bound in (view.low, view.high))
             if view.increasing:
-                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.speed", where)
+                axis = Axis(name, text, unit, sizes[view.points], low, high, f"{self.prefix}.believed.speed", where)
                 axis_of[view.points] = axis
                 made.append(axis)
             elif view.points:
@@ -214,7 +216,7 @@ class _Lists:
         """Axes, a MAP for each table and friction, and the checksum that the self-test expects."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
-        quantities = (f"{prefix}.speed", f"{prefix}.received.front_angle")
+        quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
         axes = [
             Axis(
                 name=f"{prefix}.map.{axis.name}",
@@ -268,6 +270,9 @@ class _Lists:
                 yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
             elif field.type in types:
                 yield self._measured(field.name, field.comment, types[field.type], link)
+            elif field.name == "sample":
+                for name, unit in BELIEVED:
+                    yield self._measured(f"believed.{name}", f"{unit}, believed of the last sample", real, f"{link}.{name}")
 
     def received(self, can: CanView) -> Iterator[Measured]:
         """The car's signals, as the task keeps the last good ones."""

@@ -21,6 +21,7 @@ from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software
+from codegen.vehicle.single_track import SingleTrack
 from hil_sim.scenarios import SCENARIOS
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,8 +38,12 @@ GAPS = ((0.0, 1.0), (0.05, 0.5), (0.5, 1.0), (0.3, 0.2), (0.05, 0.04))
 """For each of the drawn drives the probability that a gap begins with a sample, and that it ends with one: none, short, a
 restart of the law with every other sample, long enough for the fail-safe, and pauses long enough to come back from it."""
 
-HELD = (1, 1, 1, 4, 25)
-"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car does."""
+HELD = (1, 25, 25, 4, 25)
+"""For how many samples each draw of them stays. Where it does, the signals move to it no faster than a car, and
+are believed."""
+
+YAW_RATE_NOISE = 1e-3
+"""rad/s between samples: a yaw rate that stays to the bit while the car turns counts as frozen."""
 
 
 def drive_of(measurements: Sequence[Measurement]) -> Drive:
@@ -120,12 +125,12 @@ def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[floa
 
     def drive(gap: tuple[float, float], held: int) -> Drive:
         drawn = np.repeat(_draw(ground, -(-samples // held), generator), held, axis=0)[:samples]
-        return _with_gaps(drawn if held == 1 else _moving(drawn, ground.config), gap, generator)
+        return _with_gaps(drawn if held == 1 else moving(drawn, ground.config), gap, generator)
 
     return tuple(drive(gap, held) for gap, held in zip(gaps, HELD, strict=False))
 
 
-def _moving(drive: Drive, config: Config) -> Drive:
+def moving(drive: Drive, config: Config) -> Drive:
     """Speed, front angle and yaw rate on their way to those of a drive, each sample by a little less than may be believed."""
     names = ("speed_step", "front_angle_step", "yaw_rate_step")
     largest = {parameter.name: parameter.value for parameter in inputs_parameters(config)}
@@ -133,25 +138,27 @@ def _moving(drive: Drive, config: Config) -> Drive:
     moving = drive.copy()
     for before, row in pairwise(moving):
         row[:3] = before[:3] + np.clip(row[:3] - before[:3], -steps, steps)
+    moving[:, 2] += YAW_RATE_NOISE * (np.arange(len(moving)) % 3)
     return moving
 
 
 def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     config = ground.config
-    inputs, vehicle = config.controller.inputs, config.vehicle
+    inputs = config.controller.inputs
     speed_max, front_angle_max = inputs.speed_max_km_h * KM_H, math.radians(inputs.front_angle_max_deg)
     speed = _mixed(ground.speed, speed_max, count, generator)
     speed *= np.where(generator.random(count) < 0.05, -1.0, 1.0)
     front_angle = _mixed(ground.front_angle, front_angle_max, count, generator) * generator.choice([-1.0, 1.0], count)
-    # Mostly a yaw rate that these can explain; see is_possible in the generated C.
-    turn = speed * front_angle
-    margin = np.abs(speed) * config.rear_actuator.angle_max + vehicle.wheelbase * math.radians(inputs.yaw_rate_tolerance_deg_s)
-    plausible = np.minimum(turn, 0.0) - margin + generator.random(count) * (np.abs(turn) + 2.0 * margin)
+    # Mostly a yaw rate that a road allows, half of them near the steady turn; see take_yaw_rate in the generated C.
     yaw_rate_max = math.radians(inputs.yaw_rate_max_deg_s)
-    anything = generator.uniform(-yaw_rate_max, yaw_rate_max, count)
-    yaw_rate = np.where(
-        generator.random(count) < 0.97, np.clip(plausible / vehicle.wheelbase, -yaw_rate_max, yaw_rate_max), anything
-    )
+    understeer = SingleTrack.from_config(config).understeer_coefficient
+    turn = speed * front_angle / np.maximum(config.vehicle.wheelbase + understeer * speed**2, 0.25 * config.vehicle.wheelbase)
+    bound = inputs.lateral_acceleration_max_m_s2 / np.maximum(np.abs(speed), 1e-3)
+    allowed = np.minimum(bound + math.radians(inputs.yaw_rate_tolerance_deg_s), yaw_rate_max)
+    anything = generator.uniform(-1.0, 1.0, count)
+    near = np.clip(turn + generator.normal(0.0, math.radians(inputs.yaw_rate_agreement_deg_s), count), -allowed, allowed)
+    kind = generator.random(count)
+    yaw_rate = np.choose(np.searchsorted([0.5, 0.97], kind), [near, anything * allowed, anything * yaw_rate_max])
     steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
     rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
     friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))

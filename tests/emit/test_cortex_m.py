@@ -153,7 +153,7 @@ def test_sources_example_and_headers_compile_without_a_warning(tmp_path: Path, k
             f'#include "{header.name}"\n#include "{header.name}"\n'
             f"int {header.stem}_alone(void);\nint {header.stem}_alone(void) {{ return 0; }}\n"
         )
-    assert len(alone) == (9 if kind == "tracking" else 8)
+    assert len(alone) == (10 if kind == "tracking" else 9)
     program = tmp_path / "example"
     strict(folder, "-O1", *alone, *(folder / "src").iterdir(), folder / "example" / "example_main.c", "-o", program, "-lm")
     result = succeeded(run([program]))

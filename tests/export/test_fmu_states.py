@@ -131,7 +131,7 @@ INVALID = {
     "parameters.rear_angle_max = nan is not a number": {"parameters.rear_angle_max": math.nan},
     "parameters.limiter.opposite_phase_speed[2] = 100 is out of": {"parameters.limiter.opposite_phase_speed[2]": 100.0},
     "_speed = ": {"parameters.disable_speed": 6.0, "parameters.enable_speed": 5.5},
-    "parameters.recovery_samples = 0 is out of range": {"parameters.recovery_samples": 0},
+    "parameters.inputs.recovery_samples = 0 is out of range": {"parameters.inputs.recovery_samples": 0},
 }
 
 
@@ -159,7 +159,7 @@ def test_values_that_are_none_are_refused(version: Version) -> None:
         "friction_estimate": (math.nan, -math.inf),
         "yaw_rate_rad_s": (0.1,),
         "time_s": (1.0,),
-        "parameters.recovery_samples": (-1, 65536),
+        "parameters.inputs.recovery_samples": (-1, 65536),
     }
     for name, values in cases.items():
         before = slave.get(name)

@@ -52,7 +52,7 @@ def printed(console: Console) -> str:
 def test_diagnostic_bits_are_those_of_the_generated_c() -> None:
     assert {bit: name for bit, (name, _) in DIAGNOSTICS.items()} == {cause.bit: cause.name for cause in IN_THE_C}
     assert len({words for _, words in DIAGNOSTICS.values()}) == len(DIAGNOSTICS)
-    assert causes(1 << 1 | 1 << 8 | 1 << 20) == ("motion damaged", "timeout", "bit 20")
+    assert causes(1 << 1 | 1 << 9 | 1 << 20) == ("motion damaged", "yaw rate replaced", "bit 20")
 
 
 def test_numbers_are_in_degrees_and_missing_ones_leave_a_gap() -> None:
@@ -84,8 +84,8 @@ def test_a_cause_of_one_cycle_is_shown_and_kept() -> None:
     history.add(replace(CALM, time=0.11))
     assert "motion damaged" in row_of(history, "Diagnostics").plain
     assert "none" in row_of(history, "earlier").plain
-    history.add(replace(CALM, time=2.0, diagnostics=1 << 8))
-    assert row_of(history, "Diagnostics").plain.split("  ")[-1] == "timeout"
+    history.add(replace(CALM, time=2.0, diagnostics=1 << 9))
+    assert row_of(history, "Diagnostics").plain.split("  ")[-1] == "yaw rate replaced"
     assert "motion damaged ×1" in row_of(history, "earlier").plain
 
 

@@ -122,14 +122,14 @@ TEXTS: dict[str, tuple[Callable[[], Manifest], tuple[str, ...], tuple[str, ...]]
         lambda: solved(
             controller={
                 "rear_rate_max_deg_s": "off",
-                "fail_safe": {"degraded_samples_max": 0, "hold_above_km_h": 50.0, "recovery_samples": 1},
+                "fail_safe": {"degraded_samples_max": 0, "rate_deg_s": 5.0, "recovery_samples": 1},
             },
             limiter={"rear_rate_max_deg_s": "off"},
         ),
         (
             "The command's rate is not limited in this build",
-            "10 ms after the last good sample, that is with the first lost one, the fail-safe acts.",
-            "From 50 km/h on, and where no speed was seen yet, the fail-safe holds the command, but for the limiter",
+            "10 ms after the last good sample, that is with the first lost one, a signal counts as lost.",
+            "it takes the command to zero by at most 5 deg/s, faster where the limiter's bound asks for it",
         ),
         (),
     ),

@@ -79,11 +79,12 @@ def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pyte
     on(monkeypatch, CORTEX_M4F)
     monkeypatch.setattr(pil, "streams", lambda *given: itertools.islice(streams(*given), 1))  # the controller alone
     body = "    uint32_t crc = planted_ars_map_checksum();\n#ifdef __thumb__\n    crc ^= 1u;\n#endif\n    return crc;"
-    early = "self->status = ARS_STATUS_FAIL_SAFE;"
-    files = builds.with_text(PI, "src/ars_controller.c", "self->status = ARS_STATUS_DEGRADED;", early)
+    files = builds.with_text(
+        PI, "src/ars_controller.c", "? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING", "? ARS_STATUS_LIMITED : ARS_STATUS_LIMITED"
+    )
     found = checked(planted.wrapped(replace(PI, files=files), "ars_map_checksum", body))
     assert found.findings == (
-        "the random steps never reach the status DEGRADED",
+        "the random steps never reach the status TRACKING",
         "Cortex-M4F: the self-test of the build says no",
     )
     assert found.verdict is Verdict.FAILED

@@ -86,7 +86,7 @@ def test_wrong_results_of_every_suite_are_found() -> None:
     assert outcome.figure.startswith(f"{len(outcome.findings)} findings in 2 scenarios, 2 faults and ")
     for pattern in (
         r"src/ars_selftest\.c: the self-test fails",
-        r"drive 0, step \d+: 0\.07\d* rad, reference \S+ rad/s, status \d after \(",
+        r"drive \d, step \d+: 0\.07\d* rad, reference \S+ rad/s, status \d after \(",
         r"src/ars_map\.c: the look-up at \S+ m/s, \S+ rad, friction \S+ gives .*, the reference .* are wrong\)",
         r"scenario \S+: the rear angle goes to 0\.07 rad, or a signal is no number",
         r"scenario \S+ through CAN frames: the rear angle goes to ",

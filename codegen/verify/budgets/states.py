@@ -26,7 +26,8 @@ class LongWay:
 def _sample(ground: Ground, **changed: float) -> list[float]:
     config = ground.config
     speed = 0.5 * (config.controller.enable_speed_km_h + config.controller.inputs.speed_max_km_h) * KM_H
-    values = {"speed": speed, "front_angle": 0.02, "yaw_rate": 0.0, "rear_angle": 0.0, "friction": math.nan, "inhibit": 0.0}
+    # A turn so small that the same yaw rate in every sample does not count as frozen.
+    values = {"speed": speed, "front_angle": 0.002, "yaw_rate": 0.0, "rear_angle": 0.0, "friction": math.nan, "inhibit": 0.0}
     return [{**values, "restart": 0.0, **changed}[name] for name in STEP_COLUMNS]
 
 
@@ -41,12 +42,13 @@ PREFIX_MAX = 200
 def histories(ground: Ground) -> tuple[Rows, ...]:
     """States of the controller in which a sample makes it do more than otherwise: each with a start in front."""
     fail_safe = ground.config.controller.fail_safe
-    first, lost = (1, _sample(ground, restart=1.0)), _sample(ground, speed=math.nan)
+    first, lost = (1, _sample(ground, restart=1.0)), _lost(ground)
     found = (
         _rows((1, _sample(ground, speed=0.0, restart=1.0))),
         _rows(first, (2, _sample(ground))),
         _rows(first, (1, lost)),
-        _rows(first, (1, _implausible(ground))),
+        _rows(first, (1, _wrong(ground))),
+        _rows(first, (fail_safe.degraded_samples_max + 2, _sample(ground, front_angle=math.nan))),
         _rows(first, (fail_safe.degraded_samples_max + 2, lost), (fail_safe.recovery_samples - 1, _sample(ground))),
     )
     return tuple(rows for rows in found if len(rows) <= PREFIX_MAX)
@@ -69,17 +71,19 @@ def behind(histories: Sequence[Rows], rows: Rows) -> Rows:
     return np.concatenate(pieces)
 
 
-def _implausible(ground: Ground) -> list[float]:
-    """A yaw rate against the turn by more than everything allows."""
-    controller = ground.config.controller
-    yaw_rate = -math.radians(controller.inputs.yaw_rate_max_deg_s)
-    return _sample(ground, yaw_rate=yaw_rate, speed=controller.enable_speed_km_h * KM_H)
+def _lost(ground: Ground) -> list[float]:
+    return _sample(ground, speed=math.nan, front_angle=math.nan, yaw_rate=math.nan)
+
+
+def _wrong(ground: Ground) -> list[float]:
+    """A yaw rate against the turn, of which no car has so much in a sample."""
+    return _sample(ground, yaw_rate=-math.radians(ground.config.controller.inputs.yaw_rate_tolerance_deg_s))
 
 
 def long_ways(ground: Ground) -> tuple[LongWay, ...]:
     """Of the controller: counts at their largest, and a recovery after each kind of loss."""
     controller = ground.config.controller
-    good, lost, wrong = _sample(ground), _sample(ground, speed=math.nan), _implausible(ground)
+    good, lost, wrong = _sample(ground), _lost(ground), _wrong(ground)
     recovery, patience = controller.fail_safe.recovery_samples, controller.fail_safe.degraded_samples_max + 2
     first = (1, _sample(ground, restart=1.0))
     return (

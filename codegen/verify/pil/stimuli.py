@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H, Config
-from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn
+from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 
 WILDNESS = (0.0, 0.01, 0.0, 0.3, 0.0, 1.0)
@@ -137,18 +137,26 @@ def specials(word: Word) -> Rows:
 
 def _tour(config: Config) -> Drive:
     """Samples that take the controller through every status, for as long as each takes in this configuration."""
-    controller = config.controller
-    speed = min(2.0 * controller.enable_speed_km_h, controller.inputs.speed_max_km_h) * KM_H
+    controller, inputs = config.controller, config.controller.inputs
+    speed = min(2.0 * controller.enable_speed_km_h, inputs.speed_max_km_h) * KM_H
     lost = controller.fail_safe.degraded_samples_max
     wait = controller.fail_safe.recovery_samples
     straight = (speed, 0.0, 0.0, 0.0, math.nan, 0.0)
-    # As good as the input range allows, and a yaw rate that is missing: the demand goes to its limit.
+    # As good as the input range allows, and no yaw rate to speak of: the demand goes to its limit.
     steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, 0.0)
     slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, 0.0)
-    gone = (math.nan, 0.0, 0.0, 0.0, math.nan, 0.0)
-    spinning = (speed, 0.0, 0.999 * math.radians(controller.inputs.yaw_rate_max_deg_s), 0.0, math.nan, 0.0)
-    legs: Sequence[tuple[Any, int]] = (
-        *((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH), (spinning, lost + 3)),
-        *((straight, wait + STRETCH), (gone, lost + 3), (slow, wait + 3), (straight, STRETCH), (steered, STRETCH)),
+    gone = (math.nan, math.nan, math.nan, 0.0, math.nan, 0.0)
+    beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, 0.0)
+    first = ((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH))
+    last = ((slow, wait + 3), (straight, STRETCH), (steered, STRETCH))
+    return np.concatenate(
+        [
+            moving(_legs(first), config),
+            _legs(((beyond, lost + 3), (straight, wait + STRETCH), (gone, lost + 3))),
+            moving(_legs(last), config),
+        ]
     )
+
+
+def _legs(legs: Sequence[tuple[Any, int]]) -> Drive:
     return np.concatenate([np.tile(np.array(sample, dtype=np.float32), (min(length, TOUR_MAX), 1)) for sample, length in legs])

@@ -1,4 +1,4 @@
-"""Claims about the helpers of the controller and of the limiter: clamps, ranges, steps, and interpolation over speed."""
+"""Claims about the helpers of inputs, controller and limiter: clamps, ranges, steps, and interpolation over speed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 
 from codegen.config import KM_H
+from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number
 
@@ -18,13 +19,18 @@ HELD = """
 """
 IS_WITHIN = """
     {% for limit in limits %}
-    SAME("{{ limit }}", {{ function }}(x, {{ limit }}), (size_of(bits) <= bits_of({{ limit }})){{ or_nan }});
+    SAME("{{ limit }}", {{ function }}(x, {{ limit }}), size_of(bits) <= bits_of({{ limit }}));
     {% endfor %}
 """
 IS_BETWEEN = """
     {% for low, high in ranges %}
     SAME("{{ low }} to {{ high }}", {{ function }}({{ given }}, {{ low }}, {{ high }}),
         held(bits, {{ low }}, {{ high }}) == x);
+    {% endfor %}
+"""
+BOUNDED = """
+    {% for limit in limits %}
+    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? NAN : held(bits, -{{ limit }}, {{ limit }}));
     {% endfor %}
 """
 TOWARD_ZERO = """
@@ -40,6 +46,39 @@ KNOWN_FRICTION = """
     measurement.friction = x;
     SAME("at least the smallest; NaN stays NaN", known_friction(&known_parameters, &measurement),
         is_nan(bits) ? NAN : held(bits, {{ least }}, INFINITY));
+"""
+CHOOSE_BY_SPEED = """
+    {{ p }}_controller_t on = { .enabled = true };
+    {{ p }}_controller_t off = { .enabled = false };
+
+    {{ function }}(&on, &speed_parameters, x);
+    {{ function }}(&off, &speed_parameters, x);
+    SAME("off below the lower speed", on.enabled, is_nan(bits) || (order_of(bits) >= order_of(bits_of({{ low }}))));
+    SAME("on from the upper speed", off.enabled, !is_nan(bits) && (order_of(bits) >= order_of(bits_of({{ high }}))));
+"""
+YAW_GAIN = """
+    const double length = (double){{ wheelbase }} + (((double){{ understeer }} * (double)x) * (double)x);
+    const bool is_speed = size_of(bits) <= bits_of({{ top }});
+    const double expected = is_speed ? ((double)x / fmax(length, 0.25 * (double){{ wheelbase }})) : 0.0;
+
+    /* Four roundings for a length above zero, which the linear car of this build has, and one of the quotient. */
+    NEAR("that of the linear car", is_speed ? {{ function }}(&gain_parameters, x) : 0.0f, expected,
+        (5.0 * 0x1p-23) * fabs(expected) + 0x1p-149);
+"""
+AGREES = """
+    {% for turn in turns %}
+    /* A difference in double precision, rounded to single, is the single difference: it has over twice the digits. */
+    SAME("{{ turn }}", {{ function }}(&agreement_parameters, x, {{ turn }}),
+        (fabs((double)(float)((double)x - (double){{ turn }})) <= (double){{ agreement }})
+            && (fabs((double){{ turn }}) > (double)({{ agreement }} + {{ agreement }})));
+    {% endfor %}
+"""
+TAKE_FRICTION = """
+    {{ p }}_inputs_t self = { .friction = {{ before }} };
+    const bool is_estimate = held(bits, 0.0f, {{ top }}) == x;
+
+    {{ function }}(&self, &friction_parameters, x);
+    SAME("the estimate, or the last one on its way up", self.friction, is_estimate ? x : ({{ before }} + {{ recovery }}));
 """
 CONTROLLER_INIT = """
     const float expected = is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }});
@@ -88,20 +127,26 @@ def claims(source: Source) -> Iterator[Claim]:
     limits = [number(inputs.speed_max_km_h * KM_H)]
     limits += [number(math.radians(degrees)) for degrees in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)]
     clamps = [(f"-{angle}", angle), ("0.0f", "1.0f")]
-    for unit in ("controller", "limiter"):
+    tracking = ("controller",) if source.subject.kind == "tracking" else ()
+    for unit in ("inputs", "limiter", *tracking):
         yield Claim(unit, "magnitude", "the number without its sign; NaN stays NaN", MAGNITUDE)
+    for unit in ("controller", "limiter"):
         yield held(unit, "clamp", clamps)
+    for unit in ("inputs", "limiter"):
         text = "no farther from zero than the limit, false for NaN"
-        yield Claim(unit, "is_within", text, IS_WITHIN, edges(*limits), values={"limits": limits, "or_nan": ""})
+        yield Claim(unit, "is_within", text, IS_WITHIN, edges(*limits), values={"limits": limits})
+    for unit in ("inputs", "controller", "limiter"):
         yield between(unit, "is_between", RANGES)
-    limits = [number(math.radians(inputs.rear_angle_max_deg)), number(inputs.friction_max)]
-    values: Mapping[str, object] = {"limits": limits, "or_nan": " | is_nan(bits)"}
-    text = "no farther from zero than the limit, true for NaN"
-    yield Claim("controller", "is_absent_or_within", text, IS_WITHIN, edges(*limits), values=values)
+    yield from _inputs(source)
     period = np.float32(config.controller.sampling_time_s)
     step = number(float(np.float32(math.radians(config.controller.standby_rate_deg_s)) * period))
     text = "closer to zero by a step and not beyond, NaN as zero"
     yield Claim("controller", "toward_zero", text, TOWARD_ZERO, edges(step), values={"step": step})
+    low, high = (number(speed * KM_H) for speed in (config.controller.disable_speed_km_h, config.controller.enable_speed_km_h))
+    setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
+    text = "on from the upper speed, off below the lower, in between and for NaN as before"
+    values: Mapping[str, object] = {"low": low, "high": high}
+    yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
     least = number(config.controller.friction_min)
     setup = "static const {{ p }}_parameters_t known_parameters = { .friction_min = {{ least }} };"
     text = "no less than the smallest plausible friction; NaN stays NaN"
@@ -122,6 +167,29 @@ def claims(source: Source) -> Iterator[Claim]:
         }
         speeds = [speed * KM_H for speed in schedule["speed_km_h"]]
         yield _over_speed("controller", "gains_at", "parameters_t", "gains_t", speeds, outputs)
+
+
+def _inputs(source: Source) -> Iterator[Claim]:
+    """Claims about the unit inputs that it does not share."""
+    values = {parameter.name: number(parameter.value) for parameter in inputs_parameters(source.config)}
+    limits = [values["front_angle_max"], values["yaw_rate_max"], values["speed_fall"]]
+    text = "the value within its limit on both sides; NaN stays NaN"
+    yield Claim("inputs", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
+    given = {"wheelbase": values["wheelbase"], "understeer": values["understeer_coefficient"], "top": values["speed_max"]}
+    setup = "static const {{ p }}_inputs_parameters_t gain_parameters"
+    setup += " = { .wheelbase = {{ wheelbase }}, .understeer_coefficient = {{ understeer }} };"
+    yield Claim("inputs", "yaw_gain", "that of the linear car, at each speed", YAW_GAIN, edges("0.0f"), setup, values=given)
+    agreement = values["yaw_rate_agreement"]
+    turns = [number(share * float(agreement.rstrip("f"))) for share in (-9.0, -2.1, 0.0, 1.9, 2.1, 9.0)]
+    setup = "static const {{ p }}_inputs_parameters_t agreement_parameters = { .yaw_rate_agreement = {{ agreement }} };"
+    text = "near the turn, where that is one; false for NaN"
+    given = {"turns": turns, "agreement": agreement}
+    yield Claim("inputs", "agrees", text, AGREES, edges(*turns), setup, values=given)
+    setup = "static const {{ p }}_inputs_parameters_t friction_parameters"
+    setup += " = { .friction_max = {{ top }}, .friction_recovery = {{ recovery }} };"
+    given = {"top": values["friction_max"], "recovery": values["friction_recovery"], "before": "0.5f"}
+    text = "an estimate in its range is taken, else the last one rises"
+    yield Claim("inputs", "take_friction", text, TAKE_FRICTION, edges("0.0f", given["top"]), setup, values=given)
 
 
 def held(unit: str, function: str, ranges: Sequence[tuple[str, str]]) -> Claim:

@@ -32,9 +32,9 @@ from tests.evidence.progress import Progress
 
 SHOWS = "a value analysis finds no index, address, division, conversion or use of an unset value that could go wrong"
 ARGUED = Path(__file__).with_name("frama_c.toml")
-ENTRIES = ("map", "dynamics", "can", "e2e", "limiter", "reference_model", "controller", "task")
+ENTRIES = ("map", "dynamics", "can", "e2e", "inputs", "limiter", "reference_model", "controller", "task")
 TYPES = ["dynamics_state", "dynamics_input", "limiter_parameters", "limiter_input", "measurement", "parameters"]
-TYPES += ["rear_steer_command", "vehicle_conditions", "vehicle_motion", "reference_model_input"]
+TYPES += ["rear_steer_command", "vehicle_conditions", "vehicle_motion", "reference_model_input", "inputs_parameters"]
 """Types of which the driver gives any value."""
 LIMITS = (
     "Frama-C follows ranges and not relations: that outputs stay within their bounds is for the proof.",

@@ -38,7 +38,7 @@ PATIENCE = 10.0
 """s: far longer than anything here takes; only a failure waits so long."""
 GOOD = (Status.TRACKING, Status.LIMITED, Status.STANDBY)
 STEADY_TURN, STRAIGHT_REAR = VehicleMotion(speed=15.0, front_angle=0.02, yaw_rate=0.1), VehicleConditions(rear_angle=0.0)
-MISSING, WRONG_CRC, TIMEOUT = 1 << 0 | 1 << 3, 1 << 1 | 1 << 4, 1 << 8
+MISSING, WRONG_CRC, YAW_RATE_REPLACED = 1 << 0 | 1 << 3, 1 << 1 | 1 << 4, 1 << 9
 
 
 class Wire:
@@ -213,7 +213,7 @@ def test_silence_degrades_then_fails_safe_and_ends(wire: Wire, vcan: str) -> Non
         tolerated = CONFIG.controller.fail_safe.degraded_samples_max
         assert statuses[:tolerated] == [Status.DEGRADED] * tolerated
         assert set(statuses[tolerated:]) == {Status.FAIL_SAFE}
-        assert commands[-1].diagnostics & TIMEOUT
+        assert commands[-1].diagnostics & YAW_RATE_REPLACED
         assert commands[-1].diagnostics & MISSING == MISSING
         assert car.takes_control(wire)
 

@@ -79,20 +79,20 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
 NOPS = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
 RARE = {
-    "the law starts afresh": ("    self->status = limited ?", "phase == LAW_STARTS", True),
-    "a recovery ends": ("            self->good_samples = 0u;\n            self->status", "true", True),
-    "plausible again": ("        self->implausible_samples = leaked(", "self->implausible_samples > 0u", True),
-    "lost for long": ("        self->bad_samples = counted(", "self->bad_samples > parameters->degraded_samples_max", False),
+    "the law starts afresh": ("controller", "    self->status = limited ?", "phase == LAW_STARTS", True),
+    "a recovery ends": ("inputs", "        self->source = ARS_SIGNAL_MEASURED;", "true", True),
+    "there again": ("inputs", "            self->missing--;", "true", True),
+    "lost for long": ("inputs", "            self->source = ARS_SIGNAL_LOST;", "true", False),
 }
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("place", "condition", "goes_on"), RARE.values(), ids=RARE)
-def test_a_rare_long_step_is_found(place: str, condition: str, goes_on: bool) -> None:
+@pytest.mark.parametrize(("unit", "place", "condition", "goes_on"), RARE.values(), ids=RARE)
+def test_a_rare_long_step_is_found(unit: str, place: str, condition: str, goes_on: bool) -> None:
     """Where the law may follow, it is found together with nearly the longest of what else a step does."""
     nops = f'    if ({condition}) {{ __asm__ volatile ("{"nop; " * NOPS}"); }}\n'
     usual = measure_step(planted.subject_of(PI), QUICK).worst
-    assert measure_step(changed("controller", place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
+    assert measure_step(changed(unit, place, nops + place), QUICK).worst >= NOPS + (0.9 * usual if goes_on else 0)
 
 
 def test_stack_that_the_compiler_does_not_know_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,7 +200,11 @@ FAULTS = {
         ("controller_step", f"if ({STATUS} == 3) {STATUS} = ARS_STATUS_TRACKING;", "no control upon a signal out of range"),
         ("controller_step", f"if ({STATUS} == 2) {STATUS} = ARS_STATUS_TRACKING;", "no control below the disabling speed"),
         ("controller_step", f"if ({STATUS} == 4) {REFERENCE} = 0.01f;", "no reference in standby and fail-safe"),
-        ("controller_step", f"if ({STATUS} == 3) {REFERENCE} = 5.0f;", "predicted reference within what the road allowed"),
+        (
+            "controller_step",
+            f"if ({STATUS} == 3) {REFERENCE} = 5.0f;",
+            "degraded, the reference is within what the road allows",
+        ),
         (
             "limiter_step",
             "ars_limiter_parameters_t fast = *parameters; fast.rear_rate_max *= 1.5f;"
@@ -250,7 +254,7 @@ CLAIMS = [
         "target;",
         "|rear angle| is at most ",
     ),
-    ("controller", "if (speed < parameters->hold_speed) {", "if (speed < 10000.0f) {", "the angle is held from hold_speed on"),
+    ("controller", "fail_safe_rate * sampling_time", "fail_safe_rate * 0.02f", "in fail-safe the angle moves by at most "),
     ("controller", "    result = value - step;", "    result = value + step;", "in fail-safe |rear_angle| does not grow"),
     ("controller", "(own < behind) ? own : behind", "behind", "tracking, it moves by at most the lower of both rates"),
 ]
