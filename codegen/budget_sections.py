@@ -33,7 +33,7 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "feedforward": {"step_instructions_max": 560 + SECOND_TABLE, "task_instructions_max": 1_600 + SECOND_TABLE},
     "tracking": {
         "step_instructions_max": 1_250,
-        "task_instructions_max": 2_200,
+        "task_instructions_max": 2_300,
         "task_stack_bytes_max": 320,
         "state_bytes_max": 176,
     },
