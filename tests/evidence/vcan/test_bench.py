@@ -46,7 +46,7 @@ def address(vcan: str) -> BusAddress:
 
 
 def corner(duration: float, *faults: Fault) -> Scenario:
-    """4 deg at the front wheels from the start, 65 km/h: the rear wheels steer, and the fail-safe holds them."""
+    """4 deg at the front wheels from the start, 65 km/h: the rear wheels steer."""
     scenario = find("step-steer")
     settings = replace(scenario.settings, speed_km_h=65.0, steering_wheel_angle_deg=4.0 * 90.0 / 6.75)
     drive = manoeuvres.step(0.1)
