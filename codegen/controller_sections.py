@@ -25,7 +25,7 @@ Kind = Literal["tracking", "pi", "feedforward", "proportional"]
 class Inputs(Section):
     """Which measurements the controller believes, and what stands for others.
 
-    Each has a range, and a rate at which a car can change it. A yaw rate is believed up to what steering and road explain, and
+    Each has a range, and a rate at which a car can change it. A yaw rate is believed up to what the road explains, and
     a tolerance; it is frozen where it stays to the bit while the linear car with these angles moves away from it. A wrong
     signal counts again where it agrees with the others. The lag is that of the yaw rate behind the front angle,
     friction_recovery_1_s how fast a lost estimate of the friction is forgotten.

@@ -214,37 +214,27 @@ def margins() -> Figure:
 
 
 def bounds() -> Figure:
-    """What bounds the command over speed: the limiter, and the ramp of the fail-safe."""
+    """Range of the limiter over speed."""
     from codegen.sil.software import load
 
     parameters = load(RECOMMENDED).parameters()  # owns the memory of the limiter's
     limiter = parameters.limiter
-    fail_safe = _recommended().controller.fail_safe
     speeds, angles = (np.array(list(values)) for values in (limiter.opposite_phase_speed, limiter.opposite_phase_max))
     speed = np.linspace(0.0, 160.0, 641)
     opposite = np.degrees(np.interp(speed * KM_H, speeds, angles))
-    share = np.minimum(speed / fail_safe.hold_above_km_h, 1.0)
-    rate = fail_safe.rate_at_standstill_deg_s + share * (
-        fail_safe.rate_at_hold_speed_deg_s - fail_safe.rate_at_standstill_deg_s
-    )
-    rate[speed >= fail_safe.hold_above_km_h] = 0.0
     with look.style():
         figure = look.new_figure(WIDTH, 3.3)
-        left, right = figure.subplots(1, 2)
+        axes = figure.subplots()
         largest = math.degrees(limiter.rear_angle_max)
-        left.fill_between(speed, -opposite, largest, color=look.SKY, alpha=0.35, linewidth=0.0)
-        left.plot(speed, -opposite, color=look.BLUE)
-        left.axhline(largest, color=look.BLUE)
-        left.axhline(0.0, color=look.GREY, linewidth=0.8)
-        left.text(8.0, 1.6, "in phase: the whole angle,\nonce the front wheels are turned", color=look.BLUE)
-        left.text(78.0, -2.9, "opposite phase:\nless at speed", color=look.BLUE)
-        left.set(title="The limiter, in a left turn", xlabel=look.SPEED_LABEL, ylabel=f"Rear angle {look.REAR_ANGLE} (deg)")
-        right.plot(speed, rate, color=look.VERMILION)
-        right.text(fail_safe.hold_above_km_h + 4.0, 0.2, "held", color=look.VERMILION)
-        right.set(title="The fail-safe's ramp to zero", xlabel=look.SPEED_LABEL, ylabel="Rate (deg/s)", ylim=(0.0, None))
-        for axes in (left, right):
-            axes.set_xlim(speed[0], speed[-1])
-            axes.grid(True)
+        axes.fill_between(speed, -opposite, largest, color=look.SKY, alpha=0.35, linewidth=0.0)
+        axes.plot(speed, -opposite, color=look.BLUE)
+        axes.axhline(largest, color=look.BLUE)
+        axes.axhline(0.0, color=look.GREY, linewidth=0.8)
+        axes.text(8.0, 1.6, "in phase: the whole angle,\nonce the front wheels are turned", color=look.BLUE)
+        axes.text(78.0, -2.9, "opposite phase:\nless at speed", color=look.BLUE)
+        axes.set(title="The limiter, in a left turn", xlabel=look.SPEED_LABEL, ylabel=f"Rear angle {look.REAR_ANGLE} (deg)")
+        axes.set_xlim(speed[0], speed[-1])
+        axes.grid(True)
     return figure
 
 

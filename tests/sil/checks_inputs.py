@@ -129,6 +129,15 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
         assert signal.source == WRONG, "straight ahead"
 
 
+def check_both_wrong(built: Built) -> None:
+    """Where neither is left to confirm the other, both count again after so many samples, straight ahead too."""
+    controller, turn = _turning(built)
+    wrong = replace(turn, front_angle=-0.03, yaw_rate=-turn.yaw_rate)
+    assert controller.step(wrong).status is Status.FAIL_SAFE
+    found = [command.status for command in controller.run([STRAIGHT] * controller.parameters.inputs.recovery_samples)]
+    assert set(found[:-1]) == {Status.FAIL_SAFE} and found[-1] in RUNNING
+
+
 def check_oversteering_car(built: Built) -> None:
     """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
     wheelbase."""

@@ -68,6 +68,8 @@ class SecondInputs:
         speed, wheelbase = self.speed.value, p("wheelbase")
         gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
         taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
+        if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
+            self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
             self.yaw_rate.value = self.expected
         if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
