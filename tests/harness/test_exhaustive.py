@@ -21,7 +21,7 @@ FAULTS = [
     ("limiter", "is_between(rear_angle, -1.0f, 1.0f)", "is_between(rear_angle, -1.0f, 0.99999994f)", {"ars_limiter_init"}),
     ("inputs", "return magnitude(value) <= largest;", "return !(magnitude(value) > largest);", {"is_within", "agrees"}),
     ("inputs", "0.25f * parameters->wheelbase", "1.25f * parameters->wheelbase", {"yaw_gain"}),
-    ("inputs", "result < -largest", "result < (-2.0f * largest)", {"bounded"}),
+    ("inputs", "result > largest", "result > (2.0f * largest)", {"bounded"}),
     ("controller", "result = value + step;", "result = -step;", {"toward_zero"}),
     ("map", "if (steps >= 100.0f) {", "if (steps >= 101.0f) {", {"locate_speed"}),
     ("map", "((friction > 0.0f) ? friction : 0.0f)", "friction", {"road_of"}),

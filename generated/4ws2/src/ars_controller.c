@@ -89,8 +89,6 @@ ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_p
 ARS_SECTION_CODE static void fail_safe(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
-    self->yaw_rate_reference = 0.0f;
-    self->yaw_rate_error = 0.0f;
 }
 
 /* The estimate, not below the smallest that is believed. */
@@ -301,11 +299,13 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     }
     if (self->status == ARS_STATUS_STANDBY) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
-        self->yaw_rate_reference = 0.0f;
-        self->yaw_rate_error = 0.0f;
     }
     if (self->status == ARS_STATUS_FAIL_SAFE) {
         fail_safe(self, parameters);
+    }
+    if (!self->enabled) {
+        self->yaw_rate_reference = 0.0f;
+        self->yaw_rate_error = 0.0f;
     }
     limit(self, parameters);
     command.rear_angle = self->rear_angle;

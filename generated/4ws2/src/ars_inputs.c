@@ -280,6 +280,10 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     change = parameters->expected_share * ((gain * (self->front_angle.value - rear)) - self->expected_yaw_rate);
     self->expected_yaw_rate = bounded(self->expected_yaw_rate + change, parameters->yaw_rate_max);
     has_gap = take_yaw_rate(self, parameters, measured->yaw_rate) || has_gap;
+    if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
+        self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
+        self->yaw_rate.source = ARS_SIGNAL_LOST;
+    }
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
         self->yaw_rate.value = self->expected_yaw_rate;
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {

@@ -30,7 +30,7 @@ IS_BETWEEN = """
 """
 BOUNDED = """
     {% for limit in limits %}
-    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? NAN : held(bits, -{{ limit }}, {{ limit }}));
+    SAME("{{ limit }}", bounded(x, {{ limit }}), held(bits, -{{ limit }}, {{ limit }}));
     {% endfor %}
 """
 TOWARD_ZERO = """
@@ -141,7 +141,9 @@ def claims(source: Source) -> Iterator[Claim]:
     period = np.float32(config.controller.sampling_time_s)
     step = number(float(np.float32(math.radians(config.controller.standby_rate_deg_s)) * period))
     text = "closer to zero by a step and not beyond, NaN as zero"
-    yield Claim("controller", "toward_zero", text, TOWARD_ZERO, edges(step), values={"step": step})
+    fall = number(config.controller.inputs.speed_fall_m_s2 * config.controller.sampling_time_s)
+    for unit, step in (("controller", step), ("inputs", fall)):
+        yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(step), values={"step": step})
     low, high = (number(speed * KM_H) for speed in (config.controller.disable_speed_km_h, config.controller.enable_speed_km_h))
     setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
     text = "on from the upper speed, off below the lower, in between and for NaN as before"
@@ -172,8 +174,8 @@ def claims(source: Source) -> Iterator[Claim]:
 def _inputs(source: Source) -> Iterator[Claim]:
     """Claims about the unit inputs that it does not share."""
     values = {parameter.name: number(parameter.value) for parameter in inputs_parameters(source.config)}
-    limits = [values["front_angle_max"], values["yaw_rate_max"], values["speed_fall"]]
-    text = "the value within its limit on both sides; NaN stays NaN"
+    limits = [values["front_angle_max"], values["yaw_rate_max"]]
+    text = "the value within its limit on both sides, NaN as the lower"
     yield Claim("inputs", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
     given = {"wheelbase": values["wheelbase"], "understeer": values["understeer_coefficient"], "top": values["speed_max"]}
     setup = "static const {{ p }}_inputs_parameters_t gain_parameters"
