@@ -54,7 +54,7 @@ def test_hil_prints_its_figures_and_writes_every_file(run: Run, short: Path) -> 
             assert given[2:].all()  # no command before the car's messages are valid
             # Half a step of the signal, and the rounding of its decoding.
             np.testing.assert_allclose(one.samples[given], wanted[given], rtol=0.0, atol=0.5 * resolution + 1e-12)
-        assert {bytes(text) for text in signals.get("Status").samples} <= {b"TRACKING", b"LIMITED", b"STANDBY", b"DEGRADED"}
+        assert {bytes(text) for text in signals.get("Status").samples} <= {b"TRACKING", b"LIMITED", b"STANDBY", b"FAIL_SAFE"}
 
 
 def test_sil_through_can_with_faults_and_sensors(run: Run, here: Path) -> None:

@@ -124,8 +124,9 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
         controller.step(turn)
         assert signal.source == 0, field
         controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
-        straight = replace(turn, front_angle=0.0, yaw_rate=0.0)
-        controller.run([straight] * 200)
+        for share in (max(1.0 - 0.02 * sample, 0.0) for sample in range(150)):
+            sample = replace(turn, front_angle=share * turn.front_angle, yaw_rate=share * turn.yaw_rate)
+            controller.step(replace(sample, **{field: -getattr(sample, field)}))  # type: ignore[arg-type]
         assert signal.source == WRONG, "straight ahead"
 
 
