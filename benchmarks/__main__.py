@@ -23,10 +23,11 @@ NAMES = {
     "batch": "batch",
     "campaign": "campaign",
     "minimal-error": "minimal_error",
+    "signal-faults": "signal_faults",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

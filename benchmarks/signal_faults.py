@@ -1,0 +1,144 @@
+"""The recommended controller with one signal lost or wrong in a corner, and with all of them lost, while the driver acts.
+
+The car goes on with what its controller believes; the same drive without the fault is what its path is compared with. Measures
+no time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.tables import CountReport, Row
+from codegen.config import KM_H
+from codegen.sil.plant import Plant, PlantInput
+from codegen.sil.software import Measurement, Software
+from hil_sim.suite.candidate import recommended
+
+STEER_TIME, FAULT_TIME, DRIVER_TIME, DURATION = 0.3, 2.0, 2.2, 5.0
+"""s: the driver steers in, the signal fails, the driver acts, the run ends."""
+SPEEDS_KM_H, SPEEDS_ALL_KM_H, SHARES = (50.0, 80.0, 110.0), (80.0, 90.0, 100.0, 110.0, 120.0), (0.6, 0.9)
+"""Shares of the front angle at which the map reaches what it allows at that speed."""
+SPIN = math.radians(15.0)
+"""Sideslip angle of a spin, that of the suite."""
+DEVIATION_MAX = 2.0
+"""m, of the median path."""
+
+OFFSET = math.radians(10.0)
+"""rad/s."""
+WAYS: dict[str, Callable[[float, float], float]] = {
+    "lost": lambda now, before: math.nan,
+    "frozen": lambda now, before: before,
+    "sign flipped": lambda now, before: -now,
+    "half": lambda now, before: 0.5 * now,
+    "zero": lambda now, before: 0.0,
+    "10 deg/s more": lambda now, before: now + OFFSET,
+}
+"""What becomes of a value, from what it is and what it was when the fault began."""
+FAULTS = {
+    "yaw_rate": tuple(WAYS),
+    "front_angle": ("lost", "frozen", "sign flipped", "half", "zero"),
+    "speed": ("lost", "sign flipped", "half", "zero"),
+    "all": ("lost",),
+}
+ALL = ("speed", "front_angle", "yaw_rate", "rear_angle")
+
+
+def keep(seconds: float) -> float:
+    """Share of the front angle, so long after the driver acts: as it was."""
+    del seconds
+    return 1.0
+
+
+def straighten(seconds: float) -> float:
+    """Straight within 0.3 s."""
+    return max(0.0, 1.0 - seconds / 0.3)
+
+
+def counter_steer(seconds: float) -> float:
+    """To 0.6 of the angle on the other side within 0.4 s, held for half a second, and straight within 0.3 s."""
+    return max(-0.6, 1.0 - 1.6 * seconds / 0.4) if seconds < 0.9 else min(0.0, -0.6 + 2.0 * (seconds - 0.9))
+
+
+DRIVERS = (keep, straighten, counter_steer)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Where the car is at the end, m, and whether it has spun."""
+
+    x: float
+    y: float
+    spun: bool
+
+
+def drive(
+    software: Software, speed: float, front_angle: float, driver: Callable[[float], float], signal: str, way: str
+) -> Drive:
+    """One run at a speed (m/s) with a front angle (rad); `signal` empty: without a fault."""
+    config = software.config
+    plant, controller = Plant(config), software.controller()
+    period, ratio = config.controller.sampling_time_s, config.steering.ratio
+    steps = round(period / config.plant.sampling_time_s)
+    command, spun, before = 0.0, False, dict[str, float]()
+    for sample in range(round(DURATION / period)):
+        time = sample * period
+        share = min(max((time - STEER_TIME) / 0.3, 0.0), 1.0) if time < DRIVER_TIME else driver(time - DRIVER_TIME)
+        acting = PlantInput(speed, share * front_angle * ratio, command, config.road.friction)
+        car = plant.sample(acting)
+        measured = Measurement(speed, car.front_angle, car.yaw_rate, car.rear_angle)
+        if signal and time >= FAULT_TIME - 0.5 * period:
+            for name in ALL if signal == "all" else (signal,):
+                now = float(getattr(measured, name))
+                wrong = WAYS[way](now, before.setdefault(name, now))
+                measured = replace(measured, **{name: wrong})  # type: ignore[arg-type]
+        command = controller.step(measured).rear_angle
+        spun = spun or abs(car.sideslip_angle) > SPIN
+        plant.advance([acting] * steps)
+    x, y, _ = plant.position
+    return Drive(x, y, spun)
+
+
+def run(quick: bool, say: Callable[[str], None]) -> CountReport:
+    """Compare each fault in each cell with each driver; `quick` takes one speed."""
+    line_up = recommended().line_up()
+    subject = line_up.tested
+    software = subject.around(subject.config)
+    sound: dict[tuple[float, float, str], Drive] = {}
+    rows = []
+    for signal, ways in FAULTS.items():
+        speeds = SPEEDS_ALL_KM_H if signal == "all" else SPEEDS_KM_H
+        for way in ways:
+            say(f"{signal.replace('_', ' ')} {way}")
+            spins, apart = 0, []
+            for speed_km_h in speeds[-1:] if quick else speeds:
+                for share in SHARES:
+                    for driver in DRIVERS:
+                        case = (software, speed_km_h * KM_H, share * _edge(software, speed_km_h * KM_H), driver)
+                        key = (speed_km_h, share, driver.__name__)
+                        sound[key] = sound[key] if key in sound else drive(*case, "", "")
+                        found = drive(*case, signal, way)
+                        spins += found.spun and not sound[key].spun
+                        apart.append(math.hypot(found.x - sound[key].x, found.y - sound[key].y))
+            median = float(np.median(apart))
+            met = spins == 0 and (signal == "all" or median <= DEVIATION_MAX)
+            asked = "no spin" if signal == "all" else f"no spin, median at most {DEVIATION_MAX:g} m"
+            texts = (signal.replace("_", " "), way, str(len(apart)), str(spins), f"{median:.2f}", f"{max(apart):.2f}")
+            rows.append(Row((*texts, f"{asked}: {'met' if met else 'MISSED'}"), met))
+    header = ("signal", "fault", "runs", "spins", "path, median [m]", "largest [m]", "required")
+    notes = (
+        f"Path: distance, {DURATION - FAULT_TIME:g} s after the fault, from the car that has none and the same driver, who keeps the "
+        f"wheel, straightens it or counter-steers {DRIVER_TIME - FAULT_TIME:g} s after the fault.",
+        "Speeds of the faults of one signal: 50, 80, 110 km/h; of all: 80 to 120 km/h. A spin that the sound car has too is not counted.",
+    )
+    return CountReport((('A signal lost or wrong in a corner, kind "tracking"', header, tuple(rows)),), notes)
+
+
+def _edge(software: Software, speed: float) -> float:
+    """rad, the front angle from which the map asks for as much lateral acceleration as it allows at a speed."""
+    angles = np.radians(np.linspace(0.1, 30.0, 600))
+    yaw_rate = software.map_yaw_rate(speed, angles)
+    return float(angles[int(np.argmax(yaw_rate >= 0.999 * yaw_rate.max()))])
