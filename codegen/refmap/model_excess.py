@@ -1,8 +1,8 @@
 """By how much the reference model of kind "tracking" turns more than its map, in steady state with the map's rear angle.
 
-The model is the single-track car with Magic Formula tyres at static wheel loads. A map of linear tyres asks for at least what
-it can do. A map of the nonlinear car may ask for less: track and load transfer cost that car yaw rate, most where the map ends
-at high speed. The trim takes back what it is allowed to (`controller.tracking.trim_max_percent`).
+The model is the single-track car of `vehicle.dynamics.single_track(config, "load-transfer")`, which has what track and load
+transfer cost the nonlinear car. What the tables of a build and the model's other simplifications leave is for the trim
+(`controller.tracking.trim_max_percent`). A map of linear tyres asks for at least what the model can do.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     wanted, largest = yaw_rate.astype(np.float64), lookup.cars[-1].rear_angle_max  # the laws hold the rear angle there
     inputs = np.array([speed, front_angle, np.clip(rear_angle, -largest, largest), np.full(speed.size, friction)])
     state = np.array([optimum.sideslip, wanted])
-    derivative = single_track(config, "magic-formula").derivative
+    derivative = single_track(config, "load-transfer").derivative
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 4)
     rate = derivative(x, u)
     newton = ca.Function("newton", [x, u], [x - ca.solve(ca.jacobian(rate, x), rate)])
