@@ -23,8 +23,8 @@ ACTUATOR_LAG_S = (0.02, 0.12)
 """Drawn evenly in its logarithm: fast actuators differ as much from each other as slow ones."""
 
 REAR_COMPLIANCE_DEG_PER_G = (1.8, 4.0)
-"""Slip angle of the rear axle for each g (R. T. Bundorf, R. L. Leffert, The Cornering Compliance Concept, SAE 760713); that of the
-front axle is larger by the understeer gradient."""
+"""Slip angle of the rear axle for each g; that of the front axle is larger by the understeer gradient (R. T. Bundorf,
+R. L. Leffert, The Cornering Compliance Concept for Description of Vehicle Directional Control Properties, SAE 760713)."""
 
 COMMAND_RATE_SHARE = 5.0 / 6.0
 """Limit of the command's rate over that of the actuator, as in the recommended preset."""
