@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +20,21 @@ if TYPE_CHECKING:
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
     from codegen.refmap.map import ReferenceMap
+    from codegen.tuning.transient import Response
     from codegen.tuning.tune import Tuned
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
 """Tables of the configuration that a solved map was made from: to store others in it would be untrue."""
 
+RESPONSE_HEADER = (
+    "speed km/h",
+    "lead ms",
+    "response gain s",
+    "overshoot %",
+    "settling s",
+    "t90 s",
+    "of other cars, overshoot %",
+)
 HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sensitivity", "cars", "nearest to a demand")
 
 
@@ -42,7 +53,8 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
     """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map.
 
-    For a map of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
+    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain. For a map
+    of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.evidence import critical_speed_note
@@ -69,11 +81,14 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     notes = [text for text in (*chosen.notes, critical_speed_note(config)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
-        console.print_json({**facts, **_to_dict(config, made, least), **trim})
+        responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
         return
     for text in notes:
         console.note(text)
     _print(output, config, made, least)
+    if tuned.responses:
+        _print_responses(tuned.responses)
     if trim:
         console.say(_trim_text(trim))
 
@@ -189,6 +204,33 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     if 0 in made.counted:
         first = made.schedule.speed_km_h[made.counted.index(0)]
         console.note(f"from {first:g} km/h no gains meet the demands, not even for the configured car; the last ones are held")
+
+
+def _print_responses(responses: Sequence[Response]) -> None:
+    from codegen.report.summary import table
+    from codegen.tuning.transient import OVERSHOOT_PERCENT, SETTLING_S
+
+    rows = [
+        (
+            f"{one.speed_km_h:g}",
+            f"{1e3 * one.lead_s:.0f}",
+            f"{one.response_gain_s:.3f}",
+            f"{one.overshoot_percent:.1f}",
+            f"{one.settling_s:.2f}",
+            f"{one.rise_s:.2f}",
+            f"{one.family_overshoot_percent:.1f}",
+        )
+        for one in responses
+    ]
+    console.say(
+        f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
+    )
+    console.say(table(RESPONSE_HEADER, rows))
+    missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
+    if missed:
+        console.note(
+            f"around {', '.join(missed)} km/h no lead and response gain keep both limits; those that come nearest are taken"
+        )
 
 
 COMMANDS = (tune,)
