@@ -29,8 +29,8 @@ STEPS = 30
 """Of Newton's method, which starts at the map's own turn, a few percent off."""
 RESIDUAL_MAX = 1e-8
 """1/s^2 and rad/s^2."""
-SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99, 1.0)
-"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there. The
+SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99)
+"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there: the
 last cell of a grid cuts across the kink at the edge itself."""
 
 COARSE = "a finer [grid], or codegen build --max-error, brings what is interpolated closer to the optimum"

@@ -2,7 +2,7 @@
 
 Both shape the feedforward alone, so no margin of the loop depends on them. The car itself must keep its limits at each speed of
 the schedule and half way to the neighbouring ones. Among the pairs with which it does, the cars of a small family count, and
-then the rise time.
+then the rise time with a price on their overshoot.
 """
 
 from __future__ import annotations
@@ -30,13 +30,15 @@ FloatArray = npt.NDArray[np.float64]
 
 OVERSHOOT_PERCENT, SETTLING_S = 3.0, 1.05
 """Aims for the configured car."""
-OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.5, 1.09
+OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 """Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
-DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 5.0, 15.0, 16.0
+DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
+OVERSHOOT_PRICE_S = 0.01
+"""s of t90 that a percent of overshoot of the worst of these is worth."""
 
-SHARES = (0.5, 0.75, 1.0)
+SHARES = (0.25, 0.5, 1.0)
 """Of the largest feasible front angle."""
 SPEED_MIN_KM_H = 25.0
 """Slower, the breakpoints of the schedule get what the first one above has: there the car follows its wheels."""
@@ -49,9 +51,9 @@ SPIN_SIDESLIP, SPIN_REAR_SLIP = math.radians(10.0), math.radians(5.0)
 
 LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10)
 """More lead makes more of the front angle's noise: 0.1 s turn 0.01 deg of it into some 0.07 deg of rear angle."""
-RESPONSE_GAINS_S = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25)
+RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
 """The first pairs, all with all."""
-STEPS = ((0.02, 0.05), (0.01, 0.025), (0.005, 0.0125))
+STEPS = ((0.015, 0.04), (0.0075, 0.02))
 """s, s. Then each speed's best pair and its eight neighbours, at these distances. Speeds with an even number move first, those
 between them second: what is driven half way between two speeds then depends on one that moves."""
 
@@ -229,8 +231,8 @@ class _Search:
         # In steps of a hundredth: what is missing by less is no reason to be slow.
         own, others = (np.round(np.maximum(values, 1.0), 2) for values in (excess, others))
         own[at_aim] = 0.0
-        # The first of equals has the smallest gain of the grid, or is where the search stands.
-        return [int(np.lexsort((rise[:, 0, k], others[:, k], own[:, k]))[0]) for k in range(len(self.speeds))]
+        cost = rise[:, 0] + OVERSHOOT_PRICE_S * overshoot[:, 1:].max(axis=1)
+        return [int(np.lexsort((cost[:, k], others[:, k], own[:, k]))[0]) for k in range(len(self.speeds))]
 
     def responses(self, pairs: FloatArray, figures: FloatArray) -> tuple[Response, ...]:
         """What a pair (speeds, 2) at each speed gives."""
