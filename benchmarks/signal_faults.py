@@ -29,15 +29,15 @@ DEVIATION_MAX = 2.0
 
 OFFSET = math.radians(10.0)
 """rad/s."""
-WAYS: dict[str, Callable[[float, float], float]] = {
-    "lost": lambda now, before: math.nan,
-    "frozen": lambda now, before: before,
-    "sign flipped": lambda now, before: -now,
-    "half": lambda now, before: 0.5 * now,
-    "zero": lambda now, before: 0.0,
-    "10 deg/s more": lambda now, before: now + OFFSET,
+WAYS: dict[str, tuple[float, float, float]] = {
+    "lost": (math.nan, 0.0, 0.0),
+    "frozen": (0.0, 1.0, 0.0),
+    "sign flipped": (-1.0, 0.0, 0.0),
+    "half": (0.5, 0.0, 0.0),
+    "zero": (0.0, 0.0, 0.0),
+    "10 deg/s more": (1.0, 0.0, OFFSET),
 }
-"""What becomes of a value, from what it is and what it was when the fault began."""
+"""What becomes of a value: shares of what it is and of what it was when the fault began, and what is added."""
 FAULTS = {
     "yaw_rate": tuple(WAYS),
     "front_angle": ("lost", "frozen", "sign flipped", "half", "zero"),
@@ -93,7 +93,8 @@ def drive(
         if signal and time >= FAULT_TIME - 0.5 * period:
             for name in ALL if signal == "all" else (signal,):
                 now = float(getattr(measured, name))
-                wrong = WAYS[way](now, before.setdefault(name, now))
+                share_now, share_before, added = WAYS[way]
+                wrong = share_now * now + share_before * before.setdefault(name, now) + added
                 measured = replace(measured, **{name: wrong})  # type: ignore[arg-type]
         command = controller.step(measured).rear_angle
         spun = spun or abs(car.sideslip_angle) > SPIN
@@ -130,9 +131,9 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
             rows.append(Row((*texts, f"{asked}: {'met' if met else 'MISSED'}"), met))
     header = ("signal", "fault", "runs", "spins", "path, median [m]", "largest [m]", "required")
     notes = (
-        f"Path: distance, {DURATION - FAULT_TIME:g} s after the fault, from the car that has none and the same driver, who keeps the "
-        f"wheel, straightens it or counter-steers {DRIVER_TIME - FAULT_TIME:g} s after the fault.",
-        "Speeds of the faults of one signal: 50, 80, 110 km/h; of all: 80 to 120 km/h. A spin that the sound car has too is not counted.",
+        f"Path: distance, {DURATION - FAULT_TIME:g} s after the fault, from the car that has none and the same driver, "
+        f"who keeps the wheel, straightens it or counter-steers {DRIVER_TIME - FAULT_TIME:g} s after the fault.",
+        "Faults of one signal at 50, 80 and 110 km/h, of all at 80 to 120 km/h. A spin of the sound car too is not counted.",
     )
     return CountReport((('A signal lost or wrong in a corner, kind "tracking"', header, tuple(rows)),), notes)
 

@@ -15,6 +15,8 @@ from codegen.sections import Breakpoints, Range, Section
 SCHEDULE_POINTS_MAX = 32
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond them the fail-safe would as good as never act, or never end."""
+LEAD_MAX_S, RESPONSE_GAIN_MAX_S = 0.2, 2.0
+"""The lead below zero delays the feedforward."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
 
@@ -57,6 +59,10 @@ class FailSafe(Section):
     rate_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 3.0
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 class Schedule(Section):
     """Gains of the kind "tracking" over speed, and the margins that they were designed to have over the family of cars.
 
@@ -67,6 +73,12 @@ class Schedule(Section):
     speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
     proportional_gain_s: list[Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")]]
     integral_gain: list[Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")]]
+    # Left out where they are not tuned: the whole schedule has `controller.tracking.lead_s` then, and no response gain.
+    lead_s: list[Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")]] | None = Field(default=None, exclude_if=_is_none)
+    response_gain_s: (
+        list[Annotated[float, Range(0.0, RESPONSE_GAIN_MAX_S, "s (rad of rear angle for each rad/s that the model lacks)")]]
+        | None
+    ) = Field(default=None, exclude_if=_is_none)
     gain_margin_db: list[float] | None = None
     phase_margin_deg: list[float] | None = None
     sensitivity: list[float] | None = None
@@ -76,7 +88,7 @@ class Schedule(Section):
         points = len(self.speed_km_h)
         if points > SCHEDULE_POINTS_MAX:
             raise ValueError(f"{points} breakpoints; at most {SCHEDULE_POINTS_MAX} are taken")
-        for name in ("proportional_gain_s", "integral_gain", "gain_margin_db", "phase_margin_deg", "sensitivity"):
+        for name in type(self).model_fields:
             values = getattr(self, name)
             if values is not None and len(values) != points:
                 raise ValueError(f"{name} has {len(values)} values for {points} speeds; give one for each speed")
@@ -86,12 +98,13 @@ class Schedule(Section):
 class Tracking(Section):
     """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
 
-    `lead_s` looks ahead on the front angle that enters the map. `yaw_increasing_max_deg` bounds what feedback may add in the
-    direction that turns the car more; against it, feedback is free up to the actuator's limit. The trim moves the model's yaw
-    rate towards the map's. The grip_* keys are the limit that follows the lateral acceleration which the car really reaches.
+    `lead_s` looks ahead on the front angle that enters the map, unless the schedule has a lead for each speed.
+    `yaw_increasing_max_deg` bounds what feedback may add in the direction that turns the car more; against it, feedback is
+    free up to the actuator's limit. The trim moves the model's yaw rate towards the map's. The grip_* keys are the limit
+    that follows the lateral acceleration which the car really reaches.
     """
 
-    lead_s: Annotated[float, Range(0.0, 0.2, "s")] = 0.032
+    lead_s: Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")] = 0.032
     lead_smoothing_s: Annotated[float, Range(0.002, 0.2, "s")] = 0.015
     lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
     yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5

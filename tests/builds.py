@@ -31,6 +31,8 @@ SCHEDULE = {
     "speed_km_h": [25.0, 42.5, 60.0, 80.0, 100.0, 120.0],
     "proportional_gain_s": [0.035, 0.05, 0.065, 0.08, 0.095, 0.109],
     "integral_gain": [1.74, 1.5, 1.2, 0.95, 0.78, 0.64],
+    "lead_s": [-0.02, 0.03, 0.06, 0.05, 0.04, 0.05],
+    "response_gain_s": [0.0, 0.15, 0.12, 0.08, 0.1, 0.05],
 }
 """Of the size that `codegen tune` gives; fixed, so that no test here depends on the design."""
 

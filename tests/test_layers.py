@@ -21,6 +21,7 @@ LEVELS = (
     ("codegen.refmap",),
     ("codegen.emit", "codegen.importing"),
     ("codegen.sil",),
+    ("codegen.tuning",),
     ("hil_sim",),
     ("codegen.sweep",),
     ("codegen.verify", "codegen.export", "codegen.report", "codegen.doctor"),

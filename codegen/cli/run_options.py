@@ -68,7 +68,7 @@ def output_option(text: str, metavar: str = "FILE") -> Callable[[Command], Comma
 def sensor_options(command: Command) -> Command:
     """--sensors and --seed."""
     command = click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise, faults and jitter."
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise, faults, jitter and cars."
     )(command)
     return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
 

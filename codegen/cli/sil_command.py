@@ -37,6 +37,9 @@ OF_A_SCENARIO = (
 )
 """Parameters that do not go with --suite."""
 
+CARS = 8
+"""Of --suite cars, by default."""
+
 
 @dataclass(frozen=True)
 class Choices:
@@ -81,7 +84,9 @@ class Choices:
 
 @click.command(
     short_help="Run the generated C in closed loop.",
-    epilog=example("codegen sil --build generated/4ws2 --plot run.png --csv run.csv\n  codegen sil --suite tracking"),
+    epilog=example(
+        "codegen sil --build generated/4ws2 --plot run.png\n  codegen sil --suite tracking\n  codegen sil --suite cars"
+    ),
 )
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 @click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
@@ -100,36 +105,50 @@ class Choices:
 @click.option(
     "--suite",
     metavar="NAME",
-    shell_complete=lambda *_: ["tracking"],
-    help="Instead of a scenario the whole test set, tracking; without --build, of the recommended preset.",
+    shell_complete=lambda *_: ["tracking", "cars"],
+    help="Instead of a scenario a whole test set: tracking (without --build, of the recommended preset), or cars.",
+)
+@click.option(
+    "--cars", type=click.IntRange(1, 1000), metavar="N", help="How many random cars --suite cars draws; by default 8."
 )
 @output_option(f"{OUTPUT_HELP} With --suite: the folder for all its pictures.", "FILE|DIR")
 @result_options
 @click.pass_context
-def sil(context: click.Context, /, suite: str | None, **given: Any) -> None:
+def sil(context: click.Context, /, suite: str | None, cars: int | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
     With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
     is asked, and exit 1 where one is missed. --plot then draws an overview.
-    """
-    if suite is not None:
-        from codegen.cli.suite_command import SuiteOutputs, run_suite_command
 
-        _refuse_with_suite(context)
+    With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, drive all, and exit 1 where
+    a car misses a limit. Seed 1, the default, is that of development; nothing is tuned on seed 2, the test.
+    """
+    if cars is not None and suite != "cars":
+        raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
+    if suite is not None:
+        from codegen.cli.suite_command import SuiteOutputs, check_suite, run_cars_command, run_suite_command
+
+        check_suite(suite)
+        seeded = context.get_parameter_source("seed") is click.core.ParameterSource.COMMANDLINE
+        _refuse_with_suite(context, "seed" if suite == "cars" else "")
         if len(given["files"]) > 1:
             raise CodegenError("a second folder for the pictures", where=given["files"][1], remedy="name one")
         folder = next(iter(given["files"]), None)
-        run_suite_command(suite, given["build_path"], SuiteOutputs(given["plot"], folder, given["as_json"]))
+        outputs = SuiteOutputs(given["plot"], folder, given["as_json"])
+        if suite == "cars":
+            run_cars_command(cars or CARS, given["seed"] if seeded else None, given["build_path"], outputs)
+        else:
+            run_suite_command(given["build_path"], outputs)
         return
     if given["build_path"] is None:
         raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or give --suite tracking")
     _run_scenario(Choices(**given))
 
 
-def _refuse_with_suite(context: click.Context) -> None:
+def _refuse_with_suite(context: click.Context, allowed: str) -> None:
     for option in context.command.params:
         given = context.get_parameter_source(option.name or "") is click.core.ParameterSource.COMMANDLINE
-        if option.name in OF_A_SCENARIO and given:
+        if option.name in OF_A_SCENARIO and option.name != allowed and given:
             remedy = "leave one of the two out"
             raise CodegenError("it is about one scenario, and --suite has its own", where=option.opts[0], remedy=remedy)
 

@@ -11,9 +11,10 @@ from codegen import console
 from codegen.errors import CheckFailed, CodegenError, suggestion
 
 if TYPE_CHECKING:
+    from hil_sim.suite.cars import CarsResult
     from hil_sim.suite.tracking import SuiteResult
 
-SUITES = ("tracking",)
+SUITES = ("tracking", "cars")
 TOLD = 3
 """Missed figures that fit on the line of the error; all of them are in the table."""
 
@@ -59,21 +60,55 @@ class SuiteOutputs:
         return written
 
 
-def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs) -> None:
-    """Drive, print, draw, and judge.
+def check_suite(suite: str) -> None:
+    """Raise CodegenError for an unknown suite."""
+    if suite not in SUITES:
+        raise CodegenError(
+            f"there is no suite {suite!r}", where="--suite", remedy=f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
+        )
+
+
+def run_cars_command(count: int, seed: int | None, build_path: Path | None, outputs: SuiteOutputs) -> None:
+    """Draw cars, design and drive each, print, and judge; `seed` None is that of development.
+
+    Raises:
+        CheckFailed: a car misses a limit; everything is printed before.
+        CodegenError: an option that does not go with this suite.
+    """
+    from codegen.report.suite_tables import car_failures, car_sections
+    from hil_sim.suite.cars import run_cars
+    from hil_sim.suite.random_cars import DEVELOPMENT_SEED
+
+    if build_path is not None:
+        raise CodegenError("the cars of this suite have builds of their own", where="--build", remedy="leave it out")
+    if outputs.plot is not None or outputs.folder is not None:
+        where = "--output" if outputs.plot is None else "--plot"
+        raise CodegenError("this suite draws no pictures", where=where, remedy="leave it out; --json has all figures")
+    with console.progress(f"{count} cars") as steps:
+        result: CarsResult = run_cars(DEVELOPMENT_SEED if seed is None else seed, count, steps)
+    if outputs.as_json:
+        console.print_json(result.to_dict())
+    else:
+        _say(f"suite cars: {count} cars of seed {result.seed}", car_sections(result), ())
+    missed = car_failures(result)
+    if missed:
+        more = f"; and {len(missed) - TOLD} more" if len(missed) > TOLD else ""
+        raise CheckFailed(
+            f"{result.passed} of {count} cars meet all limits: {'; '.join(missed[:TOLD])}{more}", remedy="see the tables"
+        )
+
+
+def run_suite_command(build_path: Path | None, outputs: SuiteOutputs) -> None:
+    """Drive the suite "tracking", print, draw, and judge.
 
     Raises:
         CheckFailed: something that is asked was missed; everything is printed and written before.
-        CodegenError: an unknown suite, or what cannot be solved, tuned, built, compiled or written.
+        CodegenError: what cannot be solved, tuned, built, compiled or written.
     """
     from codegen.report.suite_tables import failures, sections
     from hil_sim.suite.candidate import of_folder, recommended
     from hil_sim.suite.whole import run_whole
 
-    if suite not in SUITES:
-        raise CodegenError(
-            f"there is no suite {suite!r}", where="--suite", remedy=f"known: {', '.join(SUITES)}{suggestion(suite, SUITES)}"
-        )
     outputs.check()
     candidate = recommended() if build_path is None else of_folder(build_path)
     whole = run_whole(candidate, instructions_of_step, console.progress)
@@ -84,7 +119,7 @@ def run_suite_command(suite: str, build_path: Path | None, outputs: SuiteOutputs
         notes = {"edited": list(whole.edited), "notes": list(whole.notes), "pictures": [str(path) for path in written]}
         console.print_json({**facts, **result.to_dict(), **notes})
     else:
-        _say(f"suite {suite}: {candidate.title}", sections(result), written)
+        _say(f"suite tracking: {candidate.title}", sections(result), written)
         for path in whole.edited:
             console.note(f"{path} was changed after the build; it was tested as it is")
         for text in whole.notes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +16,25 @@ from codegen.cli.values import configuration_file, map_file, map_to_write
 from codegen.errors import ConfigError, MapError, within
 
 if TYPE_CHECKING:
-    from codegen.config import Config, Schedule
+    from codegen.config import Config
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
     from codegen.refmap.map import ReferenceMap
+    from codegen.tuning.transient import Response
+    from codegen.tuning.tune import Tuned
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
 """Tables of the configuration that a solved map was made from: to store others in it would be untrue."""
 
+RESPONSE_HEADER = (
+    "speed km/h",
+    "lead ms",
+    "response gain s",
+    "overshoot %",
+    "settling s",
+    "t90 s",
+    "of other cars, overshoot %",
+)
 HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sensitivity", "cars", "nearest to a demand")
 
 
@@ -41,14 +53,15 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
     """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map.
 
-    For a map of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
+    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain. For a map
+    of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
     """
     from codegen.design.margins import gains_of, weakest
-    from codegen.design.tune import design
     from codegen.emit.evidence import critical_speed_note
     from codegen.emit.outputs import check_output
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
+    from codegen.tuning.tune import tune as tune_map
 
     check_output(output, ".npz", (config_path,))
     reference_map = npz.load(map_path)
@@ -60,19 +73,22 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     if config_path is not None:
         _check_same_origin(reference_map, chosen.config, config_path)
     with within(config_path or map_path), console.progress("tuning") as progress:
-        made = design(chosen.config, progress)
-        config = _with_schedule(chosen.config, made.schedule, config_path or map_path)
-        config, trim = _with_trim(reference_map, config, config_path or map_path)
+        tuned = tune_map(reference_map, chosen.config, progress, config_path or map_path)
+    config, made = tuned.config, tuned.design
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
+    trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
     notes = [text for text in (*chosen.notes, critical_speed_note(config)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
-        console.print_json({**facts, **_to_dict(config, made, least), **trim})
+        responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
         return
     for text in notes:
         console.note(text)
     _print(output, config, made, least)
+    if tuned.responses:
+        _print_responses(tuned.responses)
     if trim:
         console.say(_trim_text(trim))
 
@@ -92,44 +108,22 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
         )
 
 
-def _with_schedule(config: Config, schedule: Schedule, where: Path) -> Config:
-    """The configuration with the controller that the schedule is for."""
-    from codegen.config import parse
+def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
+    """What to tell of the trim; nothing where it is enough as it is, or nothing is asked of it."""
+    from codegen.config import KM_H
 
-    data = config.model_dump(mode="json")
-    data["controller"]["kind"] = "tracking"
-    data["controller"]["tracking"]["schedule"] = schedule.model_dump(mode="json")
-    return parse(data, where)
-
-
-def _with_trim(reference_map: ReferenceMap, config: Config, where: Path) -> tuple[Config, dict[str, Any]]:
-    """The configuration with a trim that takes back what the reference model turns more than the map allows, as far as a trim
-    may; with what to tell of it, nothing where the trim is enough as it is or nothing is asked of it."""
-    from codegen.config import KM_H, parse
-    from codegen.controller_sections import TRIM_MAX_PERCENT
-    from codegen.refmap.extend import extend
-    from codegen.refmap.model_excess import asks_for_more, model_excess
-
-    before = config.controller.tracking.trim_max_percent
-    if not asks_for_more(reference_map, config):
-        return config, {}
-    total = extend(reference_map, config, config.steering.front_angle_stop)
-    excess = model_excess(reference_map, total, config)
-    if excess.percent <= before:
-        return config, {}
-    data = config.model_dump(mode="json")
-    data["controller"]["tracking"]["trim_max_percent"] = min(float(excess.trim_percent), TRIM_MAX_PERCENT)
-    changed = parse(data, where)
-    told = {
-        "trim_max_percent": changed.controller.tracking.trim_max_percent,
+    excess = made.excess
+    if excess is None:
+        return {}
+    return {
+        "trim_max_percent": made.config.controller.tracking.trim_max_percent,
         "trim_max_percent_before": before,
-        "trim_is_enough": excess.trim_percent <= TRIM_MAX_PERCENT,
+        "trim_is_enough": made.trim_is_enough,
         "reference_model_excess_percent": excess.percent,
         "excess_at_km_h": round(excess.speed / KM_H, 1),
         "excess_at_front_angle_deg": round(math.degrees(excess.front_angle), 2),
         "excess_at_friction": excess.friction,
     }
-    return changed, told
 
 
 def _trim_text(told: dict[str, Any]) -> str:
@@ -210,6 +204,33 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
     if 0 in made.counted:
         first = made.schedule.speed_km_h[made.counted.index(0)]
         console.note(f"from {first:g} km/h no gains meet the demands, not even for the configured car; the last ones are held")
+
+
+def _print_responses(responses: Sequence[Response]) -> None:
+    from codegen.report.summary import table
+    from codegen.tuning.transient import OVERSHOOT_PERCENT, SETTLING_S
+
+    rows = [
+        (
+            f"{one.speed_km_h:g}",
+            f"{1e3 * one.lead_s:.0f}",
+            f"{one.response_gain_s:.3f}",
+            f"{one.overshoot_percent:.1f}",
+            f"{one.settling_s:.2f}",
+            f"{one.rise_s:.2f}",
+            f"{one.family_overshoot_percent:.1f}",
+        )
+        for one in responses
+    ]
+    console.say(
+        f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
+    )
+    console.say(table(RESPONSE_HEADER, rows))
+    missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
+    if missed:
+        console.note(
+            f"around {', '.join(missed)} km/h no lead and response gain keep both limits; those that come nearest are taken"
+        )
 
 
 COMMANDS = (tune,)

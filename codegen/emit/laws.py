@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import TRIM_MAX_PERCENT
+from codegen.controller_sections import LEAD_MAX_S, RESPONSE_GAIN_MAX_S, TRIM_MAX_PERCENT
 from codegen.design.margins import Gains, gains_of
 from codegen.emit.parameters import Field, Parameter
 from codegen.errors import BuildError
@@ -138,7 +138,22 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             100.0,
             points,
         ),
-        Parameter("lead_time", tracking.lead_s, "s, how far the front angle that enters the map is looked ahead", 0.0, 0.2),
+        Parameter(
+            "lead_time",
+            tuple(schedule.lead_s or [tracking.lead_s] * len(schedule.speed_km_h)),
+            "s, how far the front angle that enters the map is looked ahead",
+            -LEAD_MAX_S,
+            LEAD_MAX_S,
+            points,
+        ),
+        Parameter(
+            "response_gain",
+            tuple(schedule.response_gain_s or [0.0] * len(schedule.speed_km_h)),
+            "s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate",
+            0.0,
+            RESPONSE_GAIN_MAX_S,
+            points,
+        ),
         Parameter(
             "lead_smoothing",
             1.0 - math.exp(-config.controller.sampling_time_s / tracking.lead_smoothing_s),

@@ -13,6 +13,7 @@ from codegen.emit.dynamics_view import SPEED_MIN, FunctionView, function_view
 from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError
 from codegen.vehicle.dynamics import single_track_step
+from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
@@ -74,7 +75,9 @@ class ReferenceModelView:
 
 @dataclass(frozen=True)
 class Curve:
-    """sin(C atan(x - E (x - atan x))) at even steps of s = x/(x + compression), from x = 0 (s = 0) to infinity (s = 1).
+    """The curve of an axle at even steps of s = x/(x + compression), from x = 0 (s = 0) to infinity (s = 1).
+
+    It is sin(C atan(x - E (x - atan x))) less the loss by load transfer, see `vehicle.plant_car.load_transfer_losses`.
 
     Attributes:
         compression: of the argument.
@@ -87,10 +90,10 @@ class Curve:
     error: float
 
 
-def tabulate(tyre: MagicFormulaTyre, where: str = "tyre") -> Curve:
+def tabulate(tyre: MagicFormulaTyre, loss: float = 0.0, where: str = "tyre") -> Curve:
     """The smallest table whose interpolation keeps CURVE_ERROR_MAX. Raises BuildError where none does."""
     for cells in CELLS:
-        found = min((_curve(tyre, cells, compression) for compression in COMPRESSIONS), key=lambda curve: curve.error)
+        found = min((_curve(tyre, loss, cells, compression) for compression in COMPRESSIONS), key=lambda curve: curve.error)
         if found.error <= CURVE_ERROR_MAX:
             return found
     raise BuildError(
@@ -100,18 +103,19 @@ def tabulate(tyre: MagicFormulaTyre, where: str = "tyre") -> Curve:
     )
 
 
-def _curve(tyre: MagicFormulaTyre, cells: int, compression: float) -> Curve:
+def _curve(tyre: MagicFormulaTyre, loss: float, cells: int, compression: float) -> Curve:
     points, places = (np.linspace(0.0, 1.0, count) for count in (cells + 1, cells * ERROR_SAMPLES + 1))
-    values = _shape(tyre, points, compression)
-    error = np.abs(np.interp(places, points, values) - _shape(tyre, places, compression)).max()
+    values = _shape(tyre, loss, points, compression)
+    error = np.abs(np.interp(places, points, values) - _shape(tyre, loss, places, compression)).max()
     return Curve(compression, values, float(error) * ERROR_ALLOWANCE)
 
 
-def _shape(tyre: MagicFormulaTyre, places: FloatArray, compression: float) -> FloatArray:
+def _shape(tyre: MagicFormulaTyre, loss: float, places: FloatArray, compression: float) -> FloatArray:
     with np.errstate(divide="ignore"):
         x = compression * places / (1.0 - places)  # infinite at the end
     straight = (1.0 - tyre.curvature_factor) * x if tyre.curvature_factor < 1.0 else 0.0
-    result: FloatArray = np.sin(tyre.shape_factor * np.arctan(straight + tyre.curvature_factor * np.arctan(x)))
+    value = np.sin(tyre.shape_factor * np.arctan(straight + tyre.curvature_factor * np.arctan(x)))
+    result: FloatArray = 2.0 * value / (1.0 + np.sqrt(np.maximum(1.0 + 4.0 * loss * value * value, 0.0)))
     return result
 
 
@@ -125,14 +129,15 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
     """Return the view of a car's reference model."""
     period = config.controller.sampling_time_s
     model, tyres = single_track_step(config, period), AxleTyres.from_config(config)
+    losses = load_transfer_losses(config)
     car, inputs, actuator = SingleTrack.from_config(config), config.controller.inputs, config.rear_actuator
 
     def text(value: float) -> str:
         return literal(value, precision)
 
     return ReferenceModelView(
-        front=_curve_view(tyres.front, "front", precision),
-        rear=_curve_view(tyres.rear, "rear", precision),
+        front=_curve_view(tyres.front, losses[0], "front", precision),
+        rear=_curve_view(tyres.rear, losses[1], "rear", precision),
         arguments=function_view(model.arguments, "arguments_of", precision),
         change=function_view(model.change, "change_of", precision),
         period_text=f"{period * 1e3:g} ms",
@@ -155,8 +160,8 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
     )
 
 
-def _curve_view(tyre: MagicFormulaTyre, name: str, precision: Precision) -> CurveView:
-    curve = tabulate(tyre, f"tyre.{name}")
+def _curve_view(tyre: MagicFormulaTyre, loss: float, name: str, precision: Precision) -> CurveView:
+    curve = tabulate(tyre, loss, f"tyre.{name}")
     return CurveView(
         name=name,
         NAME=name.upper(),

@@ -27,7 +27,12 @@ GROUP_TITLES: Mapping[Group, str] = {"map": "Map", "controller": "Controller", "
 FLOAT_MAX = sys.float_info.max  # beyond it are infinity, and whole numbers of hundreds of digits
 LAMBDA, FRICTION = "lambda", "road.friction"
 WEIGHT_KEY = "sideslip_weight_per_s2"
-SCALES = {"proportional_percent": "proportional_gain_s", "integral_percent": "integral_gain"}
+SCALES = {
+    "proportional_percent": "proportional_gain_s",
+    "integral_percent": "integral_gain",
+    "lead_percent": "lead_s",
+    "response_percent": "response_gain_s",
+}
 """Control -> the row of the gain schedule that it scales."""
 STEP_SPEED, STEP_ANGLE, STEP_ROAD = "step.speed_km_h", "step.angle_deg", "step.road_percent"
 
@@ -153,7 +158,20 @@ _TRACKING_CONTROLS = (
         value=100.0,
     ),
     Control(
-        "controller.tracking.lead_s", "controller", "Look ahead", "s", "On the front angle that enters the map", 0.0, 0.1, 0.001
+        *("lead_percent", "controller", "Look ahead", "%", "Of the lead over speed at the start, on the front angle"),
+        *(0.0, 300.0, 1.0),
+        value=100.0,
+    ),
+    Control(
+        *(
+            "response_percent",
+            "controller",
+            "Response gain",
+            "%",
+            "Of the gain over speed at the start, on what the model lacks",
+        ),
+        *(0.0, 300.0, 1.0),
+        value=100.0,
     ),
     Control(
         "controller.tracking.yaw_increasing_max_deg",
@@ -270,10 +288,13 @@ def apply(start: Config, case: str, controls: tuple[Control, ...], values: Value
         if key == LAMBDA:
             data["cases"][case][WEIGHT_KEY] = value
         elif key in SCALES:
-            schedule = data["controller"]["tracking"]["schedule"]
-            schedule[SCALES[key]] = [float(f"{gain * value / 100.0:.6g}") for gain in schedule[SCALES[key]]]
-            # Those were the margins of other gains.
-            schedule |= dict.fromkeys(("gain_margin_db", "phase_margin_deg", "sensitivity"))
+            tracking = data["controller"]["tracking"]
+            schedule = tracking["schedule"]
+            untuned = {"lead_s": tracking["lead_s"]}.get(SCALES[key], 0.0)
+            at_start = schedule.get(SCALES[key]) or [untuned] * len(schedule["speed_km_h"])
+            schedule[SCALES[key]] = [float(f"{gain * value / 100.0:.6g}") for gain in at_start]
+            if key in ("proportional_percent", "integral_percent"):  # those were the margins of other gains
+                schedule |= dict.fromkeys(("gain_margin_db", "phase_margin_deg", "sensitivity"))
         elif _is_of_config(key):
             section, _, name = key.rpartition(".")
             table = data

@@ -1,8 +1,8 @@
 """By how much the reference model of kind "tracking" turns more than its map, in steady state with the map's rear angle.
 
-The model is the single-track car with Magic Formula tyres at static wheel loads. A map of linear tyres asks for at least what
-it can do. A map of the nonlinear car may ask for less: track and load transfer cost that car yaw rate, most where the map ends
-at high speed. The trim takes back what it is allowed to (`controller.tracking.trim_max_percent`).
+The model is the single-track car of `vehicle.dynamics.single_track(config, "load-transfer")`, which has what track and load
+transfer cost the nonlinear car. What the tables of a build and the model's other simplifications leave is for the trim
+(`controller.tracking.trim_max_percent`). A map of linear tyres asks for at least what the model can do.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.config import KM_H, Config
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import layer_configs
@@ -21,6 +22,8 @@ from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
 from codegen.refmap.turns import turns_of
 from codegen.vehicle.dynamics import single_track
+
+FloatArray = npt.NDArray[np.float64]
 
 STEPS = 30
 """Of Newton's method, which starts at the map's own turn, a few percent off."""
@@ -86,20 +89,31 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     friction = config.road.friction
     yaw_rate, rear_angle = lookup.reference(speed, front_angle, friction)
     wanted, largest = yaw_rate.astype(np.float64), lookup.cars[-1].rear_angle_max  # the laws hold the rear angle there
-    inputs = np.array([speed, front_angle, np.clip(rear_angle, -largest, largest), np.full(speed.size, friction)])
+    inputs = np.array([speed, front_angle, rear_angle, np.full(speed.size, friction), wanted, _response_gain(config, speed)])
     state = np.array([optimum.sideslip, wanted])
-    derivative = single_track(config, "magic-formula").derivative
-    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 4)
-    rate = derivative(x, u)
+    derivative = single_track(config, "load-transfer").derivative
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 6)
+    rear = ca.fmax(ca.fmin(u[2] - u[5] * (u[4] - x[1]), largest), -largest)
+    rate = derivative(x, ca.vertcat(u[0], u[1], rear, u[3]))
     newton = ca.Function("newton", [x, u], [x - ca.solve(ca.jacobian(rate, x), rate)])
+    residual = ca.Function("residual", [x, u], [rate])
     for _ in range(STEPS):
         state = np.asarray(newton(state, inputs))
-    settled = np.abs(np.asarray(derivative(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
+    settled = np.abs(np.asarray(residual(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
     # What the table is below the optimum is no excess; where it is above, the trim draws to the table.
     excess = state[1] - np.fmax(wanted, optimum.yaw_rate)
     share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)
     worst = int(share.argmax())
     return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]), friction)
+
+
+def _response_gain(config: Config, speed: FloatArray) -> FloatArray:
+    """s, for speeds (n,) in m/s: with it the feedforward steers for the yaw rate that the model lacks or has too much."""
+    schedule = config.controller.tracking.schedule
+    if schedule is None or schedule.response_gain_s is None:
+        return np.zeros(speed.shape)
+    gain: FloatArray = np.interp(speed / KM_H, schedule.speed_km_h, schedule.response_gain_s)
+    return gain
 
 
 def asks_for_more(reference_map: ReferenceMap, config: Config) -> bool:

@@ -124,7 +124,7 @@ def reproduce(folder: Path, config: Config | None = None, done: Callable[[int, i
     manoeuvre = find(DEFAULT)
     records = {}
     outputs["map 4WS-2, tracking"] = folder / "4ws2-tracking.npz"
-    best = tuned(recommended_config(config))
+    best = tuned(maps[RUNS["C1"]], recommended_config(config))
     npz.save(solve_case(best, RUNS["C1"]), outputs["map 4WS-2, tracking"])
     tell()
     built = {name: outputs[f"map {CASES[case]}"] for name, case in RUNS.items()}

@@ -9,12 +9,14 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from hil_sim.scenarios import PATH_SCENARIOS
+from hil_sim.suite.cars import SHARES, SPEEDS_KM_H
 from hil_sim.suite.conditions import LAGS, NOMINAL
 from hil_sim.suite.price import compare_rise
 from hil_sim.suite.sample_timing import TIMINGS
 from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
+    from hil_sim.suite.cars import CarResult, CarsResult
     from hil_sim.suite.loop_margins import MarginPoint
     from hil_sim.suite.price import SineTracking
     from hil_sim.suite.requirements import Requirement
@@ -116,6 +118,68 @@ def failures(rows: Sequence[Requirement]) -> list[str]:
         for row in rows
         if row.passed is False and not row.stretch
     ]
+
+
+# --- random cars -------------------------------------------------------------------------------------------------------
+
+_CAR_FIGURES = (
+    ("overshoot (%)", "overshoot_percent", 1),
+    ("settling (s)", "settling_time_s", 2),
+    ("t90 (s)", "rise_time_s", 2),
+    ("|sideslip| (deg)", "sideslip_max_deg", 1),
+    ("error to the map (%)", "map_error_percent", 2),
+)
+
+
+def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
+    """Titles and texts of `codegen sil --suite cars`."""
+    speeds, shares = (_listed([f"{value:g}" for value in values]) for values in (SPEEDS_KM_H, (100.0 * s for s in SHARES)))
+    yield (
+        "Random cars: mass, wheelbase, understeer gradient, largest rear angle, actuator lag",
+        "\n".join(f"{car.title}: {'all limits met' if car.passed else _car_faults(car)}" for car in result.cars),
+    )
+    driven = [car for car in result.cars if car.summary is not None]
+    if driven:
+        yield "Largest of all cells, and where", columns([_CAR_HEADER], [_car_row(car) for car in driven])
+    told = f"Cells: step steers at {speeds} km/h with {shares} % of the largest feasible front angle, one sample of delay."
+    limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
+    yield "Limits of every car", _wrapped(f"{limits}. {told}")
+    yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
+
+
+_CAR_HEADER = ("", *(title for title, _, _ in _CAR_FIGURES), "slip (%)", "spins", "margins (dB / deg)")
+
+
+def _car_row(car: CarResult) -> tuple[str, ...]:
+    summary, margins = car.summary, car.margins
+    assert summary is not None  # asked only of cars that were driven
+    return (
+        f"car {car.number}",
+        *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),
+        _placed(car.slip_percent, 1),
+        str(len(summary.spins)) if summary.spins else NONE,
+        NONE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
+    )
+
+
+def _placed(found: Extreme | None, digits: int) -> str:
+    """A figure and its cell: "4.8 at 120/50", km/h and percent of the feasible angle."""
+    if found is None:
+        return NONE
+    share = "" if found.cell.share is None else f"/{100.0 * found.cell.share:g}"
+    return f"{_number(found.value, digits)} at {found.cell.speed_km_h:g}{share}"
+
+
+def _car_faults(car: CarResult) -> str:
+    return car.error or "; ".join(row.figure for row in car.requirements if row.passed is False)
+
+
+def car_failures(result: CarsResult) -> list[str]:
+    """What each car misses, a text for each figure."""
+    found = []
+    for car in result.cars:
+        found += [f"car {car.number}: {car.error}"] if car.error else failures(car.requirements)
+    return found
 
 
 # --- by condition ------------------------------------------------------------------------------------------------------

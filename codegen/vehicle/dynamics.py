@@ -19,8 +19,14 @@ from typing import Any, Literal
 import casadi as ca
 
 from codegen.config import Config
-from codegen.vehicle.expressions import Model, curve_argument, magic_formula, make_model
-from codegen.vehicle.plant_car import PLANT_PARAMETERS, load_transfer_per_lateral_acceleration, plant_parameters
+from codegen.vehicle.expressions import Model, axle_curve, curve_argument, magic_formula, make_model
+from codegen.vehicle.plant_car import (
+    PLANT_PARAMETERS,
+    load_shares_per_lateral_acceleration,
+    load_transfer_losses,
+    load_transfer_per_lateral_acceleration,
+    plant_parameters,
+)
 from codegen.vehicle.two_track import (
     PLANT_INPUTS,
     PLANT_OUTPUTS,
@@ -54,7 +60,7 @@ __all__ = [
     "two_track_of_parameters",
 ]
 
-TyreModel = Literal["linear", "magic-formula"]
+TyreModel = Literal["linear", "magic-formula", "load-transfer"]
 
 SINGLE_TRACK_STATES = ("sideslip_angle", "yaw_rate")
 SINGLE_TRACK_INPUTS = ("speed", "front_angle", "rear_angle", "friction")
@@ -64,7 +70,8 @@ SINGLE_TRACK_INPUTS = ("speed", "front_angle", "rear_angle", "friction")
 class SingleTrackStep:
     """One linearly implicit step of the single-track model with Magic Formula tyres, split around the tyre curves.
 
-    The caller evaluates curve(X) = sin(C atan(X - E (X - atan X))) and its slope in its own way, at X = arguments(x, u).
+    The caller evaluates the axle's curve and its slope in its own way, at X = arguments(x, u): sin(C atan(X - E (X - atan X)))
+    less the loss by load transfer (`plant_car.load_transfer_losses`).
 
     Attributes:
         arguments: (x, u) -> X (2,): B (alpha - S_H) of the front and of the rear tyre.
@@ -82,6 +89,11 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
 
     States [beta (rad), r (rad/s)], inputs [vx (m/s, above zero), delta_f (rad), delta_r (rad), friction]. With linear tyres
     the friction has no effect.
+
+    "load-transfer" has in steady turns the yaw rate of the two-track car, within 1 % of it: the curve of an axle
+    includes what load transfer costs it, and of two steered wheels the one that carries more pulls its axle back by more. That
+    moment is half a track times the steering angle times the difference of both side forces, which is the force of the axle
+    times the share of the load that has moved.
     """
     tyres, vehicle = AxleTyres.from_config(config), config.vehicle
     beta, yaw_rate = ca.SX.sym("beta"), ca.SX.sym("r")
@@ -90,13 +102,25 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
         beta + vehicle.cg_to_front_axle_m * yaw_rate / speed - front,
         beta - vehicle.cg_to_rear_axle_m * yaw_rate / speed - rear,
     )
-    force_front, force_rear = (
-        -2.0 * tyre.cornering_stiffness * slip
-        if tyre_model == "linear"
-        else -2.0 * magic_formula(tyre, slip, tyre.static_load, friction)
-        for tyre, slip in zip((tyres.front, tyres.rear), slips, strict=True)
-    )
-    moment = vehicle.cg_to_front_axle_m * force_front - vehicle.cg_to_rear_axle_m * force_rear
+    arms: tuple[Any, Any] = vehicle.cg_to_front_axle_m, vehicle.cg_to_rear_axle_m
+    both = tuple(zip((tyres.front, tyres.rear), slips, strict=True))
+    if tyre_model == "load-transfer":
+        force_front, force_rear = (
+            -2.0
+            * (
+                tyre.peak(tyre.static_load, 1.0) * friction * axle_curve(tyre, curve_argument(tyre, slip), loss)
+                + tyre.vertical_shift
+            )
+            for (tyre, slip), loss in zip(both, load_transfer_losses(config), strict=True)
+        )
+        acceleration = (force_front + force_rear) / vehicle.mass_kg
+        shorter = (front * acceleration, -rear * acceleration)
+        arms = tuple(arm - by * way for arm, by, way in zip(arms, _arm_losses(config), shorter, strict=True))
+    elif tyre_model == "linear":
+        force_front, force_rear = (-2.0 * tyre.cornering_stiffness * slip for tyre, slip in both)
+    else:
+        force_front, force_rear = (-2.0 * magic_formula(tyre, slip, tyre.static_load, friction) for tyre, slip in both)
+    moment = arms[0] * force_front - arms[1] * force_rear
     return make_model(
         f"single_track_{tyre_model.replace('-', '_')}",
         (SINGLE_TRACK_STATES, SINGLE_TRACK_INPUTS, ()),
@@ -110,12 +134,19 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
     )
 
 
+def _arm_losses(config: Config) -> tuple[float, float]:
+    """m of a steered axle's arm that are lost for each rad and m/s^2: half a track times the share of the load that moves."""
+    front, rear = load_shares_per_lateral_acceleration(config)
+    return 0.5 * config.vehicle.track_m * front, 0.5 * config.vehicle.track_m * rear
+
+
 def single_track_step(config: Config, step: float) -> SingleTrackStep:
-    """Return the step over `step` seconds of the model of `single_track(config, "magic-formula")`.
+    """Return the step over `step` seconds of the model of `single_track(config, "load-transfer")`.
 
     The change d of the state solves (I - step/2 J) d = step f(x): the linearly implicit midpoint rule, a Rosenbrock method of
     one stage (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7). It is of second order, needs one
-    evaluation of each tyre curve, and damps whatever the car damps at any speed, as long as no slope is negative.
+    evaluation of each tyre curve, and damps whatever the car damps at any speed, as long as no slope is negative. J leaves out
+    what load transfer does, which is slow and small.
     """
     tyres, vehicle = AxleTyres.from_config(config), config.vehicle
     mass, inertia = vehicle.mass_kg, vehicle.yaw_inertia_kg_m2
@@ -135,10 +166,14 @@ def single_track_step(config: Config, step: float) -> SingleTrackStep:
         peak = scale * tyre.peak(tyre.static_load, 1.0) * friction
         force.append(peak * value[k] + scale * tyre.vertical_shift)
         stiffness.append(0.5 * tyre.stiffness_factor * peak * slope[k])
+    sum_of_forces = force[0] + force[1]  # the lateral acceleration, times -step
+    lost_front, lost_rear = (loss / step for loss in _arm_losses(config))
+    front_moment = (front_arm + lost_front * (front * sum_of_forces)) * force[0]
+    rear_moment = (rear_arm - lost_rear * (rear * sum_of_forces)) * force[1]
     front_yaw, rear_yaw = (mass * arm / inertia * half for arm, half in zip((front_arm, rear_arm), stiffness, strict=True))
     # (I - step/2 J) = [[m00, m01], [m10, m11]], and step f(x) = [-drift, yaw].
-    drift = slowness * (force[0] + force[1]) + step * yaw_rate
-    yaw = mass * rear_arm / inertia * force[1] - mass * front_arm / inertia * force[0]
+    drift = slowness * sum_of_forces + step * yaw_rate
+    yaw = mass / inertia * (rear_moment - front_moment)
     m00 = 1.0 + slowness * (stiffness[0] + stiffness[1])
     m10 = front_yaw - rear_yaw
     m01 = 0.5 * step + inertia / mass * (slowness * slowness) * m10

@@ -49,6 +49,12 @@ def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
     return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
 
 
+def axle_curve(tyre: MagicFormulaTyre, x: Any, loss: float) -> Any:
+    """The curve of an axle with a loss by load transfer, see `plant_car.load_transfer_losses`: c = s - loss s c^2."""
+    value = curve(tyre, x)
+    return 2.0 * value / (1.0 + ca.sqrt(ca.fmax(1.0 + 4.0 * loss * value * value, 0.0))) if loss else value
+
+
 def magic_formula(tyre: MagicFormulaTyre, slip: Any, load: Any, friction: Any) -> Any:
     """F in N for one wheel; see `tyre.MagicFormulaTyre.force`."""
     relative: Any = tyre.peak_factor

@@ -156,6 +156,28 @@ def plant_symbols() -> Any:
     return ca.vertcat(*(ca.SX.sym(name) for name in PLANT_PARAMETERS))
 
 
+def load_shares_per_lateral_acceleration(config: Config) -> tuple[float, float]:
+    """Share of a wheel's static load that moves across the front and the rear axle, for each m/s^2."""
+    moved, loads = load_transfer_per_lateral_acceleration(config), static_wheel_loads(config)
+    return moved[0] / loads[0], moved[1] / loads[1]
+
+
+def load_transfer_losses(config: Config) -> tuple[float, float]:
+    """Loss q of the front and of the rear axle: what the load sensitivity of its tyres costs it in a steady turn.
+
+    With a tyre's curve s, the axle's curve c is s (1 + p2/p1 x^2). The share x of the load that moves follows from the axle's
+    own force: x = x1 mu p1 g c, x1 being the share for each m/s^2. Hence c = s - q s c^2. Zero for tyres without load
+    sensitivity. (H. B. Pacejka, Tire and Vehicle Dynamics, section 1.3.1: effective axle characteristics.)
+    """
+    shares = load_shares_per_lateral_acceleration(config)
+    largest = config.road.friction * config.road.gravity_m_s2
+    front, rear = (
+        -tyre.peak_load_sensitivity_p2 * tyre.peak_factor_p1 * (share * largest) ** 2
+        for tyre, share in zip((config.tyre.front, config.tyre.rear), shares, strict=True)
+    )
+    return front, rear
+
+
 def load_transfer_per_lateral_acceleration(config: Config) -> tuple[float, float]:
     """Load that moves from the inner to the outer wheel of the front and of the rear axle, N for each m/s^2.
 

@@ -87,7 +87,7 @@ class Candidate:
             if not LAWS[config.controller.kind].scheduled or (name == self.name and self.folder is not None):
                 continue
             try:
-                configs[name] = tuned(config, steps)
+                configs[name] = tuned(reference_map, config, steps)
             except ConfigError as error:
                 if name == self.name:
                     raise

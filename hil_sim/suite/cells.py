@@ -68,8 +68,10 @@ class Cell:
         return asdict(self)
 
 
-def cells(config: Config, case: Case) -> tuple[Cell, ...]:
-    """The 24 cells of a car: SPEEDS_KM_H times SHARES; fewer for a grid that ends at a lower speed.
+def cells(
+    config: Config, case: Case, speeds_km_h: tuple[float, ...] = SPEEDS_KM_H, shares: tuple[float, ...] = SHARES
+) -> tuple[Cell, ...]:
+    """The cells of a car: speeds times shares, by default 24; fewer for a grid that ends at a lower speed.
 
     The largest feasible front angle is that of the continuous problem, capped at the grid's last front angle.
 
@@ -78,17 +80,17 @@ def cells(config: Config, case: Case) -> tuple[Cell, ...]:
         ConfigError: see `turns_of` and `breakpoints`.
     """
     speed, front_angle = breakpoints(config)
-    speeds = tuple(value for value in SPEEDS_KM_H if value * KM_H <= speed[-1] * (1.0 + 1e-9))
+    speeds = tuple(value for value in speeds_km_h if value * KM_H <= speed[-1] * (1.0 + 1e-9))
     if not speeds:
         raise CodegenError(
-            f"the grid ends at {speed[-1] / KM_H:.4g} km/h, and the slowest cell of the test set has {SPEEDS_KM_H[0]:g}",
+            f"the grid ends at {speed[-1] / KM_H:.4g} km/h, and the slowest cell of the test set has {speeds_km_h[0]:g}",
             where="grid",
             remedy="solve a map that reaches higher speeds",
         )
     edge = turns_of(config, case).edge(np.array(speeds) * KM_H, float(front_angle[-1])).front_angle
     largest = np.rad2deg(np.minimum(edge, front_angle[-1]))
     return tuple(
-        Cell(value, share * float(angle), share) for value, angle in zip(speeds, largest, strict=True) for share in SHARES
+        Cell(value, share * float(angle), share) for value, angle in zip(speeds, largest, strict=True) for share in shares
     )
 
 

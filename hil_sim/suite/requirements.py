@@ -21,6 +21,7 @@ OVERSHOOT_PERCENT, SETTLING_S, SIDESLIP_DEG = 3.0, 1.1, 3.2
 MAP_ERROR_PERCENT = 1.0
 """Of the steady yaw rate, either way: a goal, for a map of linear tyres asks for more than a nonlinear car can do."""
 SLOW_ACTUATOR_OVERSHOOT_PERCENT, SLOW_ACTUATOR_STRETCH_PERCENT = 16.0, 5.0
+CAR_OVERSHOOT_PERCENT, CAR_SETTLING_S, CAR_SLIP_PERCENT = 5.0, 1.1, 101.0
 GAIN_MARGIN_DB, PHASE_MARGIN_DEG, SENSITIVITY = 8.0, 45.0, 1.8
 THIRD_PARTY_OVERSHOOT_PERCENT = 3.0
 WET_SIDESLIP_DEG, SNOW_SIDESLIP_DEG, SNOW_SPINS_WITHOUT_ESTIMATE = 3.5, 5.5, 1
@@ -148,13 +149,13 @@ def _worst(summary: Summary | None, matter: str, figure: str, unit: str, limit: 
     return Requirement(matter, figure, unit, *asked, measured=row.measured, passed=False, stretch=row.stretch, note=why)
 
 
-def _map_error(summary: Summary | None, matter: str) -> Requirement:
+def _map_error(summary: Summary | None, matter: str, stretch: bool = True) -> Requirement:
     """Of largest magnitude over the cells; a spin fails elsewhere."""
     figure, found = "|error to the map|, steady", None if summary is None else summary.map_error_percent
     asked: tuple[Sense, float] = ("at most", MAP_ERROR_PERCENT)
     if found is None:
-        return _absent(matter, figure, "%", asked, stretch=True)
-    return _row(matter, figure, "%", asked, abs(found.value), f"{found.value:+.1f} %: {found.cell.title}", stretch=True)
+        return _absent(matter, figure, "%", asked, stretch=stretch)
+    return _row(matter, figure, "%", asked, abs(found.value), f"{found.value:+.1f} %: {found.cell.title}", stretch=stretch)
 
 
 def _spins(summary: Summary | None, matter: str, limit: int) -> Requirement:
@@ -188,7 +189,7 @@ def _over_cells(measured: Measured) -> list[Requirement]:
     ]
 
 
-def _margins(margins: FamilyMargins | None) -> list[Requirement]:
+def _margins(margins: FamilyMargins | None, matter: str = "margins over the family") -> list[Requirement]:
     figures: tuple[tuple[str, str, Sense, float, str], ...] = (
         ("gain margin", "dB", "at least", GAIN_MARGIN_DB, "gain_margin_db"),
         ("phase margin", "deg", "at least", PHASE_MARGIN_DEG, "phase_margin_deg"),
@@ -197,10 +198,10 @@ def _margins(margins: FamilyMargins | None) -> list[Requirement]:
     rows = []
     for figure, unit, sense, limit, name in figures:
         if margins is None:
-            rows.append(_absent("margins over the family", figure, unit, (sense, limit)))
+            rows.append(_absent(matter, figure, unit, (sense, limit)))
             continue
         note = f"at {margins.speed_of(name):g} km/h" if all(p.stable for p in margins.points) else "an unstable loop"
-        rows.append(_row("margins over the family", figure, unit, (sense, limit), getattr(margins, name), note))
+        rows.append(_row(matter, figure, unit, (sense, limit), getattr(margins, name), note))
     return rows
 
 
@@ -275,6 +276,24 @@ def requirements(measured: Measured) -> tuple[Requirement, ...]:
         *_timing(measured.timing),
         *_path_errors(measured.path_errors),
         _instructions(measured.instructions),
+    )
+
+
+def car_requirements(
+    matter: str, summary: Summary, slip_percent: Extreme | None, margins: FamilyMargins | None
+) -> tuple[Requirement, ...]:
+    """Rows of one car of `codegen sil --suite cars`; they hold for every car."""
+    slip: tuple[Sense, float] = ("at most", CAR_SLIP_PERCENT)
+    title = "slip of its bound, steady"
+    return (
+        _spins(summary, matter, 0),
+        _worst(summary, matter, "overshoot", "%", CAR_OVERSHOOT_PERCENT, "overshoot_percent"),
+        _worst(summary, matter, "settling time to 2 %", "s", CAR_SETTLING_S, "settling_time_s"),
+        _map_error(summary, matter, stretch=False),
+        _absent(matter, title, "%", slip)
+        if slip_percent is None
+        else _row(matter, title, "%", slip, slip_percent.value, slip_percent.cell.title),
+        *_margins(margins, matter)[:2],
     )
 
 

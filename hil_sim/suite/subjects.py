@@ -11,7 +11,6 @@ from typing import Any
 
 from codegen import config as configuration
 from codegen.config import Config, Kind
-from codegen.design.tune import tune
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import read_files, read_manifest, verify_hashes
 from codegen.emit.text import Precision
@@ -19,6 +18,7 @@ from codegen.refmap import map as npz
 from codegen.refmap.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side
+from codegen.tuning.tune import tune
 
 AroundPlant = Callable[[Config], Software]
 """From the configuration of a plant to the controller under test, compiled together with that plant."""
@@ -139,10 +139,9 @@ def recommended_config(config: Config) -> Config:
     return changed.model_copy(update={"limiter": best.limiter})
 
 
-def tuned(config: Config, progress: Callable[[int, int], None] | None = None) -> Config:
-    """The configuration with the gains that `codegen tune` designs for it. Raises ConfigError where there are none."""
-    tracking = config.controller.tracking.model_copy(update={"schedule": tune(config, progress)})
-    return _with_controller(config, tracking=tracking)
+def tuned(reference_map: ReferenceMap, config: Config, progress: Callable[[int, int], None] | None = None) -> Config:
+    """The configuration with what `codegen tune` determines for it on a map. Raises ConfigError where there are no gains."""
+    return tune(reference_map, config, progress).config
 
 
 def _with_controller(config: Config, **changes: Any) -> Config:

@@ -75,7 +75,7 @@ class Job:
         if not self.controlled:
             config = baseline_configs(config)["pi"]  # any controller: it is not asked, only its map
         elif LAWS[config.controller.kind].scheduled:
-            config = tuned(config)
+            config = tuned(reference_map, config)
         software = of_config(CONDITION, reference_map, config).around(config)
         return third_party_cells(reference_map, config, software, controlled=self.controlled)
 

@@ -8,11 +8,14 @@ from typing import Any
 import pytest
 
 from codegen import config as configuration
-from hil_sim.suite import whole
+from hil_sim.suite import cars, whole
 from hil_sim.suite.candidate import Candidate
+from hil_sim.suite.cars import CarResult, CarsResult
+from hil_sim.suite.requirements import car_requirements
+from hil_sim.suite.summary import Extreme, summarise
 from hil_sim.suite.tracking import SuiteResult
 from hil_sim.suite.whole import Whole
-from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, with_table
+from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
 from .conftest import Run, everything_in
 
@@ -61,3 +64,35 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert "NOT MET" in answer.out
     figure = "all cells, as configured: |sideslip| 4.25 deg (at most 3.2 deg)"
     assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
+
+
+def car(number: int, overshoot: float, error: str = "") -> CarResult:
+    summary = summarise("tracking", "x", [cell_result("tracking", CELLS[-1], "x", overshoot_percent=overshoot)])
+    loop, slip = margins(stable=True), Extreme(99.0, CELLS[-1])
+    rows = car_requirements(f"car {number}", summary, slip, loop)
+    return CarResult(
+        number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, None if error else summary, slip, loop, () if error else rows, error
+    )
+
+
+def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
+    asked = []
+
+    def give(seed: int, count: int, steps: object) -> CarsResult:
+        asked.append((seed, count))
+        return CarsResult(seed, tuple(car(number, 4.0) for number in range(1, count + 1)))
+
+    monkeypatch.setattr(cars, "run_cars", give)
+    answer = run("sil", "--suite", "cars")
+    assert answer.code == 0, answer
+    assert (
+        "8 of 8 cars meet all limits" in answer.out and "car 1: 2,000 kg, 2.90 m, 1.00 deg/g, 5.0 deg, 50 ms: all" in answer.out
+    )
+    data = json.loads(run("sil", "--suite", "cars", "--cars", "2", "--seed", "5", "--json").out)
+    assert (data["seed"], data["passed"], len(data["cars"]), asked) == (5, 2, 2, [(1, 8), (5, 2)])
+    mixed = CarsResult(1, (car(1, 4.0), car(2, 5.5), car(3, 1.0, "no gains")))
+    monkeypatch.setattr(cars, "run_cars", lambda *_: mixed)
+    answer = run("sil", "--suite", "cars", "--cars", "3")
+    assert answer.code == 1 and "car 2: 2,000 kg" in answer.out
+    told = "error: 1 of 3 cars meet all limits: car 2: overshoot 5.50 % (at most 5 %); car 3: no gains; see the tables"
+    assert answer.err.splitlines()[-1] == told

@@ -35,7 +35,7 @@ def selftest_passes(files: Folder, at: Path) -> bool:
 
 
 ENDS: dict[str, tuple[float, float]] = {
-    "lead_s": (0.0, 0.2),
+    "lead_s": (-0.2, 0.2),
     "lead_max_deg": (0.0, 10.0),
     "yaw_increasing_max_deg": (0.0, 20.0),
     "trim_max_percent": (0.0, 20.0),

@@ -129,7 +129,7 @@ def test_the_margins_of_the_family_are_those_of_codegen_tune(tracking: Explorer)
 
 FRICTION = {"road.friction": 0.5, "limits.sideslip_max_deg": 1.5}
 LIMITS = {"limits.rear_angle_max_deg": 2.0, "limits.lateral_acceleration_max_g": 0.5, "limits.slip_departure_percent": 8.0}
-GAINS = {"pi": {"controller.integral_gain": 0.3}, "tracking": {"integral_percent": 40.0, "proportional_percent": 150.0}}
+GAINS = {"pi": {"controller.integral_gain": 0.3}, "tracking": {"integral_percent": 40.0, "lead_percent": 150.0}}
 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])

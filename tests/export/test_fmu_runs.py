@@ -92,8 +92,8 @@ def test_a_parameter_tuned_in_a_run_acts_as_in_the_controller(version: Version) 
     got, wanted = [], []
     for k, row in enumerate(rows):
         if k == len(rows) // 3:
-            slave.set({"parameters.lead_time": 0.15, "parameters.inputs.recovery_samples": 7})
-            twin.parameters.lead_time, twin.parameters.inputs.recovery_samples = 0.15, 7
+            slave.set({"parameters.lead_smoothing": 0.15, "parameters.inputs.recovery_samples": 7})
+            twin.parameters.lead_smoothing, twin.parameters.inputs.recovery_samples = 0.15, 7
         slave.set(dict(zip(MEASURED, row, strict=True)))
         slave.step(SAMPLE)
         got.append(slave.row(COMMANDS))

@@ -89,7 +89,7 @@ def test_instances_know_nothing_of_each_other_nor_of_a_run_before_their_reset(ve
     alone, one, two = (Slave(made("loop", version), name) for name in ("alone", "one", "two"))
     wanted = go_on(alone.start(TURN))
     one.start(TURN)
-    two.start({"speed_m_s": 33.0, "friction": 0.4, "parameters.lead_time": 0.2})
+    two.start({"speed_m_s": 33.0, "friction": 0.4, "parameters.lead_smoothing": 0.2})
     assert go_on(one, two) == wanted
     one.set({"parameters.rear_angle_max": 0.03, "inhibit": True})
     one.fmu.terminate()

@@ -49,7 +49,7 @@ def tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fixed schedule stands in for the design of gains."""
     tracking = {"controller": {"tracking": {"schedule": builds.SCHEDULE}}}
     for module in (candidate, third_party):
-        monkeypatch.setattr(module, "tuned", lambda config, steps=None: changed(config, tracking))
+        monkeypatch.setattr(module, "tuned", lambda _, config, steps=None: changed(config, tracking))
 
 
 def test_each_candidate_has_its_baselines() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import Config
+from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres
 from codegen.verify.law.reference_model import SIDESLIP_MAX, SecondReferenceModel, TableCurve
 from tests.sil.checks_lookup import RealArray, any_numbers, special_values
@@ -54,7 +55,10 @@ def wild_inputs(units: Units, count: int, seed: int) -> RealArray:
 
 def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Sequence[TableCurve], step: float) -> FloatArray:
     """(2, n): sideslip and yaw rate one linearly implicit midpoint step later, for states (2, n) and inputs (4, n) with the
-    rear angle in the middle of the step. The matrices take the state to slips, and side forces to the state's derivative."""
+    rear angle in the middle of the step. The matrices take the state to slips, and side forces to the state's derivative.
+
+    The wheel that carries more by dFz pulls a steered axle back by w/2 delta Fy dFz/Fz, with dFz = rho m ay h / w in front.
+    """
     vehicle, tyres = config.vehicle, AxleTyres.from_config(config)
     speed, friction, ones = inputs[0], inputs[3], np.ones(state.shape[1])
     lf, lr = vehicle.cg_to_front_axle_m * ones, vehicle.cg_to_rear_axle_m * ones
@@ -70,13 +74,19 @@ def exact_step(config: Config, state: FloatArray, inputs: FloatArray, curves: Se
         forces.append(-2.0 * (peak * value + tyre.vertical_shift))
         stiffness.append(-2.0 * peak * tyre.stiffness_factor * slope)
     rate = np.einsum("ijn,jn->in", motion_of, np.array(forces)) - np.stack([state[1], 0.0 * ones])
+    roll, weight = 0.5 * vehicle.cg_height_m * (forces[0] + forces[1]), vehicle.mass_kg * config.road.gravity_m_s2
+    for force, angle, share, arm in zip(
+        forces, inputs[1:3], (vehicle.front_roll_share, 1.0 - vehicle.front_roll_share), (lr, lf), strict=True
+    ):
+        static = weight * arm / (2.0 * vehicle.wheelbase)
+        rate[1] -= share * roll / static * angle * force / vehicle.yaw_inertia_kg_m2
     jacobian = np.einsum("ikn,kn,kjn->nij", motion_of, np.array(stiffness), slips_of) - np.array([[0.0, 1.0], [0.0, 0.0]])
     change: FloatArray = np.linalg.solve(np.eye(2) - 0.5 * step * jacobian, step * rate.T[..., np.newaxis])[..., 0]
     return state + change.T
 
 
 def check_model_physics(units: Units) -> None:
-    """One step is the linearly implicit midpoint rule on the equations of the single-track car with Magic Formula tyres.
+    """One step is the linearly implicit midpoint rule on the equations of the single-track car with load transfer.
 
     Tolerance: the slope is some 30 operations on terms of at most mu g L / v_min and mu g m L / Iz; each rounds by half a unit.
     The curve's argument is of size B times the slip, its rounding goes through a slope of at most C B.
@@ -93,7 +103,8 @@ def check_model_physics(units: Units) -> None:
     front = np.clip(inputs[:, 1], -model.front_angle_max, model.front_angle_max)
     friction = np.clip(inputs[:, 3], 0.0, model.friction)
     u = np.stack([np.clip(inputs[:, 0], *model.speeds), front, states[:, 2] + 0.5 * moved, friction])
-    curves = [TableCurve.of(tyre, np.float64) for tyre in (tyres.front, tyres.rear)]
+    losses = load_transfer_losses(config)
+    curves = [TableCurve.of(tyre, np.float64, loss) for tyre, loss in zip((tyres.front, tyres.rear), losses, strict=True)]
     exact = exact_step(config, states[:, :2].T, u, curves, config.controller.sampling_time_s)
     bounds = limits(units)[0][:2, np.newaxis].astype(np.float64)
     exact = np.clip(exact, -bounds, bounds)

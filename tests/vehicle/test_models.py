@@ -25,6 +25,7 @@ def evaluate(function: Any, *arguments: Any) -> np.ndarray:
     [
         single_track(CONFIG, "linear"),
         single_track(CONFIG, "magic-formula"),
+        single_track(CONFIG, "load-transfer"),
         two_track(CONFIG),
         two_track(parse(tables(replace(OTHER, relaxation_length=0.4)), "test")),
     ],

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from codegen.config import Config
 from codegen.emit.reference_model_view import tabulate
 from codegen.vehicle.dynamics import single_track_step
+from codegen.vehicle.plant_car import load_transfer_losses
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,9 +96,9 @@ class TableCurve:
     compression: Any
 
     @classmethod
-    def of(cls, tyre: MagicFormulaTyre, real: Any) -> TableCurve:
+    def of(cls, tyre: MagicFormulaTyre, real: Any, loss: float = 0.0) -> TableCurve:
         """The table that a build has."""
-        curve = tabulate(tyre)
+        curve = tabulate(tyre, loss)
         return cls(curve.values.astype(real), real(curve.compression))
 
     def __call__(self, x: Any) -> tuple[Any, Any]:
@@ -123,7 +124,8 @@ class SecondReferenceModel:
         self.real = real
         functions = single_track_step(config, period)
         self.arguments, self.change = (Instruction.all_of(each, real) for each in (functions.arguments, functions.change))
-        self.curves = [TableCurve.of(tyre, real) for tyre in (tyres.front, tyres.rear)]
+        both = zip((tyres.front, tyres.rear), load_transfer_losses(config), strict=True)
+        self.curves = [TableCurve.of(tyre, real, loss) for tyre, loss in both]
         self.speeds = real(SPEED_MIN), real(config.controller.inputs.speed_max_km_h / 3.6)
         self.front_angle_max = real(math.radians(config.controller.inputs.front_angle_max_deg))
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))

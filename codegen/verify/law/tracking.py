@@ -79,10 +79,11 @@ class SecondTracking(SecondController):
             rate = (m.front_angle - self.last_front) / (self.period * self.real(self.missed + 1))
             self.front_rate = self.front_rate + p("lead_smoothing") * (rate - self.front_rate)
             self.last_front = m.front_angle
-        lead = clip(p("lead_time") * self.front_rate, -most, most)
+        lead = clip(self.scheduled("lead_time", m.speed) * self.front_rate, -most, most)
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
+        rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - self.state[1])
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction)
         self.note("lead at its bound", abs(lead) == most)
@@ -93,7 +94,7 @@ class SecondTracking(SecondController):
         sample = self.look(m)
         reference = self.reachable_yaw_rate(sample, m.speed)
         error = self.error if self.quality is Quality.MISSING else reference - m.yaw_rate
-        gain, integral_gain = self.gains(m.speed)
+        gain, integral_gain = (self.scheduled(name, m.speed) for name in ("proportional_gain", "integral_gain"))
         low, high = self.feedback_range(m, sample.rear_angle)
         if self.starting:
             self.integral, self.starting = self.angle - sample.rear_angle, False
@@ -133,22 +134,18 @@ class SecondTracking(SecondController):
         self.note("trim bounded", abs(missing) == bound)
         return clip(own + self.trim, -limit, limit)
 
-    def gains(self, speed: Any) -> tuple[Any, Any]:
-        speeds = [self.real(value) for value in self.p.schedule_speed]
-        found = []
-        for name in ("proportional_gain", "integral_gain"):
-            values = [self.real(value) for value in getattr(self.p, name)]
-            k = max([0, *(k for k in range(len(speeds)) if speeds[k] <= speed)])
-            if speed < speeds[0]:
-                found.append(values[0])
-            elif k == len(speeds) - 1:
-                found.append(values[k - 1] + self.real(1.0) * (values[k] - values[k - 1]))
-            else:
-                share = (speed - speeds[k]) / (speeds[k + 1] - speeds[k])
-                found.append(values[k] + share * (values[k + 1] - values[k]))
+    def scheduled(self, name: str, speed: Any) -> Any:
+        """A parameter over speed: linear between the breakpoints, held beyond them."""
+        speeds, values = ([self.real(value) for value in getattr(self.p, field)] for field in ("schedule_speed", name))
         self.note("below the schedule", speed < speeds[0])
         self.note("beyond the schedule", speed > speeds[-1])
-        return found[0], found[1]
+        k = max([0, *(k for k in range(len(speeds)) if speeds[k] <= speed)])
+        if speed < speeds[0]:
+            return values[0]
+        if k == len(speeds) - 1:
+            return values[k - 1] + self.real(1.0) * (values[k] - values[k - 1])
+        share = (speed - speeds[k]) / (speeds[k + 1] - speeds[k])
+        return values[k] + share * (values[k + 1] - values[k])
 
     def feedback_range(self, m: Measurement, feedforward: Any) -> tuple[Any, Any]:
         """What feedback may add: free against the turn, a little where it makes the car turn more."""

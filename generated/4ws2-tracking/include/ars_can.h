@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x50D862A3u
+#define ARS_CAN_BUILD 0xCF560B6Cu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

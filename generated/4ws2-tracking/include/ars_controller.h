@@ -21,13 +21,13 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0x50D862A3u
+#if ARS_INPUTS_BUILD != 0xCF560B6Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x50D862A3u
+#if ARS_LIMITER_BUILD != 0xCF560B6Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x50D862A3u
+#if ARS_REFERENCE_MODEL_BUILD != 0xCF560B6Cu
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x50D862A3u
+#define ARS_CONTROLLER_BUILD 0xCF560B6Cu
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -60,7 +60,8 @@ typedef struct {
     float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
     float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
-    float lead_time;                    /* s, how far the front angle that enters the map is looked ahead */
+    float lead_time[ARS_SCHEDULE_POINTS];/* s, how far the front angle that enters the map is looked ahead */
+    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
     float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
     float lead_angle_max;               /* rad, bound of that */
     float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x50D862A3u
+#define ARS_DYNAMICS_BUILD 0xCF560B6Cu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x50D862A3u
+#define ARS_INPUTS_BUILD 0xCF560B6Cu
 
 /* One sample of what the vehicle measures. */
 typedef struct {

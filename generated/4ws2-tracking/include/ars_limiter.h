@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x50D862A3u
+#define ARS_LIMITER_BUILD 0xCF560B6Cu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

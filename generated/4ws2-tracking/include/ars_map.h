@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x50D862A3u
+#define ARS_MAP_BUILD 0xCF560B6Cu
 
 /* Breakpoints of the table. */
 enum {

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x50D862A3u
+#if ARS_XCP_BUILD != 0xCF560B6Cu
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x50D862A3u
+#define ARS_XCP_BUILD 0xCF560B6Cu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x50D862A3u
+#if ARS_CONTROLLER_BUILD != 0xCF560B6Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x50D862A3u
+#if ARS_MAP_BUILD != 0xCF560B6Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -36,9 +36,16 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f,
         0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
     },
-    .lead_time = 0.032f,
+    .lead_time = {
+        0.0f, 0.0f, 0.0f, 0.035f, 0.035f, 0.035f, 0.0525f, 0.1f,
+        0.1f, 0.1f, 0.1f, 0.1f, 0.1f, 0.1f
+    },
+    .response_gain = {
+        0.0f, 0.0f, 0.0f, 0.04f, 0.04f, 0.04f, 0.06f, 0.04f,
+        0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f
+    },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.02617994f,
+    .lead_angle_max = 0.040142573f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.01f,
     .trim_rate = 1.0f,
@@ -91,7 +98,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "50D862A3";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "CF560B6C";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x1BD17EABu;
 

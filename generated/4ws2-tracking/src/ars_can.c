@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x50D862A3u
+#if ARS_CAN_BUILD != 0xCF560B6Cu
 #error "ars_can.h and this source come from different builds"
 #endif
 

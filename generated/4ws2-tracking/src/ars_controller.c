@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x50D862A3u
+#if ARS_CONTROLLER_BUILD != 0xCF560B6Cu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x50D862A3u
+#if ARS_MAP_BUILD != 0xCF560B6Cu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -119,6 +119,8 @@ ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
 typedef struct {
     float proportional;
     float integral;
+    float lead_time;
+    float response;
 } gains_t;
 
 /* Where demand and feedback may move. */
@@ -130,6 +132,11 @@ typedef struct {
 ARS_SECTION_CODE static float magnitude(float value)
 {
     return (value < 0.0f) ? -value : value;
+}
+
+ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float share)
+{
+    return values[lower] + (share * (values[lower + 1u] - values[lower]));
 }
 
 /* Between the breakpoints linear, beyond them held. */
@@ -152,10 +159,10 @@ ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, flo
         }
     }
     share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
-    gains.proportional = parameters->proportional_gain[lower]
-        + (share * (parameters->proportional_gain[lower + 1u] - parameters->proportional_gain[lower]));
-    gains.integral = parameters->integral_gain[lower]
-        + (share * (parameters->integral_gain[lower + 1u] - parameters->integral_gain[lower]));
+    gains.proportional = interpolated(parameters->proportional_gain, lower, share);
+    gains.integral = interpolated(parameters->integral_gain, lower, share);
+    gains.lead_time = interpolated(parameters->lead_time, lower, share);
+    gains.response = interpolated(parameters->response_gain, lower, share);
     return gains;
 }
 
@@ -182,10 +189,11 @@ ARS_SECTION_CODE static float friction_now(
     return (estimated < seen) ? estimated : seen;
 }
 
-/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise. */
+/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise.
+ * Its rear angle is that of the steady turn. On the way there it steers against what the model still lacks in yaw rate. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
-    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, float friction,
-    law_phase_t phase)
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, const gains_t *gains,
+    float friction, law_phase_t phase)
 {
     ars_map_reference_t reference;
     float lead;
@@ -200,8 +208,9 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
         self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
         self->missed_samples = 0u;
     }
-    lead = clamp(parameters->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
+    lead = clamp(gains->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
     reference = ars_map_reference(measurement->speed, measurement->front_angle + lead, friction);
+    reference.rear_angle -= gains->response * (reference.yaw_rate - self->model.yaw_rate);
     reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     return reference;
 }
@@ -290,12 +299,12 @@ ARS_SECTION_CODE static bool track(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement, law_phase_t phase)
 {
     const float friction = friction_now(self, parameters, measurement);
-    const ars_map_reference_t map = reference_ahead(self, parameters, measurement, friction, phase);
+    const gains_t gains = gains_at(parameters, measurement->speed);
+    const ars_map_reference_t map = reference_ahead(self, parameters, measurement, &gains, friction, phase);
     const ars_reference_model_input_t input = { measurement->speed, measurement->front_angle, map.rear_angle, friction };
     const float reference = reachable_yaw_rate(self, parameters, &map, measurement->speed);
     /* Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
     const float error = (phase == LAW_PREDICTS) ? self->yaw_rate_error : (reference - measurement->yaw_rate);
-    const gains_t gains = gains_at(parameters, measurement->speed);
     const range_t range = feedback_range(self, parameters, measurement, map.rear_angle);
     const float proportional = gains.proportional * error;
     const float step = command_step(parameters);
@@ -390,14 +399,15 @@ ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters
         valid = valid && ((k == 0u) || (parameters->schedule_speed[k - 1u] < parameters->schedule_speed[k]));
         valid = valid && is_between(parameters->proportional_gain[k], 0.0f, 10.0f);
         valid = valid && is_between(parameters->integral_gain[k], 0.0f, 100.0f);
+        valid = valid && is_between(parameters->lead_time[k], -0.2f, 0.2f);
+        valid = valid && is_between(parameters->response_gain[k], 0.0f, 2.0f);
     }
     return valid;
 }
 
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
-    return is_between(parameters->lead_time, 0.0f, 0.2f)
-        && is_between(parameters->lead_smoothing, 0.01f, 1.0f)
+    return is_between(parameters->lead_smoothing, 0.01f, 1.0f)
         && is_between(parameters->lead_angle_max, 0.0f, 0.5f)
         && is_between(parameters->yaw_increasing_max, 0.0f, 1.0f)
         && is_between(parameters->trim_share, 0.0f, 0.2f)

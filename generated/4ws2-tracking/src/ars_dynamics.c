@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x50D862A3u
+#if ARS_DYNAMICS_BUILD != 0xCF560B6Cu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x50D862A3u
+#if ARS_E2E_BUILD != 0xCF560B6Cu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x50D862A3u
+#if ARS_INPUTS_BUILD != 0xCF560B6Cu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x50D862A3u
+#if ARS_LIMITER_BUILD != 0xCF560B6Cu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0x50D862A3u
+#if ARS_REFERENCE_MODEL_BUILD != 0xCF560B6Cu
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -172,26 +172,33 @@ ARS_SECTION_CODE static void change_of(
     const float t22 = t20 - t21;
     const float t23 = t19 * t22;
     const float t24 = 0.005f + t23;
-    const float t25 = 0.6801387f * t12;
-    const float t26 = 0.68361324f * t10;
-    const float t27 = t25 - t26;
-    const float t28 = t24 * t27;
-    const float t29 = t17 + t28;
-    const float t30 = t1 + t4;
-    const float t31 = u[0] * t30;
-    const float t32 = 1.0f + t31;
-    const float t33 = t32 * t8;
-    const float t34 = t24 * t22;
-    const float t35 = t33 - t34;
-    const float t36 = (t35 > 0.5f) ? t35 : 0.5f;
-    const float t37 = t29 / t36;
-    const float t38 = -t37;
-    const float t39 = t32 * t27;
-    const float t40 = t22 * t16;
-    const float t41 = t39 + t40;
-    const float t42 = t41 / t36;
-    change[0] = t38;
-    change[1] = t42;
+    const float t25 = u[2] * t13;
+    const float t26 = 3.4163723f * t25;
+    const float t27 = 1.566f - t26;
+    const float t28 = t27 * t12;
+    const float t29 = u[1] * t13;
+    const float t30 = 5.150738f * t29;
+    const float t31 = 1.574f + t30;
+    const float t32 = t31 * t10;
+    const float t33 = t28 - t32;
+    const float t34 = 0.43431592f * t33;
+    const float t35 = t24 * t34;
+    const float t36 = t17 + t35;
+    const float t37 = t1 + t4;
+    const float t38 = u[0] * t37;
+    const float t39 = 1.0f + t38;
+    const float t40 = t39 * t8;
+    const float t41 = t24 * t22;
+    const float t42 = t40 - t41;
+    const float t43 = (t42 > 0.5f) ? t42 : 0.5f;
+    const float t44 = t36 / t43;
+    const float t45 = -t44;
+    const float t46 = t39 * t34;
+    const float t47 = t22 * t16;
+    const float t48 = t46 + t47;
+    const float t49 = t48 / t43;
+    change[0] = t45;
+    change[1] = t49;
 }
 
 ARS_SECTION_CODE void ars_reference_model_start(

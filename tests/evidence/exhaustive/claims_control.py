@@ -167,6 +167,9 @@ def claims(source: Source) -> Iterator[Claim]:
             "proportional_gain": (".proportional", schedule["proportional_gain_s"]),
             "integral_gain": (".integral", schedule["integral_gain"]),
         }
+        for name, field, key in (("lead_time", ".lead_time", "lead_s"), ("response_gain", ".response", "response_gain_s")):
+            if schedule.get(key):
+                outputs[name] = (field, schedule[key])
         speeds = [speed * KM_H for speed in schedule["speed_km_h"]]
         yield _over_speed("controller", "gains_at", "parameters_t", "gains_t", speeds, outputs)
 

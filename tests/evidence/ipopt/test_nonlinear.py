@@ -1,7 +1,6 @@
 """The nonlinear map, driven in closed loop near its slip bounds."""
 
 import math
-import re
 
 import numpy as np
 
@@ -54,17 +53,12 @@ def test_closed_loop_keeps_the_slip_bounds_in_steady_state() -> None:
     assert 1.10 < slips.max() < 1.25  # the linear map exceeds the bounds on the same plant
 
 
-def test_kind_tracking_keeps_them_with_the_trim_that_the_build_names() -> None:
-    """With the default trim the bound is exceeded at the operating point that is named."""
+def test_kind_tracking_keeps_them_with_its_default_trim() -> None:
+    """At the operating point where the reference model turns most above the map."""
     config = tracking()
     folder = built(with_car(nonlinear_map(), config), config)
-    named = re.search(r"trim_max_percent = (\d+) keeps them", excess_note(folder.manifest))
-    assert named is not None
+    assert not excess_note(folder.manifest)
     point = folder.manifest["reference_model_excess"]
     speed, front_angle = point["at_km_h"] * KM_H, math.radians(point["at_front_angle_deg"])
     slips = steady_slips(compile_build(folder.files, folder.manifest), config, speed, front_angle)
-    assert slips.max() > 1.0 + 2.0 * SLIP_TOLERANCE
-    enough = tracking(float(named[1]))
-    mended = built(with_car(nonlinear_map(), enough), enough)
-    slips = steady_slips(compile_build(mended.files, mended.manifest), enough, speed, front_angle)
     assert (slips <= 1.0 + SLIP_TOLERANCE).all(), slips

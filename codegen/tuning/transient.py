@@ -1,0 +1,274 @@
+"""Lead and response gain of kind "tracking" over speed, from step responses of the nonlinear plant around the generated C.
+
+Both shape the feedforward alone, so no margin of the loop depends on them. The car itself must keep its limits at each speed of
+the schedule and half way to the neighbouring ones. Among the pairs with which it does, the cars of a small family count, and
+then the rise time with a price on their overshoot.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config, Schedule
+from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.problem import breakpoints
+from codegen.refmap.turns import turns_of
+from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
+
+FloatArray = npt.NDArray[np.float64]
+
+OVERSHOOT_PERCENT, SETTLING_S = 3.0, 1.05
+"""Aims for the configured car."""
+OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
+"""Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
+DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
+"""Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
+LAG_FACTORS = (0.4, 2.0)
+OVERSHOOT_PRICE_S = 0.01
+"""s of t90 that a percent of overshoot of the worst of these is worth."""
+
+SHARES = (0.25, 0.5, 1.0)
+"""Of the largest feasible front angle."""
+SPEED_MIN_KM_H = 25.0
+"""Slower, the breakpoints of the schedule get what the first one above has: there the car follows its wheels."""
+
+STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
+"""s. Steps begin, end, and are averaged for the steady yaw rate."""
+SETTLED_SHARE, RISEN_SHARE = 0.02, 0.9
+SPIN_SIDESLIP, SPIN_REAR_SLIP = math.radians(10.0), math.radians(5.0)
+"""Both exceeded: the car spins."""
+
+LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10)
+"""More lead makes more of the front angle's noise: 0.1 s turn 0.01 deg of it into some 0.07 deg of rear angle."""
+RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
+"""The first pairs, all with all."""
+STEPS = ((0.015, 0.04), (0.0075, 0.02))
+"""s, s. Then each speed's best pair and its eight neighbours, at these distances. Speeds with an even number move first, those
+between them second: what is driven half way between two speeds then depends on one that moves."""
+
+COLUMNS = ("yaw_rate_rad_s", "sideslip_rad", "slip_rear_rad")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Response:
+    """What was chosen at one speed, and what it gives over the shares of the front angle.
+
+    Attributes:
+        speed_km_h: of the schedule.
+        lead_s, response_gain_s: the pair.
+        overshoot_percent, settling_s: the largest of the configured car there and half way to the neighbours; inf for a spin.
+        rise_s: its largest at this speed.
+        family_overshoot_percent: the largest of the mass and tyre deviations of both axles.
+    """
+
+    speed_km_h: float
+    lead_s: float
+    response_gain_s: float
+    overshoot_percent: float
+    settling_s: float
+    rise_s: float
+    family_overshoot_percent: float
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the configured car keeps its limits."""
+        return self.overshoot_percent <= OVERSHOOT_MAX_PERCENT and self.settling_s <= SETTLING_MAX_S
+
+
+def tune_response(
+    reference_map: ReferenceMap, config: Config, schedule: Schedule, progress: Progress | None = None
+) -> tuple[Response, ...]:
+    """Find the pair for each speed of a schedule that the map reaches; the same input gives the same numbers.
+
+    Args:
+        reference_map: solved for the car of the configuration.
+        config: with the schedule as its own.
+        progress: called with (done, in all).
+
+    Raises:
+        BuildError: no C compiler.
+        MapError, ConfigError: the map cannot be built.
+    """
+    search = _Search.of(reference_map, config, schedule)
+    around = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
+    total = len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
+    tell = _counted(progress, total)
+    count = len(search.speeds)
+    pairs: FloatArray = np.array([[(lead, gain)] * count for lead in LEADS_S for gain in RESPONSE_GAINS_S])
+    best = pairs[search.best(search.drive_all(pairs, tell)), range(count)]
+    for step in STEPS:
+        for first in (0, 1):
+            pairs = np.repeat(best[np.newaxis], len(around), axis=0)
+            pairs[:, first::2] += (np.array(around) * step)[:, np.newaxis]
+            pairs = np.clip(pairs, (LEADS_S[0], 0.0), (LEADS_S[-1], math.inf))
+            chosen = search.best(search.drive_all(pairs, tell))
+            best[first::2] = pairs[chosen, range(count)][first::2]
+    return search.responses(best, search.drive_all(best[np.newaxis], tell)[0])
+
+
+def _counted(progress: Progress | None, total: int) -> Callable[[], None]:
+    """A function that counts its calls and tells of them."""
+    done = 0
+
+    def tell() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total)
+
+    return tell
+
+
+def with_response(config: Config, schedule: Schedule, found: Sequence[Response]) -> dict[str, Any]:
+    """Return the changes of [controller.tracking]: the schedule with lead and response gain, and a bound for the lead.
+
+    Between the speeds that were tuned they are interpolated, beyond them held. The bound is the lead at the largest rate of the
+    steering wheel.
+    """
+    at = [response.speed_km_h for response in found]
+    values = {
+        key: [round(float(np.interp(speed, at, [getattr(one, key) for one in found])), 4) for speed in schedule.speed_km_h]
+        for key in ("lead_s", "response_gain_s")
+    }
+    rate = config.steering.wheel_rate_max_deg_s / config.steering.ratio
+    largest = max(abs(lead) for lead in values["lead_s"])
+    bound = min(max(math.ceil(10.0 * largest * rate) / 10.0, 0.1), 10.0)
+    return {"schedule": {**schedule.model_dump(mode="json"), **values}, "lead_max_deg": bound}
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The cells, and how they are driven and judged.
+
+    Figures are overshoot in percent, settling and rise in s: (3, cars, speeds), the largest over the shares. Overshoot and
+    settling of the configured car, the first, include the speeds half way to the neighbours.
+    """
+
+    software: BatchSoftware
+    schedule: Schedule
+    speeds: tuple[float, ...]
+    limits: FloatArray
+    profile: FloatArray
+    lanes: Lanes
+
+    @classmethod
+    def of(cls, reference_map: ReferenceMap, config: Config, schedule: Schedule) -> _Search:
+        """The cells of a car on its map."""
+        folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
+        axis, angles = breakpoints(config)
+        reached = [speed for speed in schedule.speed_km_h if axis[0] <= speed * KM_H <= axis[-1] * (1.0 + 1e-9)]
+        speeds = tuple([speed for speed in reached if speed >= SPEED_MIN_KM_H] or reached or schedule.speed_km_h[-1:])
+        assert reference_map.case is not None  # a solved map has one
+        # Every car at the speeds, and the configured one, the first, half way between them too.
+        between = 0.5 * (np.array(speeds[1:]) + np.array(speeds[:-1]))
+        driven = np.array([*speeds, *between]) * KM_H
+        edge = turns_of(config, config.case(reference_map.case)).edge(driven, float(angles[-1])).front_angle
+        angle = np.outer(np.minimum(edge, angles[-1]), SHARES)
+        family, limits = _family(config)
+        count = len(speeds)
+        speed = [*np.tile(driven[:count], len(family)), *driven[count:]]
+        lanes = Lanes(
+            np.concatenate([np.repeat(family, angle[:count].size, axis=0), np.repeat(family[:1], angle[count:].size, axis=0)]),
+            speed_factor=np.repeat(speed, len(SHARES)),
+            wheel_factor=np.array([*np.tile(angle[:count].ravel(), len(family)), *angle[count:].ravel()])
+            * config.steering.ratio,
+            delay_samples=config.tuning.delay_samples,
+        )
+        return cls(compile_batch(folder.files, folder.manifest), schedule, speeds, limits, _step(config), lanes)
+
+    def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
+        """Figures (n, 3, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
+        rows = []
+        with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
+            for figures in pool.map(self.drive, pairs):
+                rows.append(figures)
+                tell()
+        return np.array(rows)
+
+    def drive(self, pairs: FloatArray) -> FloatArray:
+        """Figures with a pair (speeds, 2) at each speed."""
+        over = [np.interp(self.schedule.speed_km_h, self.speeds, values).tolist() for values in pairs.T]
+        parameters = self.software.parameters()
+        parameters.lead_time, parameters.response_gain = over
+        parameters.lead_angle_max = 0.5
+        yaw_rate, sideslip, slip = self.software.run(self.profile, self.lanes, parameters, COLUMNS)
+        period = self.software.config.controller.sampling_time_s
+        after = yaw_rate[round(STEER_TIME / period) :]
+        steady = after[-round(STEADY_WINDOW / period) :].mean(axis=0)
+        share = after / steady
+        outside = np.abs(share - 1.0) > SETTLED_SHARE
+        settling = period * (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * outside.any(axis=0)
+        rise = period * np.argmax(share >= RISEN_SHARE, axis=0)
+        spins = ((np.abs(sideslip) > SPIN_SIDESLIP) & (np.abs(slip) > SPIN_REAR_SLIP)).any(axis=0) | ~(steady > 0.0)
+        figures = np.where(spins, np.inf, np.stack([100.0 * (share.max(axis=0) - 1.0), settling, rise]))
+        largest = figures.reshape(3, -1, len(SHARES)).max(axis=-1)
+        count = len(self.speeds)
+        result: FloatArray = largest[:, : len(self.limits) * count].reshape(3, len(self.limits), count)
+        between = largest[:2, len(self.limits) * count :]
+        own = result[:2, 0]
+        own[:, 1:], own[:, :-1] = np.maximum(own[:, 1:], between), np.maximum(own[:, :-1], between)
+        return result
+
+    def best(self, figures: FloatArray) -> list[int]:
+        """Number of the best of figures (n, 3, cars, speeds) at each speed."""
+        overshoot, settling, rise = (figures[:, k] for k in range(3))
+        at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S)
+        excess = np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S)
+        others = (overshoot[:, 1:] / self.limits[1:, np.newaxis]).max(axis=1)
+        # In steps of a hundredth: what is missing by less is no reason to be slow.
+        own, others = (np.round(np.maximum(values, 1.0), 2) for values in (excess, others))
+        own[at_aim] = 0.0
+        cost = rise[:, 0] + OVERSHOOT_PRICE_S * overshoot[:, 1:].max(axis=1)
+        return [int(np.lexsort((cost[:, k], others[:, k], own[:, k]))[0]) for k in range(len(self.speeds))]
+
+    def responses(self, pairs: FloatArray, figures: FloatArray) -> tuple[Response, ...]:
+        """What a pair (speeds, 2) at each speed gives."""
+        both = self.limits == DEVIATION_OVERSHOOT_PERCENT
+        rows = np.concatenate([pairs.T, figures[:, 0], figures[:1, both].max(axis=1, initial=0.0)])
+        return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
+
+
+def _family(config: Config) -> tuple[FloatArray, FloatArray]:
+    """Cars (n, k) and the limits of their overshoot (n,) in percent: the configured one first, then one deviation each."""
+    tuning = config.tuning
+    masses = sorted({min(tuning.mass_percent), max(tuning.mass_percent)} - {0.0})
+    slopes = sorted({min(tuning.stiffness_percent), max(tuning.stiffness_percent)} - {0.0})
+    rows, limits = [varied_cars(config)[0]], [OVERSHOOT_PERCENT]
+    for mass in masses:
+        rows.append(varied_cars(config, mass=1.0 + mass / 100.0)[0])
+        limits.append(DEVIATION_OVERSHOOT_PERCENT)
+    for slope in slopes:
+        factor = 1.0 + slope / 100.0
+        rows.append(varied_cars(config, front_stiffness=factor, rear_stiffness=factor)[0])
+        limits.append(DEVIATION_OVERSHOOT_PERCENT)
+    if slopes and slopes[0] < 0.0:
+        rows.append(varied_cars(config, rear_stiffness=1.0 + slopes[0] / 100.0)[0])
+        limits.append(REAR_AXLE_OVERSHOOT_PERCENT)
+    for factor in LAG_FACTORS:
+        rows.append(varied_cars(config)[0])
+        rows[-1][PLANT_PARAMETERS.index("rear_lag")] *= factor
+        limits.append(LAG_OVERSHOOT_PERCENT)
+    return np.array(rows), np.array(limits)
+
+
+def _step(config: Config) -> FloatArray:
+    """A step of the steering wheel of 1 rad at 1 m/s, which each run multiplies by its own angle and speed."""
+    step = config.plant.sampling_time_s
+    profile = np.zeros((round(DURATION / step), len(INPUT_COLUMNS)))
+    at = {name: profile[:, k] for k, name in enumerate(INPUT_COLUMNS)}
+    at["speed"][:], at["friction"][:], at["friction_estimate"][:] = 1.0, config.road.friction, math.nan
+    at["steering_wheel_command"][round(STEER_TIME / step) :] = 1.0
+    return profile

@@ -1,0 +1,75 @@
+"""The controller of kind "tracking" for a map: gains by design, the transient from step responses, and the trim."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from codegen.config import Config, parse
+from codegen.controller_sections import TRIM_MAX_PERCENT
+from codegen.design.tune import Design, design
+from codegen.refmap.extend import extend
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
+from codegen.tuning.transient import Response, tune_response, with_response
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """A configuration with its tuned controller, and how it came about.
+
+    Attributes:
+        config: kind "tracking", with gain schedule and trim.
+        design: of the gains.
+        responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
+        excess: of the reference model over the map where that is more than the trim was; None where it was enough.
+    """
+
+    config: Config
+    design: Design
+    responses: tuple[Response, ...]
+    excess: Excess | None
+
+    @property
+    def trim_is_enough(self) -> bool:
+        """Whether the trim takes back all of the excess."""
+        return self.excess is None or self.excess.trim_percent <= TRIM_MAX_PERCENT
+
+
+def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None = None, where: object = "tuned") -> Tuned:
+    """Tune the controller of a configuration for a map; the same input gives the same numbers.
+
+    Args:
+        reference_map: solved for the car of the configuration.
+        progress: called with (done, in all).
+        where: what an error names as the place.
+
+    Raises:
+        ConfigError: no gains meet the demands, see `design`.
+        BuildError: no C compiler.
+        MapError: see `model_excess`.
+    """
+    made = design(config, progress)
+    config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
+    responses: tuple[Response, ...] = ()
+    if reference_map.solved:
+        responses = tune_response(reference_map, config, made.schedule, progress)
+        config = with_tracking(config, with_response(config, made.schedule, responses), where)
+    if not asks_for_more(reference_map, config):
+        return Tuned(config, made, responses, None)
+    excess = model_excess(reference_map, extend(reference_map, config, config.steering.front_angle_stop), config)
+    if excess.percent <= config.controller.tracking.trim_max_percent:
+        return Tuned(config, made, responses, None)
+    trim = min(float(excess.trim_percent), TRIM_MAX_PERCENT)
+    return Tuned(with_tracking(config, {"trim_max_percent": trim}, where), made, responses, excess)
+
+
+def with_tracking(config: Config, changes: Mapping[str, Any], where: object) -> Config:
+    """Return the configuration with kind "tracking" and changed keys of [controller.tracking]."""
+    data = config.model_dump(mode="json")
+    data["controller"]["kind"] = "tracking"
+    data["controller"]["tracking"] |= changes
+    return parse(data, where)
