@@ -86,10 +86,10 @@ def test_three_of_four_samples_lost_end_in_the_fail_safe(software: Software) -> 
 
 @pytest.mark.parametrize("kind", ["pi", "tracking"])
 def test_a_stuck_actuator(kind: Kind) -> None:
-    """The step asks for more than is tolerated within 0.1 s, "tracking" then less for 0.2 s; and the time runs."""
+    """The step asks for more than is tolerated within 0.1 s, "tracking" then less for up to a second; and the time runs."""
     software = builds.of_kind(kind).software
     found = events(software, 3.0, moves=lambda cycle: cycle < 30)
-    assert 50 < first(found, STUCK) - software.parameters().actuator_samples_max < 95
+    assert 50 < first(found, STUCK) - software.parameters().actuator_samples_max < (95 if kind == "pi" else 195)
 
 
 @pytest.mark.parametrize("lag", [0.02, 0.1])

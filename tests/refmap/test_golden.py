@@ -26,7 +26,8 @@ def test_a_committed_map_is_what_its_configuration_gives(name: str) -> None:
     np.testing.assert_array_equal(committed.feasible, fresh.feasible)
     np.testing.assert_array_equal(committed.active, fresh.active)
     assert committed.config is not None and committed.layers == ()
-    tracking = committed.config.controller.tracking.model_copy(update={"schedule": None})
+    tuned = {"schedule": None, "lead_max_deg": preset("recommended").controller.tracking.lead_max_deg}
+    tracking = committed.config.controller.tracking.model_copy(update=tuned)
     controller = committed.config.controller.model_copy(update={"tracking": tracking})
     expected = PAPER if name == "4ws2" else preset("recommended")
     assert committed.config.model_copy(update={"controller": controller}) == expected

@@ -142,8 +142,8 @@ def claims(source: Source) -> Iterator[Claim]:
     step = number(float(np.float32(math.radians(config.controller.standby_rate_deg_s)) * period))
     text = "closer to zero by a step and not beyond, NaN as zero"
     fall = number(config.controller.inputs.speed_fall_m_s2 * config.controller.sampling_time_s)
-    for unit, step in (("controller", step), ("inputs", fall)):
-        yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(step), values={"step": step})
+    for unit, each in (("controller", step), ("inputs", fall)):
+        yield Claim(unit, "toward_zero", text, TOWARD_ZERO, edges(each), values={"step": each})
     low, high = (number(speed * KM_H) for speed in (config.controller.disable_speed_km_h, config.controller.enable_speed_km_h))
     setup = "static const {{ p }}_parameters_t speed_parameters = { .disable_speed = {{ low }}, .enable_speed = {{ high }} };"
     text = "on from the upper speed, off below the lower, in between and for NaN as before"

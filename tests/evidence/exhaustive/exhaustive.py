@@ -40,7 +40,7 @@ OTHERS: Mapping[str, str] = {
     "controller: allowed": SEVERAL,
     **{f"inputs: {name}": SEVERAL for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle")},
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "@_inputs_step")},
-    **{f"controller: {name}": SEVERAL for name in ("reference_ahead", "reachable_yaw_rate", "feedback_range")},
+    **{f"controller: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
     "reference_model: @_reference_model_start": SEVERAL,
