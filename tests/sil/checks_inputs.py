@@ -139,6 +139,16 @@ def check_both_wrong(built: Built) -> None:
     assert set(found[:-1]) == {Status.FAIL_SAFE} and found[-1] in RUNNING
 
 
+def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
+    """The fail-safe goes on until a whole sample has come."""
+    controller = built.software.controller(0.0)
+    most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
+    controller.run([STRAIGHT] + [replace(STRAIGHT, front_angle=math.nan, yaw_rate=math.nan)] * (most + 1))
+    gap = [STRAIGHT] * (needed - 1) + [replace(STRAIGHT, speed=math.nan)]
+    assert {command.status for command in controller.run(gap)} == {Status.FAIL_SAFE}
+    assert controller.step(STRAIGHT).status in RUNNING
+
+
 def check_oversteering_car(built: Built) -> None:
     """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
     wheelbase."""
