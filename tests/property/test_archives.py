@@ -3,18 +3,17 @@
 import re
 import struct
 import zipfile
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from codegen.errors import CodegenError, MapError
 from codegen.refmap import map as refmap
 from codegen.refmap.map import FrictionLayer, ReferenceMap
-from tests.property.guard import MEMORY_MAX, bounded, examples
+from tests.property.guard import MEMORY_MAX, bounded
 from tests.refmap.test_map import npy, packed, solved_arrays
 
 ARRAYS = solved_arrays()
@@ -101,22 +100,19 @@ HEADERS = st.builds(
 )
 
 
-def check_header(key: str, header: str, version: bytes, claimed: int | None, content: bytes, compression: int) -> None:
+@settings(max_examples=40, deadline=None)
+@given(
+    key=st.sampled_from(sorted(MEMBERS)),
+    header=HEADERS,
+    version=st.sampled_from([b"\1\0", b"\2\0", b"\3\0", b"\0\0", b"\xff\1"]),
+    claimed=st.none() | st.integers(0, 2**16 - 1),
+    content=st.sampled_from([b"", *(ARRAYS[key].tobytes() for key in ("vx", "yaw_rate")), bytes(100)]) | st.binary(max_size=64),
+    compression=st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]),
+)
+def test_wrong_headers(key: str, header: str, version: bytes, claimed: int | None, content: bytes, compression: int) -> None:
     text = header.encode() + b"\n"
     length = struct.pack("<H" if version[0] == 1 else "<I", len(text) if claimed is None else claimed)
     check(archive({**MEMBERS, key: b"\x93NUMPY" + version + length + text + content}, compression))
-
-
-HEADER_INPUTS: dict[str, st.SearchStrategy[Any]] = {
-    "key": st.sampled_from(sorted(MEMBERS)),
-    "header": HEADERS,
-    "version": st.sampled_from([b"\1\0", b"\2\0", b"\3\0", b"\0\0", b"\xff\1"]),
-    "claimed": st.none() | st.integers(0, 2**16 - 1),
-    "content": st.sampled_from([b"", *(ARRAYS[key].tobytes() for key in ("vx", "yaw_rate")), bytes(100)])
-    | st.binary(max_size=64),
-    "compression": st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]),
-}
-test_wrong_headers = examples(check_header, 40, **HEADER_INPUTS)
 
 
 @pytest.mark.parametrize(("key", "kind"), [("vx", np.int8), ("feasible", np.bool_)])
