@@ -31,7 +31,7 @@ from tests.refmap.cars import CASE, PAPER, changed, nonlinear
 
 
 def test_against_a_dense_search() -> None:
-    """In a random cell of a random car; and for a heavy car with a rear tyre that hardly rises at its bound, where stability ends the curve just short of a slip bound."""
+    """In a random cell; and for a heavy car whose rear tyre hardly rises at its bound: stability ends the curve before it."""
     rng = np.random.default_rng(100)
     light, heavy = random_car(rng), random_car(np.random.default_rng([1, 14]))
     anywhere = random_cells(NonlinearTurns.from_config(light, light.cases[CASE]), light, rng, 1)
