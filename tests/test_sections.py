@@ -9,12 +9,7 @@ from codegen.budget_sections import Budgets, MapShape
 from codegen.can_sections import RealSignal, Signal
 from codegen.config import Config, Kind, parse, preset, preset_text
 from codegen.errors import ConfigError
-
-
-def refused(can: dict[str, Any], **others: Any) -> str:
-    with pytest.raises(ConfigError) as caught:
-        parse({"can": can, **others}, "car.toml")
-    return str(caught.value)
+from tests.test_config import refused
 
 
 @pytest.mark.parametrize(
@@ -72,7 +67,7 @@ def test_one_code_is_kept_for_not_available(signed: bool, length: int, codes: tu
     ],
 )
 def test_bad_values(can: dict[str, Any], words: tuple[str, ...]) -> None:
-    message = refused(can)
+    message = refused({"can": can})
     assert message.startswith("car.toml: ")
     assert [word for word in words if word not in message] == []
 

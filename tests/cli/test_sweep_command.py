@@ -85,13 +85,7 @@ def test_bad_options(refused: Refused, spec: Path, arguments: tuple[object, ...]
     assert words in refused("sweep", "--spec", spec, *arguments)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (('"step-steer", ', '"step-stear", '), "sweep.toml: scenarios: there is no scenario 'step-stear'"),
-        (("length_s = 3.9", "length_s = 5.5"), "length_s: step-steer ends 5 s after the driver begins, before 5.5 s; give 5 s"),
-    ],
-)
-def test_a_spec_that_cannot_be_driven(refused: Refused, here: Path, change: tuple[str, str], words: str) -> None:
-    edit(write_spec(here, samples=8), change)
-    assert words in refused("sweep", "--spec", "sweep.toml", "-o", "out")
+def test_a_spec_that_cannot_be_driven(refused: Refused, here: Path) -> None:
+    edit(write_spec(here, samples=8), ('"step-steer", ', '"step-stear", '))
+    line = refused("sweep", "--spec", "sweep.toml", "-o", "out")
+    assert "sweep.toml: scenarios: there is no scenario 'step-stear'" in line

@@ -11,7 +11,7 @@ from codegen.verify import runner
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, Report
 
-from .conftest import BUILD, Refused, Run
+from .conftest import BUILD, Run
 
 COUNT = len(CHECKS)
 PASSED, NOT_RUN, FAILED = Verdict.PASSED, Verdict.NOT_RUN, Verdict.FAILED
@@ -46,10 +46,3 @@ def test_exit_code_last_line_and_record(
     assert [check["verdict"] for check in record["checks"].values()] == [str(verdict) for verdict in verdicts]
     assert (build / "verify.md").is_file()
     assert Path("result.json").read_bytes() == (build / "verify.json").read_bytes()
-
-
-def test_a_folder_that_is_no_build_stays_as_it_is(refused: Refused, build: Path) -> None:
-    (build / "verify.md").mkdir()
-    assert "verify.md" in refused("verify", build)
-    (build / "manifest.json").write_text("{")
-    assert "manifest.json" in refused("verify", build)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen.config import KM_H
 from codegen.design.family import Member, members
 from codegen.design.margins import (
     Margins,
@@ -19,6 +19,7 @@ from codegen.design.margins import (
     weakest,
 )
 from codegen.design.sampled import frequency_grid, sample
+from hil_sim.suite import plants
 
 from .conftest import small_config
 from .oracle import loop
@@ -26,13 +27,9 @@ from .oracle import loop
 FloatArray = npt.NDArray[np.float64]
 
 
-def with_lag(config: Config, lag: float) -> Config:
-    return config.model_copy(update={"rear_actuator": config.rear_actuator.model_copy(update={"lag_s": lag})})
-
-
 def paper_margins(lag: float, speed_km_h: float) -> Margins:
     """Margins of the published PI: Kp 0.01, Ki 1, one sample of delay."""
-    return nominal_margins(with_lag(configuration.preset(), lag), [speed_km_h * KM_H], [0.01], [1.0])
+    return nominal_margins(plants.actuator_lag(lag)(configuration.preset()), [speed_km_h * KM_H], [0.01], [1.0])
 
 
 @pytest.mark.parametrize(

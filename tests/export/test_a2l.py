@@ -184,11 +184,6 @@ EMPTY = "int main(void) { return 0; }\n"
 TASKS = '#include "ars_task.h"\nars_task_t one, two[2];\nint main(void) { return one.started || two[1].started; }\n'
 
 
-def filled_with(folder: Path, main: str, *flags: str) -> Filled:
-    """The A2L of the build and a program with this main."""
-    return fill(BUILD, Elf.read(compiled(BUILD, folder, main, *flags)))
-
-
 UNFIT: dict[str, Callable[[Path], Path]] = {
     "not an ELF": lambda folder: BUILD / "README.md",
     "no symbols": lambda folder: compiled(BUILD, folder, EMPTY, "-s"),
@@ -244,7 +239,8 @@ def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:
 
 def test_what_a_program_lacks_is_left_out(tracking: Linked, tmp_path: Path) -> None:
     """A program without a task and a controller has the calibration alone."""
-    filled = filled_with(tmp_path, '#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n')
+    main = '#include "ars_controller.h"\nint main(void) { return ars_selftest() ? 0 : 1; }\n'
+    filled = fill(BUILD, Elf.read(compiled(BUILD, tmp_path, main)))
     measured = {name for name, (kind, _, _) in tracking.objects.items() if kind == "MEASUREMENT"}
     assert (filled.instance, set(filled.left_out)) == ("", measured)
     assert objects(filled.text).keys() == tracking.objects.keys() - measured

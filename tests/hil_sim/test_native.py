@@ -13,6 +13,7 @@ from codegen.errors import BuildError, CodegenError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
 from hil_sim.ecu_process import EcuProcess
+from tests.cli.conftest import edit
 
 
 def run(*command: str | Path) -> tuple[int, str, str]:
@@ -26,12 +27,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, build_folder: Path) 
     monkeypatch.setenv("ARS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CC", raising=False)
     return Path(shutil.copytree(build_folder, tmp_path / "build"))
-
-
-def replace_once(file: Path, old: str, new: str) -> None:
-    text = file.read_text()
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -63,7 +58,7 @@ def test_help_and_an_interface_that_is_missing(build_folder: Path) -> None:
 
 
 def test_a_failed_self_test_comes_before_the_bus(folder: Path) -> None:
-    replace_once(folder / "src" / "ars_selftest.c", "== 0xCCu;", "== 0xCDu;")
+    edit(folder / "src" / "ars_selftest.c", ("== 0xCCu;", "== 0xCDu;"))
     assert run(*native.command(folder, "vcan0")) == (1, "", "error: the self-test failed; build and compile again\n")
 
 
@@ -102,7 +97,7 @@ def test_its_name_depends_on_sources_and_compiler(folder: Path, monkeypatch: pyt
         (lambda folder, _: (folder / "src/ars_can.c").unlink(), r"src/ars_can\.c: cannot be read .*build again"),
         (lambda folder, _: (folder / "manifest.json").unlink(), r"there is no manifest\.json"),
         (
-            lambda folder, _: replace_once(folder / "linux/ars_ecu.c", "static ecu_t ecu;", "static ecu_t ecu"),
+            lambda folder, _: edit(folder / "linux/ars_ecu.c", ("static ecu_t ecu;", "static ecu_t ecu")),
             r"^linux/ars_ecu\.c:\d+: the C does not compile: expected",
         ),
         (lambda _, patch: patch.setattr(sys, "platform", "darwin"), "the native ECU needs Linux; take --ecu cffi"),

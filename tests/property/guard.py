@@ -3,12 +3,8 @@
 import contextlib
 import signal
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import FrameType
-from typing import Any
-
-from hypothesis import HealthCheck, given, settings
-from hypothesis.strategies import SearchStrategy
 
 MEMORY_MAX = 64 * 2**20
 SECONDS_MAX = 60  # of processor time; a loader takes milliseconds, and one that runs for so long never ends
@@ -36,9 +32,3 @@ def bounded(memory_max: int = MEMORY_MAX, seconds: float = SECONDS_MAX) -> Itera
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
     assert peak <= memory_max, f"{peak / 2**20:.0f} MiB at a time"
-
-
-def examples(check: Callable[..., None], count: int, **inputs: SearchStrategy[Any]) -> Callable[..., None]:
-    """Return a test that calls `check` with `count` examples of its inputs."""
-    health = [HealthCheck.function_scoped_fixture]
-    return settings(max_examples=count, deadline=None, suppress_health_check=health)(given(**inputs)(check))

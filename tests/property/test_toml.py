@@ -97,15 +97,11 @@ class ChangedText(RuleBasedStateMachine):
             check(self.path, "\n".join(self.lines).encode("utf-8", errors="surrogatepass"), self.load)
 
 
-def check_changed_texts(tmp_path: Path, count: int) -> None:
+def test_changed_texts(tmp_path: Path) -> None:
     ChangedText.path = tmp_path / "fuzz.toml"
     changed = ChangedText.TestCase()
-    changed.settings = settings(max_examples=count, stateful_step_count=8, deadline=None)
+    changed.settings = settings(max_examples=12, stateful_step_count=8, deadline=None)
     changed.runTest()
-
-
-def test_changed_texts(tmp_path: Path) -> None:
-    check_changed_texts(tmp_path, 12)
 
 
 LARGE = {  # below the size limit of a file

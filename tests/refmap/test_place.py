@@ -11,19 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.refmap import exact
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap, from_arrays
 from codegen.refmap.place import Maker, Target
 from codegen.refmap.place_error import Ruler
-from codegen.refmap.place_ground import Ground, above_zero, capped, ground_of
-from codegen.refmap.place_sheet import gain_of, reference_sheet, yaw_rate_sheet
-from codegen.refmap.problem import SteadyTurnProblem
+from codegen.refmap.place_ground import Ground, ground_of
 from codegen.refmap.solve import solve_case
 from codegen.refmap.total import Rule
-from tests.refmap.cars import CASES, PAPER, changed, paper_map, paper_total
-from tests.refmap.placing import ROUNDING, coarsely, largest_error, truth_of
+from tests.refmap.cars import PAPER, changed, paper_map, paper_total
+from tests.refmap.placing import ROUNDING, largest_error, truth_of
 
 BARE_BOUND = math.radians(4.0)
 
@@ -67,34 +64,6 @@ def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
     assert uneven.flash_bytes < 4 * total.yaw_rate.size
     assert Rule.CONTINUED.value not in uneven.total.rule
-
-
-def test_a_sheet_of_exact_numbers_gives_the_truth() -> None:
-    """The lookup gives the same for other numbers."""
-    config = coarsely(PAPER)
-    layer = ground_of(solve_case(config, "4ws-2"), config).layers[-1]
-    speed, front_angle = np.linspace(0.0, 33.0, 60), np.linspace(0.0, 0.6, 55)
-    for sheet in (yaw_rate_sheet(layer, None), reference_sheet(layer, None)):
-        made = sheet.outcome(sheet.values(speed, front_angle), sheet.beside(speed, front_angle))
-        np.testing.assert_allclose(made, sheet.truth(speed, front_angle), rtol=0.0, atol=1e-12)
-    sheet, rng = reference_sheet(layer, None), np.random.default_rng(2)
-    tables = layer.surface(speed, front_angle)
-    other = [table + rng.normal(scale=size, size=table.shape) for table, size in zip(tables, (0.1, 0.02), strict=True)]
-    made = sheet.outcome(np.stack(other), sheet.beside(speed, front_angle))
-    wanted = capped(other[0], other[1], layer.allowed(speed, front_angle), speed, layer.total.steering)
-    gain = gain_of(layer.total.steering, above_zero(speed))[:, np.newaxis]
-    np.testing.assert_allclose(made, np.stack([wanted[0], wanted[1] * gain]), rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_the_surface_under_the_cap_is_the_optimum_with_its_rear_angle(case: str) -> None:
-    of_case = ground_of(paper_map(case), PAPER)
-    problem = SteadyTurnProblem.from_config(PAPER, PAPER.case(case))
-    speed, angle = np.linspace(*of_case.own_speed, 83), np.linspace(*of_case.own_front_angle, 97)
-    optimum = exact.solve(problem, speed, angle)
-    inside = optimum.margin > 1e-9  # rad: at the edge itself rounding decides
-    for values, expected in zip(of_case.layers[-1].truth(speed, angle), (optimum.yaw_rate, optimum.rear_angle), strict=True):
-        np.testing.assert_allclose(values[inside], expected[inside], rtol=0.0, atol=1e-12)
 
 
 def test_an_edited_map_is_a_table() -> None:

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell
 from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
@@ -14,6 +13,7 @@ from hil_sim.suite.price import SINE_FREQUENCIES_HZ, SineTracking, rise_times
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.sample_timing import TIMINGS, TimingError
 from hil_sim.suite.tracking import Outside, Shown, SuiteResult
+from tests.hil_sim import made as recordings
 
 SUBJECTS = ("tracking", "pi", "feedforward", "proportional", "passive")
 CELLS = tuple(Cell(speed, share * 200.0 / speed, share) for speed in SPEEDS_KM_H for share in SHARES)
@@ -58,25 +58,18 @@ def table(subject: str, condition: str) -> tuple[CellResult, ...]:
 
 def record(subject: str) -> np.ndarray:
     """A step; the passive car spins a second after it."""
-    time = np.arange(round(DURATION / 0.01)) * 0.01
-    late = np.clip(time - STEER_TIME, 0.0, None)
+    late = np.clip(np.arange(round(DURATION / 0.01)) * 0.01 - STEER_TIME, 0.0, None)
     place = SUBJECTS.index(subject)
-    made = np.zeros((len(time), len(RECORD_COLUMNS)))
-    columns = {
-        "time_s": time,
-        "speed_m_s": 30.0,
-        "front_angle_rad": 0.05 * (late > 0.0),
-        "yaw_rate_rad_s": 0.3 * (1.0 - np.exp(-late * (5.0 + place))) * (1.0 + 0.1 * place),
-        "yaw_rate_reference_rad_s": 0.3 * (1.0 - np.exp(-6.0 * late)),
-        "sideslip_rad": 0.01 * place * (1.0 - np.exp(-3.0 * late)),
-        "rear_angle_rad": 0.02 * (1.0 - np.exp(-6.0 * late)) * (subject != "passive"),
-    }
-    for name, values in columns.items():
-        made[:, RECORD_COLUMNS.index(name)] = values
-    if subject == "passive":
-        for name in ("sideslip_rad", "slip_rear_rad"):
-            made[time >= STEER_TIME + 1.0 - 1e-9, RECORD_COLUMNS.index(name)] = 0.3
-    return made
+    step = recordings.record(
+        DURATION,
+        speed_m_s=30.0,
+        front_angle_rad=0.05 * (late > 0.0),
+        yaw_rate_rad_s=0.3 * (1.0 - np.exp(-late * (5.0 + place))) * (1.0 + 0.1 * place),
+        yaw_rate_reference_rad_s=0.3 * (1.0 - np.exp(-6.0 * late)),
+        sideslip_rad=0.01 * place * (1.0 - np.exp(-3.0 * late)),
+        rear_angle_rad=0.02 * (1.0 - np.exp(-6.0 * late)) * (subject != "passive"),
+    )
+    return recordings.spun(step, STEER_TIME + 1.0) if subject == "passive" else step
 
 
 def margins(*, stable: bool) -> FamilyMargins:

@@ -11,6 +11,7 @@ from codegen.errors import CodegenError, ConfigError
 from codegen.sweep import plan as planning
 from codegen.sweep import store
 from codegen.sweep.plan import Plan
+from tests.cli.conftest import edit
 from tests.sweep.conftest import ROOT, SAMPLES, write_spec
 
 TWO = '["step-steer", "sine-with-dwell"]'
@@ -18,13 +19,7 @@ TWO = '["step-steer", "sine-with-dwell"]'
 
 def edited(at: Path, *changes: tuple[str, str], samples: int = 8) -> Path:
     """The spec of the tests with some text in the place of other."""
-    path = write_spec(at, samples=samples)
-    text = path.read_text()
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path.write_text(text)
-    return path
+    return edit(write_spec(at, samples=samples), *changes)
 
 
 def with_own(at: Path, *lines: str, base: str = "step-steer", length: str = "length_s = 3.9") -> Path:

@@ -4,20 +4,18 @@ import functools
 import math
 
 import numpy as np
-import pytest
 
 from codegen.emit.can_view import DIAGNOSTICS
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import RECORD_COLUMNS, Status
 from codegen.verify import traffic
 from codegen.verify.drives import DELAY_SAMPLES, Ground, drawn, measurements_of, recorded
-from codegen.verify.map_reference import lookup_of
 from codegen.verify.pil.batches import Program, Rows, program_of, rows_of_cycles
 from codegen.verify.pil.runners import OnHost
 from codegen.verify.pil.stimuli import Source
 from hil_sim.runs import run_through_can
 from hil_sim.scenarios import SCENARIOS
-from tests.verify import builds, planted
+from tests.verify import builds
 
 TRACKING = builds.made("tracking", "uneven")
 
@@ -106,17 +104,9 @@ def test_drawn_samples_go_everywhere() -> None:
         assert np.isin(inside, values).mean() > 0.9
 
 
-def test_drawn_drives_reach_every_status_and_every_cell_of_the_schedule() -> None:
-    software, drives = builds.compiled(), drawn(Ground.of(TRACKING.manifest), 1_500)
-    reached = {command.status for drive in drives for command in software.controller().run(measurements_of(drive))}
-    assert reached == set(Status)
-    speeds = np.concatenate([drive[:, 0] for drive in drives])
+def test_drawn_drives_reach_every_cell_of_the_schedule() -> None:
+    """`test_law` has the statuses that they reach."""
+    speeds = np.concatenate([drive[:, 0] for drive in drawn(Ground.of(TRACKING.manifest), 1_500)])
     breakpoints = np.array(builds.SCHEDULE["speed_km_h"], dtype=np.float32) / np.float32(3.6)
     cells = np.searchsorted(breakpoints, speeds[np.isfinite(speeds)])
     assert set(range(len(breakpoints))) <= set(cells.tolist())
-
-
-def test_the_caps_of_a_stack_are_read_from_the_c() -> None:
-    lookup = lookup_of(planted.subject_of(builds.made("tracking", "uneven", layers=True)))
-    assert lookup.tables.shape == lookup.rear_tables.shape == (4, 9, 10)
-    assert lookup.lateral_acceleration_cap_per_friction == pytest.approx(lookup.caps[0] / 0.3, rel=1e-6)  # single precision

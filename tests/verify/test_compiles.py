@@ -2,6 +2,8 @@
 
 import pytest
 
+from codegen.config import Kind
+from codegen.emit.text import Precision
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles
 from codegen.verify.compilation import mixtures
@@ -20,12 +22,19 @@ def c_function(signature: str, body: str) -> str:
     return f"{signature};\n{signature}\n{{\n    {body}\n}}\n"
 
 
-def test_a_build_compiles_cleanly() -> None:
-    outcome = checked(planted.subject_of(PI))
+@pytest.mark.parametrize(
+    ("kind", "grid", "precision"),
+    [*((kind, "even", "single") for kind in builds.KINDS), ("pi", "uneven", "single"), ("tracking", "uneven", "double")],
+)
+def test_a_build_compiles_cleanly(kind: Kind, grid: str, precision: Precision) -> None:
+    subject = planted.subject_of(builds.made(kind, grid, precision=precision))
+    outcome = checked(subject)
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
     figures, pairs = outcome.figures, outcome.figures["mixtures"]
-    assert all({"sinf", "cosf", "atanf"} <= set(names) for names in figures["needed_of_others"].values())
-    assert figures["mixtures_refused"] == pairs == len(mixtures.mixtures(planted.subject_of(PI)))
+    for names in figures["needed_of_others"].values():
+        needed = {name for name in names if not name.startswith(("mem", "__aeabi_"))}
+        assert needed == set(subject.manifest["dynamics_library_functions"])
+    assert figures["mixtures_refused"] == pairs == len(mixtures.mixtures(subject))
     assert outcome.figure == f"0 findings in {len(figures['compilations'])} compilations and {pairs} mixtures of builds"
 
 

@@ -4,9 +4,11 @@ import functools
 
 import pytest
 
+from codegen.config import Kind
 from codegen.verify.budgets.program import STACK_FLAG, NoBound, Program
 from codegen.verify.budgets.sizes import Sizes, compile_objects, sizes_of
 from codegen.verify.target.cross import compile_image
+from tests.verify import builds, planted
 
 SOURCE = """
 #include <stdint.h>
@@ -92,3 +94,10 @@ def test_sections_and_written_variables_of_each_unit() -> None:
     assert found.written == (("counter", 12), ("shared", 4), ("start", 12))
     assert found.flash == found.text + 200 + 12
     assert clean == Sizes(text=clean.text)
+
+
+@pytest.mark.parametrize("kind", builds.KINDS)
+def test_a_build_has_no_memory_of_its_own(kind: Kind) -> None:
+    """All memory is the caller's, so instances share nothing. `test_budgets` plants what is found here."""
+    objects = compile_objects(planted.subject_of(builds.made(kind, "uneven")).sources(), ("-O0",))
+    assert [path for path, content in objects.items() if sizes_of(content).written] == []

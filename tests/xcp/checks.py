@@ -27,55 +27,33 @@ def _address(rng: Random, places: dict[str, int]) -> int:
 def _shaped(rng: Random, places: dict[str, int], name: str) -> bytes:
     """Return a command whose arguments are valid or nearly valid."""
     small = [int(value) for value in rng.choice([0, 0, 0, 1, 1, 2, 3, 7, 8, 255], 7)]
-    if name in ("SET_MTA", "SHORT_UPLOAD"):
-        return packet(name, int(rng.integers(9)), 0, int(rng.random() < 0.05), dword(_address(rng, places)))
-    if name == "DOWNLOAD":
-        number = struct.pack("<f", rng.choice(NUMBERS)) if rng.random() < 0.5 else rng.bytes(4)
-        return packet(name, int(rng.choice([1, 2, 4, 4, 4, 6, 7])), number, rng.bytes(2))
-    if name == "BUILD_CHECKSUM":
-        return packet(name, 0, 0, 0, dword(int(rng.choice([0, 1, 100, places["size"], 2**32 - 1]))))
-    if name == "WRITE_DAQ":
-        return packet(name, 0xFF, int(rng.integers(9)), 0, dword(_address(rng, places)))
-    if name == "SET_DAQ_LIST_MODE":
-        mode = int(rng.choice([0, 0x10, 0x02]))
-        return packet(name, mode, word(small[0]), word(int(rng.random() < 0.05)), int(rng.integers(4)), 0)
-    if name in ("START_STOP_DAQ_LIST", "GET_DAQ_LIST_MODE"):
-        return packet(name, small[0], word(small[1]))
-    if name == "SET_CAL_PAGE":
-        return packet(name, int(rng.choice([1, 2, 3, 3, 0x83, 4, 0])), int(rng.random() < 0.1), int(rng.integers(3)))
-    return packet(name, *small)
+    address, size, flag = dword(_address(rng, places)), int(rng.integers(9)), int(rng.random() < 0.05)
+    arguments: dict[str, tuple[int | bytes, ...]] = {
+        "SET_MTA": (size, 0, flag, address),
+        "SHORT_UPLOAD": (size, 0, flag, address),
+        "DOWNLOAD": (int(rng.choice([1, 2, 4, 4, 4, 6, 7])), struct.pack("<f", rng.choice(NUMBERS)), rng.bytes(2)),
+        "BUILD_CHECKSUM": (0, 0, 0, dword(int(rng.choice([0, 1, 100, places["size"], 2**32 - 1])))),
+        "WRITE_DAQ": (0xFF, size, 0, address),
+        "SET_DAQ_LIST_MODE": (int(rng.choice([0, 0x10, 0x02])), word(small[0]), word(flag), int(rng.integers(4)), 0),
+        "SET_CAL_PAGE": (int(rng.choice([1, 2, 3, 3, 0x83, 4, 0])), flag, int(rng.integers(3))),
+        **dict.fromkeys(("START_STOP_DAQ_LIST", "GET_DAQ_LIST_MODE"), (small[0], word(small[1]))),
+        "COPY_CAL_PAGE": (0, int(rng.integers(2)), flag, int(rng.integers(2))),
+    }
+    return packet(name, *arguments.get(name, small))
 
 
 def _lists(rng: Random, places: dict[str, int]) -> list[bytes]:
-    """Return the packets that set up and start a list of measurements."""
-    stamped = bool(rng.integers(2))
+    """Return the packets that set up and start a list of measurements, one time in ten in any order."""
     lists, odts, entries = (int(rng.choice([2, 2, 2, 2, 2, more])) for more in (9, 33, 8))
     packets = [packet("FREE_DAQ"), packet("ALLOC_DAQ", 0, word(lists)), packet("ALLOC_ODT", 0, word(0), odts)]
-    packets.append(packet("ALLOC_ODT", 0, word(1), 1))
     packets += [packet("ALLOC_ODT_ENTRY", 0, word(0), odt, entries) for odt in range(min(odts, 3))]
     for odt in range(min(odts, 3)):
-        packets.append(packet("SET_DAQ_PTR", 0, word(0), odt, 0))
         at = MEASUREMENTS + int(rng.integers(places["measurements"]))
+        packets.append(packet("SET_DAQ_PTR", 0, word(0), odt, 0))
         packets += [packet("WRITE_DAQ", 0xFF, int(rng.integers(1, 5)), 0, dword(at)) for _ in range(entries)]
-    if rng.random() < 0.1:
-        del packets[-1]
-    packets.append(packet("SET_DAQ_LIST_MODE", 0x10 * stamped, word(0), word(0), int(rng.integers(1, 3)), 0))
-    packets.append(packet("START_STOP_DAQ_LIST", int(rng.integers(1, 3)), word(0)))
-    packets.append(packet("START_STOP_SYNCH", 1))
+    packets.append(packet("SET_DAQ_LIST_MODE", int(rng.choice([0, 0x10])), word(0), word(0), int(rng.integers(1, 3)), 0))
+    packets += [packet("START_STOP_DAQ_LIST", int(rng.integers(1, 3)), word(0)), packet("START_STOP_SYNCH", 1)]
     return packets if rng.random() < 0.9 else [packets[k] for k in rng.permutation(len(packets))]
-
-
-def _calibration(rng: Random, places: dict[str, int]) -> list[bytes]:
-    """Return packets that write parameters on the active page or the other, and that switch pages."""
-    packets = [packet("SET_CAL_PAGE", int(rng.integers(1, 4)), 0, int(rng.integers(2)))]
-    for _ in range(3):
-        at = CALIBRATION + places[str(rng.choice(CALIBRATED))]
-        packets.append(packet("SET_MTA", 0, 0, 0, dword(at)))
-        packets.append(packet("DOWNLOAD", 4, struct.pack("<f", rng.choice(NUMBERS))))
-    packets.append(packet("SET_CAL_PAGE", int(rng.integers(1, 4)), 0, int(rng.integers(2))))
-    if rng.random() < 0.3:
-        packets.append(packet("COPY_CAL_PAGE", 0, int(rng.integers(2)), 0, int(rng.integers(2))))
-    return packets
 
 
 def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
@@ -87,15 +65,18 @@ def random_packets(rng: Random, places: dict[str, int]) -> list[bytes | None]:
         return [packet("DISCONNECT"), rng.bytes(8), packet("CONNECT", int(rng.random() < 0.1)), packet("CONNECT", 0)]
     if kind < 0.34:
         return [*_lists(rng, places), *[None] * 3]
-    if kind < 0.50:
-        return [*_calibration(rng, places), None]
+    if kind < 0.50:  # parameters on the active page or the other, between two changes of the pages
+        at = (CALIBRATION + places[str(rng.choice(CALIBRATED))] for _ in range(3))
+        writes = (each for one in at for each in (packet("SET_MTA", 0, 0, 0, dword(one)), _shaped(rng, places, "DOWNLOAD")))
+        pages = [_shaped(rng, places, name) for name in ("SET_CAL_PAGE", "SET_CAL_PAGE", "COPY_CAL_PAGE")]
+        return [pages[0], *writes, *pages[1 : int(rng.integers(2, 4))], None]
     if kind < 0.60:
         return [_shaped(rng, places, name) for name in ("SET_MTA", str(rng.choice(["UPLOAD", "DOWNLOAD", "BUILD_CHECKSUM"])))]
     shaped = _shaped(rng, places, names[rng.integers(2, len(names))])
     return [shaped[: rng.integers(1, 9)] if rng.random() < 0.1 else shaped]
 
 
-def run_random_packets(program: Path, count: int = 10_000, seed: int = 1) -> tuple[Counter[str], int]:
+def run_random_packets(program: Path, count: int) -> tuple[Counter[str], int]:
     """Send `count` packets to a connected slave.
 
     Returns:
@@ -104,7 +85,7 @@ def run_random_packets(program: Path, count: int = 10_000, seed: int = 1) -> tup
     Raises:
         AssertionError: an invariant does not hold.
     """
-    rng, seen, measured, sent = np.random.default_rng(seed), Counter[str](), 0, 0
+    rng, seen, measured, sent = np.random.default_rng(1), Counter[str](), 0, 0
     names = {code: name for name, code in COMMANDS.items()}
     with Slave(program) as slave:
         slave.positive("CONNECT", 0)

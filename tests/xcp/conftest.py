@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.xcp.slave import Objects, Slave
+from tests.xcp.slave import Slave, compile_slave
 
 
 @pytest.fixture(scope="package")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The generated slave."""
-    return Objects(tmp_path_factory.mktemp("xcp")).program()
+    return compile_slave(tmp_path_factory.mktemp("xcp"))
 
 
 @pytest.fixture

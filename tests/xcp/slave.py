@@ -67,32 +67,19 @@ def dword(value: int) -> bytes:
     return struct.pack("<I", value)
 
 
-class Objects:
-    """The compiled sources of a build and the harness, without the slave, which a test may change."""
-
-    def __init__(self, at: Path) -> None:
-        self._compiler, self._at = find_compiler().command, at
-        self._flags = (*FLAGS, SANITIZERS, "-fno-pie", section_flag("ars"), "-Iinclude", "-Ilinux")
-        for folder in ("include", "src", "linux"):
-            shutil.copytree(BUILD / folder, at / folder)
-        (at / "slave.c").write_bytes(HARNESS.read_bytes())
-        units = sorted(str(path.relative_to(at)) for path in at.glob("src/*.c"))
-        require_success(run([*self._compiler, *self._flags, "-c", *units], at), "src")
-        # Not sanitized: it reads memory around the calibration, some of which belongs to the sanitizer.
-        plain = [flag for flag in self._flags if flag != SANITIZERS]
-        require_success(run([*self._compiler, *plain, "-c", "slave.c"], at), "slave.c")
-        self._objects = [Path(unit).with_suffix(".o").name for unit in (*units, "slave.c")]
-
-    def program(self, name: str = "slave", *changes: tuple[str, str]) -> Path:
-        """Link a program with the slave after replacing parts of its text."""
-        text = (BUILD / "linux/ars_xcp.c").read_text("ascii")
-        for old, new in changes:
-            assert text.count(old) == 1, f"{text.count(old)} times {old}"
-            text = text.replace(old, new)
-        (self._at / f"{name}_xcp.c").write_text(text, encoding="ascii")
-        command = [*self._compiler, *self._flags, "-no-pie", f"{name}_xcp.c", *self._objects, "-o", name, "-lm"]
-        require_success(run(command, self._at), f"{name}_xcp.c")
-        return self._at / name
+def compile_slave(at: Path) -> Path:
+    """Compile the committed build and the harness in a folder; return the program."""
+    compiler = find_compiler().command
+    flags = (*FLAGS, SANITIZERS, "-fno-pie", section_flag("ars"), "-Iinclude", "-Ilinux")
+    for folder in ("include", "src", "linux"):
+        shutil.copytree(BUILD / folder, at / folder)
+    (at / "slave.c").write_bytes(HARNESS.read_bytes())
+    # Not sanitized: it reads memory around the calibration, some of which belongs to the sanitizer.
+    plain = [flag for flag in flags if flag != SANITIZERS]
+    require_success(run([*compiler, *plain, "-c", "slave.c"], at), "slave.c")
+    sources = [*sorted(str(path.relative_to(at)) for path in at.glob("src/*.c")), "linux/ars_xcp.c"]
+    require_success(run([*compiler, *flags, "-no-pie", *sources, "slave.o", "-o", "slave", "-lm"], at), "src")
+    return at / "slave"
 
 
 class Slave:
