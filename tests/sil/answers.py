@@ -120,7 +120,8 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
         "free": free,
         "odd gains": {**free, **odd},
         "beyond the schedule": {
-            **{**free, **odd, "schedule_speed": [1.0 + 5.0 * k for k in range(points)]},
+            **{**free, **odd, "schedule_speed": [0.1 + 0.05 * k for k in range(points)]},
+            "proportional_gain": [5.0, *odd["proportional_gain"][1:]],
             "inputs": {**OPEN, "speed_max": 200.0},
         },
         "no authority": {**free, **odd, "yaw_increasing_max": 0.0},

@@ -24,9 +24,9 @@ def _gain(built: Built, speed: float) -> float:
     return speed / (car.wheelbase + car.understeer_coefficient * speed**2)
 
 
-def _turning(built: Built, front: float = 0.03, **inputs: float) -> tuple[Controller, Measurement]:
-    """Return a controller that has seen a long steady turn of the linear car, with straight rear wheels, and a sample of it."""
-    turn = Measurement(16.0, front, front * _gain(built, 16.0), 0.0)
+def _turning(built: Built, rear: float = 0.0, **inputs: float) -> tuple[Controller, Measurement]:
+    """Return a controller that has seen a long steady turn of the linear car, and a sample of it."""
+    turn = Measurement(16.0, 0.03, (0.03 - rear) * _gain(built, 16.0), rear)
     controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 20.0, **inputs}}))
     assert {command.status for command in controller.run([turn] * 300)} <= set(RUNNING)
     return controller, turn
@@ -62,6 +62,7 @@ def check_lost_yaw_rate(built: Built) -> None:
     back = replace(turn, yaw_rate=wanted, front_angle=0.02)
     statuses = [command.status for command in controller.run([back] * needed)]
     assert set(statuses[:-1]) == {Status.DEGRADED} and statuses[-1] in RUNNING
+    assert controller.state.inputs.yaw_rate.missing == 0
 
 
 def check_lost_front_angle(built: Built) -> None:
@@ -70,6 +71,33 @@ def check_lost_front_angle(built: Built) -> None:
     lost = replace(turn, front_angle=math.nan, rear_angle=0.01)
     assert {command.status for command in controller.run([lost] * 30)} == {Status.DEGRADED}
     assert abs(controller.state.sample.front_angle - (0.01 + 0.03)) <= 8.0 * built.eps * 0.04  # five operations, each rounded
+
+
+def check_lost_front_angle_of_a_slow_car(built: Built) -> None:
+    """From 1 m/s on, and not slower, where it would be far from what the yaw rate tells."""
+    for speed, found in ((1.0, True), (built.next(1.0, 0.0), False)):
+        controller = built.software.controller(0.0, parameters_of(built, {"inputs": {**OPEN, "missing_samples_max": 0}}))
+        controller.run([Measurement(speed, 0.03, 0.02, 0.0), Measurement(speed, math.nan, 0.02, 0.0)])
+        assert (controller.state.sample.front_angle != float(built.real(0.03))) == found
+
+
+def check_wrong_speed(built: Built) -> None:
+    """It counts again where it is near what stands for it, for so many samples in a row."""
+    controller, turn = _turning(built, speed_fall=0.0)
+    controller.run([replace(turn, speed=8.0)] * 30)
+    assert (controller.state.inputs.speed.source, controller.state.sample.speed) == (WRONG, 16.0)
+    statuses = [command.status for command in controller.run([turn] * controller.parameters.inputs.recovery_samples)]
+    assert set(statuses[:-1]) == {Status.DEGRADED} and statuses[-1] in RUNNING
+
+
+def check_slow_speed_in_a_gap(built: Built) -> None:
+    """Control ends below the disabling speed and not at it, though the sample is not whole."""
+    disable = float(built.software.parameters().disable_speed)
+    for speed, controlled in ((disable, True), (built.next(disable, 0.0), False)):
+        controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
+        controller.run([Measurement(16.0, 0.03, 0.1, 0.0)] * 3)
+        assert controller.step(Measurement(speed, 0.03, math.nan, 0.0)).status is Status.DEGRADED
+        assert controller.state.enabled == controlled
 
 
 def check_lost_speed(built: Built) -> None:
@@ -109,10 +137,31 @@ def check_frozen_yaw_rate(built: Built) -> None:
                 assert wrong == (frozen and moved > 0.05), sample
 
 
+def check_turn_that_is_just_too_far_away(built: Built) -> None:
+    """The distance itself is no fault; and the first sample is no distance, whatever the largest yaw rate."""
+    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 0.25}
+    controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
+    turn = Measurement(16.0, 0.03125, 0.25, 0.0)
+    controller.run([turn] * 3 + [replace(turn, front_angle=0.0)])
+    assert controller.state.inputs.yaw_rate.source == 0
+    controller.step(replace(turn, front_angle=-0.001))
+    assert controller.state.inputs.yaw_rate.source == WRONG
+    _turning(built, yaw_rate_frozen=0.02, yaw_rate_max=20.0)
+
+
+def check_turn_beyond_its_range(built: Built) -> None:
+    """What stands for a yaw rate lies in its range, on either side."""
+    for side in (1.0, -1.0):
+        narrow = {**OPEN, "yaw_rate_max": 0.125, "expected_share": 1.0}
+        controller = built.software.controller(0.0, parameters_of(built, {"inputs": narrow}))
+        controller.run([Measurement(16.0, side * 0.1, side * 0.1, 0.0)] * 2)
+        assert controller.state.inputs.expected_yaw_rate == side * 0.125
+
+
 def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
     """It has to agree with the others for so many samples in a row, in a turn: that zero agrees with zero proves nothing."""
     for field in ("front_angle", "yaw_rate"):
-        controller, turn = _turning(built)
+        controller, turn = _turning(built, rear=0.01)
         needed = controller.parameters.inputs.recovery_samples
         controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
         signal = getattr(controller.state.inputs, field)
@@ -125,7 +174,8 @@ def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:
         assert signal.source == 0, field
         controller.step(replace(turn, **{field: -getattr(turn, field)}))  # type: ignore[arg-type]
         for share in (max(1.0 - 0.02 * sample, 0.0) for sample in range(150)):
-            sample = replace(turn, front_angle=share * turn.front_angle, yaw_rate=share * turn.yaw_rate)
+            turned = (share * turn.front_angle, share * turn.yaw_rate, share * turn.rear_angle)
+            sample = replace(turn, front_angle=turned[0], yaw_rate=turned[1], rear_angle=turned[2])
             controller.step(replace(sample, **{field: -getattr(sample, field)}))  # type: ignore[arg-type]
         assert signal.source == WRONG, "straight ahead"
 

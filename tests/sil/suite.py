@@ -141,7 +141,7 @@ def _controller(kind: Kind) -> list[Judge]:
     own = _in(checks_tracking) if kind == "tracking" else ()
     return [
         *_drives(kind),
-        *_of_built(*_in(checks_edges), *_in(checks_parameters)),
+        *_of_built(*_in(checks_edges), *_in(checks_parameters), *_in(checks_inputs)),
         *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
         *_of_built(*_in(checks_supervision), checks_kinds.check_kind_always_bounded, *own),
     ]
@@ -187,7 +187,13 @@ TASK = _answered(
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
     "controller": _controller,
-    "inputs": lambda kind: [*_drives(kind), *_of_built(*_in(checks_inputs), *_in(checks_supervision)), *_inits(kind)],
+    "inputs": lambda kind: [
+        *_drives(kind),
+        *_of_built(
+            *_in(checks_inputs), *_in(checks_supervision), checks_parameters.check_ranges, checks_edges.check_unsound_memory
+        ),
+        *_inits(kind),
+    ],
     "limiter": _limiter,
     "map": _map,
     "reference_model": _reference_model,
