@@ -199,6 +199,16 @@ def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
     assert controller.step(STRAIGHT).status in RUNNING
 
 
+def check_ranges_of_the_unit_itself(built: Built) -> None:
+    """Where the limiter's range ends too, the controller's parameters do not show whose it is."""
+    is_valid = built.software.function("inputs_parameters_valid")
+    for name, most in (("speed_max", 200.0), ("front_angle_max", 1.5)):
+        for value, fits in ((most, True), (built.next(most, 1e3), False)):
+            parameters = built.software.parameters()
+            setattr(parameters.inputs, name, value)
+            assert is_valid(built.software.ffi.addressof(parameters, "inputs")) == fits, name
+
+
 def check_oversteering_car(built: Built) -> None:
     """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
     wheelbase."""
