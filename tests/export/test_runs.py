@@ -99,14 +99,13 @@ def test_equal_runs_give_equal_bytes(record: np.ndarray, tmp_path: Path, suffix:
 
 
 @pytest.mark.parametrize(("package", "suffix"), [("asammdf", ".mf4"), ("pyarrow", ".parquet")])
-def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch, package: str, suffix: str) -> None:
+def test_a_package_that_is_missing_and_an_ending_without_a_format(
+    monkeypatch: pytest.MonkeyPatch, package: str, suffix: str
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     message = rf'{package}, which writes {suffix}, is missing; pip install "ars-codegen\[tools\]"'
     with pytest.raises(CodegenError, match=message):
         check_formats((Path(f"run{suffix}"),))
     check_formats((Path("run.csv"),))
-
-
-def test_an_ending_without_a_format() -> None:
     with pytest.raises(CodegenError, match=r"no format for a run; end its name in \.mf4, \.parquet, \.csv"):
         check_formats((Path("run.mdf"),))

@@ -70,27 +70,6 @@ def test_values_between_rows_are_linear_and_flags_are_held() -> None:
     assert estimate[300] == pytest.approx(0.6)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "line 1: no column time_s"),
-        ("time_s,speed_kmh,steering_wheel_angle_rad\n0,0,0\n", "is it 'speed_kmh'? units stand in the names"),
-        ("time_s,speed_m_s\n0,10\n", "line 1: no column steering_wheel_angle_rad or front_angle_rad"),
-        ("time_s;speed_m_s;front_angle_rad\n0;10;0\n", "separate them by commas"),
-        (f"{HEADER}\n0,10,0\n0.2,10,0\n0.2,10,0\n", "line 4, column time_s: time does not increase: 0.2 after 0.2"),
-        (f"{HEADER}\n0,10,0\n0.1,ten,0\n", "line 3, column speed_m_s: not a number: 'ten'"),
-        (f"{HEADER}\n0,10,0\n0.1,nan,0\n", "line 3, column speed_m_s: nan is outside"),
-        (f"{HEADER}\n0,10,0\n0.1,-1,0\n", "column speed_m_s: -1 is outside 0 to 150 m/s; check the value and its unit"),
-        (f"{HEADER}\n0,10,0\n0.1,10\n", "line 3: 2 values, 3 columns"),
-        (f"{HEADER},inhibit\n0,10,0,0\n0.1,10,0,0.5\n", "column inhibit: 0.5 is neither 0 nor 1"),
-        (f'{HEADER}\n0,10,"0\n', "not CSV"),
-        (f"{HEADER}\n0,10,0\n3600.1,10,0\n", "column time_s: 3600.1 s long"),
-    ],
-)
-def test_recording_that_cannot_be_used(text: str, words: str) -> None:
-    assert words in refusal(written(text))
-
-
 def test_file_that_is_none_or_too_long() -> None:
     Path("folder.csv").mkdir()
     Path("latin.csv").write_bytes(b"time_s,\xe9\n")
@@ -153,7 +132,20 @@ def test_faults_of_a_scenario_file() -> None:
         (fault("infinity", MOTION, 'signal = "V"'), "signal: VehicleMotion has no signal 'V'; known: qualifier, speed"),
         (fault("drop") + '[[faults]]\nkind = "drop"\nstart_s = 1.0\n', "faults 2: duration_s: this key is missing"),
         (fault("drop").replace("11.0", "15.0"), "faults 1: start_s: begins at 15 s, and the run ends at 15 s"),
+        ("", "line 1: no column time_s"),
+        ("time_s,speed_kmh,steering_wheel_angle_rad\n0,0,0\n", "is it 'speed_kmh'? units stand in the names"),
+        ("time_s,speed_m_s\n0,10\n", "line 1: no column steering_wheel_angle_rad or front_angle_rad"),
+        ("time_s;speed_m_s;front_angle_rad\n0;10;0\n", "separate them by commas"),
+        (f"{HEADER}\n0,10,0\n0.2,10,0\n0.2,10,0\n", "line 4, column time_s: time does not increase: 0.2 after 0.2"),
+        (f"{HEADER}\n0,10,0\n0.1,ten,0\n", "line 3, column speed_m_s: not a number: 'ten'"),
+        (f"{HEADER}\n0,10,0\n0.1,nan,0\n", "line 3, column speed_m_s: nan is outside"),
+        (f"{HEADER}\n0,10,0\n0.1,-1,0\n", "column speed_m_s: -1 is outside 0 to 150 m/s; check the value and its unit"),
+        (f"{HEADER}\n0,10,0\n0.1,10\n", "line 3: 2 values, 3 columns"),
+        (f"{HEADER},inhibit\n0,10,0,0\n0.1,10,0,0.5\n", "column inhibit: 0.5 is neither 0 nor 1"),
+        (f'{HEADER}\n0,10,"0\n', "not CSV"),
+        (f"{HEADER}\n0,10,0\n3600.1,10,0\n", "column time_s: 3600.1 s long"),
     ],
 )
-def test_scenario_file_that_cannot_be_used(text: str, words: str) -> None:
-    assert words in refusal(written(text, "mine.toml"))
+def test_file_that_cannot_be_used(text: str, words: str) -> None:
+    """Scenario files have a name; all others are recordings."""
+    assert words in refusal(written(text, "mine.toml" if text.startswith("name = ") else "mine.csv"))

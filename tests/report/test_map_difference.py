@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.nonlinear_map import nonlinear
-from codegen import config as configuration
 from codegen.errors import MapError
 from codegen.refmap.map import Binding, ReferenceMap, from_arrays
 from codegen.refmap.solve import solve_case
 from codegen.report.map_difference import interpolated, map_difference, on_axes_of
 from tests import shared
-
-CONFIG = configuration.parse(
-    {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}, "controller": {"kind": "pi"}},
-    "configuration of the test",
-)
+from tests.report.test_plots import CONFIG
 
 
 @pytest.fixture(scope="module")

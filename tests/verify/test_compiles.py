@@ -9,17 +9,13 @@ from codegen.verify.compilation import check as compiles
 from codegen.verify.compilation import mixtures
 from codegen.verify.packages import MissingTool
 from tests.verify import builds, planted
+from tests.verify.test_static_analysis import c_function
 
 PI = builds.made("pi", "uneven")
 
 
 def checked(subject: Subject) -> Outcome:
     return compiles.check(subject, Effort(quick=True))
-
-
-def c_function(signature: str, body: str) -> str:
-    """Return a function with its prototype; its body is on the fourth line."""
-    return f"{signature};\n{signature}\n{{\n    {body}\n}}\n"
 
 
 @pytest.mark.parametrize(

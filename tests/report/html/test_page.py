@@ -16,10 +16,10 @@ from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, gather, read
 from codegen.report.html.inputs import FAULT_KEYS, named, read_files
 from codegen.report.html.report import sections
-from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
+from tests.report.html.test_charts import record
 
 GENERATED = Path(__file__).resolve().parents[3] / "generated"
 EVIL = "</script><script>alert(1)</script><!-- & 'x' \"y\""
@@ -77,13 +77,6 @@ def test_a_bare_map_makes_a_report(tmp_path: Path) -> None:
     made = {section.name: section for section in sections(found)}
     assert "compared" not in made
     assert page.render("own", list(made.values()))
-
-
-def record() -> np.ndarray:
-    """Return two samples with a number of its own in each place; the status is one that exists."""
-    made = np.arange(24.0).reshape(2, len(RECORD_COLUMNS)) / 100.0
-    made[:, 0], made[:, -1] = (0.0, 0.01), (0.0, 1.0)
-    return made
 
 
 Sent = tuple[int, float, bool]  # identifier, time in s, and whether the frame was received
