@@ -19,6 +19,10 @@ NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'pip install "ars-codegen[crosscheck]"': "needs a package index, as above",
     "codegen sil --suite tracking --build generated/4ws2": "takes minutes; tests/cli has made results",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
+    **dict.fromkeys(
+        ("make evidence", "make evidence PART=mutation", "make evidence PART=mutation QUICK=1"),
+        "needs the checkout; the page is about the run that this is a part of",
+    ),
     "codegen verify generated/4ws2": "takes minutes; the same with --quick is run",
     "sudo ip link add dev vcan0 type vcan && sudo ip link set up vcan0": "needs root; where blocks with vcan0 run, it is there",
     'openocd -f board/YOUR-BOARD.cfg -c "program fw/build/gcc/firmware.elf verify reset exit"': "needs a board and a probe",

@@ -13,6 +13,7 @@ import numpy as np
 
 from codegen.refmap.extend import CapSteering, TotalMap
 from codegen.refmap.lookup import cap_in_precision, error_bound
+from codegen.refmap.total import GripTable
 from tests.sil.checks_lookup import finite_points
 from tests.sil.units import Units
 
@@ -46,12 +47,12 @@ def road_lateral_acceleration(total: TotalMap, real: Any, friction: Any) -> Any:
     return caps[layer] + share * (caps[layer + 1] - caps[layer])
 
 
-def _bilinear(total: TotalMap, table: FloatArray, speed: FloatArray, angle: FloatArray) -> FloatArray:
-    v, a = np.clip(speed, 0.0, total.speed[-1]), np.clip(np.abs(angle), 0.0, total.front_angle[-1])
-    i = np.clip(np.searchsorted(total.speed, v, side="right") - 1, 0, total.speed.size - 2)
-    j = np.clip(np.searchsorted(total.front_angle, a, side="right") - 1, 0, total.front_angle.size - 2)
-    u = (v - total.speed[i]) / (total.speed[i + 1] - total.speed[i])
-    w = (a - total.front_angle[j]) / (total.front_angle[j + 1] - total.front_angle[j])
+def _bilinear(axes: TotalMap | GripTable, table: FloatArray, speed: FloatArray, angle: FloatArray) -> FloatArray:
+    v, a = np.clip(speed, 0.0, axes.speed[-1]), np.clip(np.abs(angle), 0.0, axes.front_angle[-1])
+    i = np.clip(np.searchsorted(axes.speed, v, side="right") - 1, 0, axes.speed.size - 2)
+    j = np.clip(np.searchsorted(axes.front_angle, a, side="right") - 1, 0, axes.front_angle.size - 2)
+    u = (v - axes.speed[i]) / (axes.speed[i + 1] - axes.speed[i])
+    w = (a - axes.front_angle[j]) / (axes.front_angle[j + 1] - axes.front_angle[j])
     slower, faster = ((1.0 - w) * table[i + k, j] + w * table[i + k, j + 1] for k in (0, 1))
     result: FloatArray = (1.0 - u) * slower + u * faster
     return result
@@ -78,6 +79,9 @@ def reference_by_rule(
         return values[k] * (1.0 - share) + values[k + 1] * share
 
     cap = over_friction([layer.lateral_acceleration_cap for layer in stack]) * min(1.0, known / own[0])
+    if total.grip is not None:
+        grips = [layer.grip for layer in stack if layer.grip is not None]
+        cap = cap * np.clip(over_friction([_bilinear(grip, grip.share, speed, angle) for grip in grips]), 0.0, 1.0)
     asked = over_friction([_bilinear(total, layer.yaw_rate, speed, angle) for layer in stack])
     rear = over_friction([_bilinear(total, layer.rear_angle, speed, angle) for layer in stack])
     yaw_rate = np.minimum(asked, cap / speed)
