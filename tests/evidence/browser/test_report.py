@@ -83,7 +83,8 @@ def test_a_slider_moves_its_cut_by_keyboard(page: Any, slider: str, moved: str, 
         page.keyboard.press("ArrowRight")
     for name, text in (("cut-values", table), (f"{slider}-value", label)):
         page.wait_for_function("([id, text]) => document.getElementById(id).textContent !== text", arg=[name, text])
-    assert page.get_attribute(f"#{slider}", "aria-valuetext") == page.inner_text(f"#{slider}-value")
+    spoken = "id => document.getElementById(id).getAttribute('aria-valuetext')"
+    page.wait_for_function(f"id => ({spoken})(id) === document.getElementById(id + '-value').textContent", arg=slider)
     page.wait_for_function(f"([id, old]) => ({values})(id) !== old", arg=[moved, before])
     assert page.evaluate(values, other) == still
     for _ in range(5):
