@@ -16,14 +16,13 @@ from benchmarks.tables import CountReport, Row
 from codegen.config import KM_H
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement, Software
+from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from hil_sim.suite.candidate import recommended
 
 STEER_TIME, FAULT_TIME, DRIVER_TIME, DURATION = 0.3, 2.0, 2.2, 5.0
 """s: the driver steers in, the signal fails, the driver acts, the run ends."""
 SPEEDS_KM_H, SPEEDS_ALL_KM_H, SHARES = (50.0, 80.0, 110.0), (80.0, 90.0, 100.0, 110.0, 120.0), (0.6, 0.9)
 """Shares of the front angle at which the map reaches what it allows at that speed."""
-SPIN = math.radians(15.0)
-"""Sideslip angle of a spin, that of the suite."""
 DEVIATION_MAX = 2.0
 """m, of the median path."""
 
@@ -37,7 +36,7 @@ WAYS: dict[str, tuple[float, float, float]] = {
     "zero": (0.0, 0.0, 0.0),
     "10 deg/s more": (1.0, 0.0, OFFSET),
 }
-"""What becomes of a value: shares of what it is and of what it was when the fault began, and what is added."""
+"""Shares of a value and of what it was when the fault began, and what is added."""
 FAULTS = {
     "yaw_rate": tuple(WAYS),
     "front_angle": ("lost", "frozen", "sign flipped", "half", "zero"),
@@ -68,7 +67,7 @@ DRIVERS = (keep, straighten, counter_steer)
 
 @dataclass(frozen=True)
 class Drive:
-    """Where the car is at the end, m, and whether it has spun."""
+    """Place of the car at the end, in m, and whether it has spun."""
 
     x: float
     y: float
@@ -97,7 +96,7 @@ def drive(
                 wrong = share_now * now + share_before * before.setdefault(name, now) + added
                 measured = replace(measured, **{name: wrong})  # type: ignore[arg-type]
         command = controller.step(measured).rear_angle
-        spun = spun or abs(car.sideslip_angle) > SPIN
+        spun = spun or (abs(car.sideslip_angle) > SPIN_SIDESLIP and abs(car.slip_rear) > SPIN_REAR_SLIP)
         plant.advance([acting] * steps)
     x, y, _ = plant.position
     return Drive(x, y, spun)
@@ -139,7 +138,7 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
 
 
 def _edge(software: Software, speed: float) -> float:
-    """rad, the front angle from which the map asks for as much lateral acceleration as it allows at a speed."""
+    """Return the front angle, in rad, from which the map has the largest lateral acceleration that it allows at a speed."""
     angles = np.radians(np.linspace(0.1, 30.0, 600))
     yaw_rate = software.map_yaw_rate(speed, angles)
     return float(angles[int(np.argmax(yaw_rate >= 0.999 * yaw_rate.max()))])

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from codegen.config import KM_H, Config, Schedule
 from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import breakpoints
 from codegen.refmap.turns import turns_of
@@ -46,8 +47,6 @@ SPEED_MIN_KM_H = 25.0
 STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """s. Steps begin, end, and are averaged for the steady yaw rate."""
 SETTLED_SHARE, RISEN_SHARE = 0.02, 0.9
-SPIN_SIDESLIP, SPIN_REAR_SLIP = math.radians(10.0), math.radians(5.0)
-"""Both exceeded: the car spins."""
 
 LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10)
 """More lead makes more of the front angle's noise: 0.1 s turn 0.01 deg of it into some 0.07 deg of rear angle."""
@@ -187,7 +186,14 @@ class _Search:
             * config.steering.ratio,
             delay_samples=config.tuning.delay_samples,
         )
-        return cls(compile_batch(folder.files, folder.manifest), schedule, speeds, limits, _step(config), lanes)
+        return cls(
+            compile_batch(folder.files, folder.manifest),
+            schedule,
+            speeds,
+            limits,
+            unit_step(config, STEER_TIME, DURATION),
+            lanes,
+        )
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
         """Figures (n, 3, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
@@ -264,11 +270,14 @@ def _family(config: Config) -> tuple[FloatArray, FloatArray]:
     return np.array(rows), np.array(limits)
 
 
-def _step(config: Config) -> FloatArray:
-    """A step of the steering wheel of 1 rad at 1 m/s, which each run multiplies by its own angle and speed."""
+def unit_step(config: Config, begin: float, duration: float) -> FloatArray:
+    """Return the inputs (steps, 6), INPUT_COLUMNS, of a step of the steering wheel of 1 rad at 1 m/s; times in s.
+
+    Each run of a batch multiplies it by its own angle and speed.
+    """
     step = config.plant.sampling_time_s
-    profile = np.zeros((round(DURATION / step), len(INPUT_COLUMNS)))
+    profile = np.zeros((round(duration / step), len(INPUT_COLUMNS)))
     at = {name: profile[:, k] for k, name in enumerate(INPUT_COLUMNS)}
     at["speed"][:], at["friction"][:], at["friction_estimate"][:] = 1.0, config.road.friction, math.nan
-    at["steering_wheel_command"][round(STEER_TIME / step) :] = 1.0
+    at["steering_wheel_command"][round(begin / step) :] = 1.0
     return profile

@@ -11,13 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from codegen.config import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.refmap.solve import solve_case
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
-from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.tuning.transient import unit_step
 from codegen.vehicle.plant_car import plant_parameters
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.metrics.step import slip_bounds, step_metrics
@@ -30,8 +29,6 @@ from hil_sim.suite.requirements import Requirement, all_passed, car_requirements
 from hil_sim.suite.runs import CellResult, judge
 from hil_sim.suite.subjects import DELAY_SAMPLES, around, tuned
 from hil_sim.suite.summary import Extreme, Summary, summarise
-
-FloatArray = npt.NDArray[np.float64]
 
 TYRE_MODEL = "magic-formula"
 """Of the maps: only such a map keeps the slip bounds of the plant."""
@@ -166,7 +163,7 @@ def drive_cells(
         wheel_factor=angles * config.steering.ratio,
         delay_samples=DELAY_SAMPLES,
     )
-    records = np.moveaxis(software.run(step_profile(config), lanes), 2, 0).transpose(0, 2, 1)
+    records = np.moveaxis(software.run(unit_step(config, STEER_TIME, DURATION), lanes), 2, 0).transpose(0, 2, 1)
     look_up = software.software.function("map_yaw_rate")
     bounds = slip_bounds(config)
     results, slips = [], []
@@ -177,13 +174,3 @@ def drive_cells(
             shares = (found.slip_front_steady_deg / bounds[0], found.slip_rear_steady_deg / bounds[1])
             slips.append(Extreme(100.0 * math.radians(max(map(abs, shares))), cell))
     return tuple(results), tuple(slips)
-
-
-def step_profile(config: Config) -> FloatArray:
-    """A step of the steering wheel of 1 rad at 1 m/s, which each run multiplies by its own angle and speed."""
-    step = config.plant.sampling_time_s
-    profile = np.zeros((round(DURATION / step), len(INPUT_COLUMNS)))
-    at = {name: profile[:, k] for k, name in enumerate(INPUT_COLUMNS)}
-    at["speed"][:], at["friction"][:], at["friction_estimate"][:] = 1.0, config.road.friction, math.nan
-    at["steering_wheel_command"][round(STEER_TIME / step) :] = 1.0
-    return profile
