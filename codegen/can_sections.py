@@ -225,7 +225,7 @@ WindowCount = Annotated[int, Field(ge=0, le=WINDOW_SIZE_MAX)]
 
 
 class E2e(Section):
-    """What the receivers of protected frames tolerate; names of AUTOSAR's E2E profile 1 and of its E2E state machine.
+    """Tolerances of the receivers of protected frames; names of AUTOSAR's E2E profile 1 and of its E2E state machine.
 
     The state machine judges a message by its last `window_size` cycles: how many brought a good frame (`min_ok_*`), and how
     many a damaged one (`max_error_*`). Only while it is VALID are the message's data used.

@@ -38,7 +38,7 @@ OF_A_SCENARIO = (
 """Parameters that do not go with --suite."""
 
 CARS = 8
-"""Of --suite cars, by default."""
+"""Default number of cars of --suite cars."""
 
 
 @dataclass(frozen=True)

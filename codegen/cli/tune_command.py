@@ -109,7 +109,7 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
-    """What to tell of the trim; nothing where it is enough as it is, or nothing is asked of it."""
+    """Return the facts about the trim; none where it is enough as it is, or nothing is asked of it."""
     from codegen.config import KM_H
 
     excess = made.excess

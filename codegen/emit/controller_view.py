@@ -22,7 +22,7 @@ SQUARES_MAX = 1e12
 """SI units: no number of a state comes near its root."""
 
 INPUT_NUMBERS = ("speed.value", "front_angle.value", "yaw_rate.value", "expected_yaw_rate", "least", "friction")
-"""Of the state of the inputs."""
+"""Numbers of the state of the inputs."""
 
 ACTUATOR_SAMPLES_MAX = 60_000
 """Less than the largest number of the count, which goes to one above."""
