@@ -88,7 +88,9 @@ def drive(
         share = min(max((time - STEER_TIME) / 0.3, 0.0), 1.0) if time < DRIVER_TIME else driver(time - DRIVER_TIME)
         acting = PlantInput(speed, share * front_angle * ratio, command, config.road.friction)
         car = plant.sample(acting)
-        measured = Measurement(speed, car.front_angle, car.yaw_rate, car.rear_angle)
+        measured = Measurement(
+            speed, car.front_angle, car.yaw_rate, car.rear_angle, lateral_acceleration=car.lateral_acceleration
+        )
         if signal and time >= FAULT_TIME - 0.5 * period:
             for name in ALL if signal == "all" else (signal,):
                 now = float(getattr(measured, name))

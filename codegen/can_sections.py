@@ -182,7 +182,7 @@ class VehicleMotion(Message):
 
 
 class VehicleConditions(Message):
-    """From the car: ESC or ABS is acting, achieved rear angle (rad), estimated peak friction."""
+    """From the car: ESC or ABS is acting, achieved rear angle (rad), estimated peak friction, lateral acceleration (m/s^2)."""
 
     name: DbcName = "VehicleConditions"
     id: Identifier = 0x102
@@ -191,6 +191,7 @@ class VehicleConditions(Message):
     inhibit: Signal = Signal(name="Inhibit", start_bit=12, length=1)
     rear_angle: RealSignal = RealSignal(name="RearAngle", start_bit=16, length=16, factor=5e-5)
     friction: RealSignal = RealSignal(name="Friction", start_bit=32, length=8, factor=0.01, signed=False)
+    lateral_acceleration: RealSignal = RealSignal(name="LateralAcceleration", start_bit=48, length=16, factor=0.001)
 
     @model_validator(mode="after")
     def _one_bit(self) -> Self:

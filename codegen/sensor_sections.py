@@ -79,6 +79,23 @@ class YawRateSensor(Sensor):
         return math.radians(self.resolution_deg_s)
 
 
+class AccelerationSensor(Sensor):
+    """The accelerometer."""
+
+    noise_m_s2: Annotated[float, Range(0.0, 5.0, "m/s^2")] = 0.05
+    resolution_m_s2: Annotated[float, Range(0.0, 5.0, "m/s^2")] = 0.01
+
+    @property
+    def noise(self) -> float:
+        """m/s^2."""
+        return self.noise_m_s2
+
+    @property
+    def resolution(self) -> float:
+        """m/s^2."""
+        return self.resolution_m_s2
+
+
 class Sensors(Section):
     """The sensors of the bench. The defaults are examples: the data sheet of the sensor in use has the right numbers."""
 
@@ -86,3 +103,4 @@ class Sensors(Section):
     front_angle: AngleSensor = AngleSensor()
     yaw_rate: YawRateSensor = YawRateSensor()
     rear_angle: AngleSensor = AngleSensor()
+    lateral_acceleration: AccelerationSensor = AccelerationSensor()

@@ -29,10 +29,12 @@ class VehicleMotion:
 
 @dataclass(frozen=True)
 class VehicleConditions:
-    """From the car: achieved rear angle (rad; NaN: not measured), peak friction (NaN: unknown), ESC or ABS is acting."""
+    """From the car: achieved rear angle (rad), peak friction, lateral acceleration (m/s^2), each NaN where it is not known; and
+    whether ESC or ABS is acting."""
 
     rear_angle: float = math.nan
     friction: float = math.nan
+    lateral_acceleration: float = math.nan
     inhibit: bool = False
 
 

@@ -134,9 +134,11 @@ class PlantNode:
                 "front_angle": sample.front_angle,
                 "yaw_rate": sample.yaw_rate,
                 "rear_angle": sample.rear_angle,
+                "lateral_acceleration": sample.lateral_acceleration,
             }.items()
         }
-        frames = [self._motion(cycle, measured), self._conditions(cycle, measured["rear_angle"], estimate, inhibit != 0.0)]
+        measured["friction"] = estimate
+        frames = [self._motion(cycle, measured), self._conditions(cycle, measured, inhibit != 0.0)]
         return self.injector.outgoing(cycle, frames)
 
     def _motion(self, cycle: int, measured: dict[str, float]) -> Frame:
@@ -148,10 +150,11 @@ class PlantNode:
         self._motion_counter = next_counter(self._motion_counter)
         return Frame(message.id, data)
 
-    def _conditions(self, cycle: int, rear_angle: float, friction: float, inhibit: bool) -> Frame:
+    def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
         message = self._can.vehicle_conditions
-        values = self.injector.signals(cycle, message.name, {"rear_angle": rear_angle, "friction": friction})
-        data = self._codec.encode(VehicleConditions(values["rear_angle"], values["friction"], inhibit))
+        names = ("rear_angle", "friction", "lateral_acceleration")
+        values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
+        data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data)
         self._conditions_counter = next_counter(self._conditions_counter)
         return Frame(message.id, data)

@@ -8,7 +8,7 @@ import numpy as np
 
 from codegen.config import Sensor, Sensors
 
-SIGNALS = ("speed", "front_angle", "yaw_rate", "rear_angle")
+SIGNALS = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
 
 
 class SensorModel:

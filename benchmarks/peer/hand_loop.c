@@ -152,6 +152,7 @@ static ars_command_t control(ars_controller_t *controller, const hand_state_t *s
     measurement.yaw_rate = (float)state->yaw_rate;
     measurement.rear_angle = (float)state->rear_angle;
     measurement.friction = (float)input->friction_estimate;
+    measurement.lateral_acceleration = (float)NAN;
     measurement.inhibit = (input->inhibit > 0.0) || (input->inhibit < 0.0);
     return ars_controller_step(controller, &ars_parameters_default, &measurement);
 }

@@ -42,7 +42,7 @@ from codegen.vehicle.single_track import SingleTrack
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
 HEADERS = ("sections", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task")
 SOURCES = ("calibration", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
-NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "minus_one": -1.0}
+NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
 EXAMPLE_SPEED = 42.5 * KM_H

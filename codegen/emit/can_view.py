@@ -18,6 +18,7 @@ UNITS = {
     "yaw_rate": "rad/s",
     "rear_angle": "rad",
     "friction": "",
+    "lateral_acceleration": "m/s^2",
     "yaw_rate_reference": "rad/s",
 }
 MEANINGS = {
@@ -28,6 +29,7 @@ MEANINGS = {
     "inhibit": "1 = ESC or ABS is acting, the integrator holds",
     "rear_angle": "rear angle at the road wheel, positive to the left",
     "friction": "estimated peak friction",
+    "lateral_acceleration": "lateral acceleration at the centre of gravity, positive to the left",
     "status": "what the controller did",
     "yaw_rate_reference": "reference yaw rate from the map",
     "diagnostics": "one bit for each cause of trouble",

@@ -21,7 +21,16 @@ INITIALISED = 0x41525331
 SQUARES_MAX = 1e12
 """SI units: no number of a state comes near its root."""
 
-INPUT_NUMBERS = ("speed.value", "front_angle.value", "yaw_rate.value", "expected_yaw_rate", "least", "friction")
+INPUT_NUMBERS = (
+    "speed.value",
+    "front_angle.value",
+    "yaw_rate.value",
+    "expected_yaw_rate",
+    "least",
+    "least_of_front",
+    "yaw_rate_offset",
+    "friction",
+)
 """Numbers of the state of the inputs."""
 
 ACTUATOR_SAMPLES_MAX = 60_000

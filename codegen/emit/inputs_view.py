@@ -67,7 +67,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "yaw_rate_frozen",
             math.radians(inputs.yaw_rate_frozen_deg_s),
-            "rad/s that the others may move away while the yaw rate stays to the bit",
+            "rad/s that yaw rate and front angle may move apart while one of them stays to the bit",
             1e-3,
             20.0,
         ),
@@ -84,6 +84,19 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much",
             1e-3,
             10.0,
+        ),
+        Parameter(
+            "yaw_rate_noise",
+            math.radians(inputs.yaw_rate_noise_deg_s),
+            "rad/s, no more than which counts for nothing on a straight",
+            0.0,
+            1.0,
+        ),
+        Parameter(
+            "yaw_rate_offset_max", math.radians(inputs.yaw_rate_offset_max_deg_s), "rad/s that is learned at most", 0.0, 1.0
+        ),
+        Parameter(
+            "yaw_rate_offset_share", period / inputs.yaw_rate_offset_time_s, "of what is left of it, in a sample", 1e-6, 1.0
         ),
         Parameter("speed_fall", inputs.speed_fall_m_s2 * period, "m/s that a lost speed falls in a sample", 0.0, 1.0),
         Parameter(

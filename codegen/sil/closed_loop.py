@@ -119,6 +119,7 @@ class ClosedLoop:
                     plant.yaw_rate,
                     plant.rear_angle,
                     estimate,
+                    output.lateral_acceleration,
                     inhibit > 0.0 or inhibit < 0.0,
                 )
                 command = software.function("controller_step")(controller, self._parameters, measurement)

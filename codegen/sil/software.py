@@ -55,13 +55,14 @@ class Status(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Measurement:
-    """One sample: m/s, rad, rad/s, rad (NaN: not measured), friction (NaN: unknown)."""
+    """One sample: m/s, rad, rad/s, rad (NaN: not measured), friction (NaN: unknown), m/s^2 (NaN: not measured)."""
 
     speed: float
     front_angle: float
     yaw_rate: float
     rear_angle: float = math.nan
     friction: float = math.nan
+    lateral_acceleration: float = math.nan
     inhibit: bool = False
 
 

@@ -27,9 +27,9 @@ from hil_sim.scenarios import SCENARIOS
 FloatArray = npt.NDArray[np.float64]
 
 Drive = npt.NDArray[np.float32]
-"""Samples one after the other, (samples, 6) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
+"""Samples one after the other, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
 
-COLUMNS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit")
+COLUMNS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration", "inhibit")
 
 DELAY_SAMPLES = 1
 """Of computation in the recordings: an ECU sends its command one period after it has sampled."""
@@ -55,10 +55,8 @@ def drive_of(measurements: Sequence[Measurement]) -> Drive:
 
 def measurements_of(drive: Drive) -> list[Measurement]:
     """The same, back."""
-    return [
-        Measurement(speed, front_angle, yaw_rate, rear_angle, friction, bool(inhibit))
-        for speed, front_angle, yaw_rate, rear_angle, friction, inhibit in drive.tolist()
-    ]
+    rows = (dict(zip(COLUMNS, row, strict=True)) for row in drive.tolist())
+    return [Measurement(**{**row, "inhibit": bool(row["inhibit"])}) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,9 @@ def recorded(software: Software) -> tuple[Drive, ...]:
         record, samples = loop.run(inputs), inputs[:: loop.steps_per_sample]
         names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
         columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
-        columns += [samples[:, INPUT_COLUMNS.index(name)] for name in ("friction_estimate", "inhibit")]
+        columns.append(samples[:, INPUT_COLUMNS.index("friction_estimate")])
+        columns.append(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")])
+        columns.append(samples[:, INPUT_COLUMNS.index("inhibit")])
         drives.append(np.column_stack(columns).astype(np.float32))
     return tuple(drives)
 
@@ -162,8 +162,12 @@ def _draw(ground: Ground, count: int, generator: np.random.Generator) -> Drive:
     steered = generator.uniform(-config.rear_actuator.angle_max, config.rear_actuator.angle_max, count)
     rear_angle = np.where(generator.random(count) < 0.4, np.nan, steered)
     friction = np.where(generator.random(count) < 0.3, np.nan, _mixed(ground.friction, inputs.friction_max, count, generator))
+    # Mostly that of the yaw rate, or of the steady turn, more or less.
+    shown = np.where(generator.random(count) < 0.5, yaw_rate, turn)
+    lateral = speed * (shown + generator.normal(0.0, math.radians(inputs.yaw_rate_agreement_deg_s), count))
+    lateral = np.where(generator.random(count) < 0.3, np.nan, lateral)
     inhibit = generator.random(count) < 0.2
-    return np.column_stack([speed, front_angle, yaw_rate, rear_angle, friction, inhibit]).astype(np.float32)
+    return np.column_stack([speed, front_angle, yaw_rate, rear_angle, friction, lateral, inhibit]).astype(np.float32)
 
 
 def _mixed(corners: FloatArray, largest: float, count: int, generator: np.random.Generator) -> FloatArray:

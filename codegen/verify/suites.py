@@ -18,7 +18,7 @@ from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import RECORD_COLUMNS
-from codegen.verify.drives import Drive, Ground, drawn
+from codegen.verify.drives import COLUMNS, Drive, Ground, drawn
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
@@ -58,13 +58,13 @@ def are_faults_defined_for(config: Config) -> bool:
 def drives(ground: Ground, samples: int) -> tuple[Drive, ...]:
     """Drives from everywhere, each of so many samples: plausible ones with gaps of each length, then any bit patterns."""
     generator = np.random.default_rng(1)
-    patterns = generator.integers(0, 2**32, size=(samples, 6), dtype=np.uint32).view(np.float32)
-    patterns[:, 5] = generator.integers(0, 2, size=samples)
-    special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, 6))
-    special[:, 5] = generator.integers(0, 2, size=samples)
+    patterns = generator.integers(0, 2**32, size=(samples, len(COLUMNS)), dtype=np.uint32).view(np.float32)
+    patterns[:, -1] = generator.integers(0, 2, size=samples)
+    special = generator.choice(np.array(SPECIAL, dtype=np.float32), size=(samples, len(COLUMNS)))
+    special[:, -1] = generator.integers(0, 2, size=samples)
     # One wrong field at a time, in a drive whose signals are believed: each is replaced by the others, and comes back.
     mixed = drawn(ground, samples, seed=2)[-1].copy()
-    wrong = generator.integers(0, 5, size=samples)
+    wrong = generator.integers(0, len(COLUMNS) - 1, size=samples)
     few = generator.random(samples) < 0.02
     mixed[few, wrong[few]] = special[few, wrong[few]]
     return (*drawn(ground, samples), patterns, special, mixed)
@@ -137,5 +137,7 @@ def recordings(config: Config, precision: Precision, samples: int) -> tuple[Reco
 def _measured(record: FloatArray, inputs: FloatArray) -> Drive:
     names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
     columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
-    columns += [inputs[:, INPUT_COLUMNS.index(name)] for name in ("friction_estimate", "inhibit")]
+    columns.append(inputs[:, INPUT_COLUMNS.index("friction_estimate")])
+    columns.append(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")])
+    columns.append(inputs[:, INPUT_COLUMNS.index("inhibit")])
     return np.column_stack(columns).astype(np.float32)

@@ -110,7 +110,8 @@ def run(
     plant = MultiBodyPlant(config, float(scenario.inputs(config)[0, 0]), parameters)
 
     def measured(car: PlantSample) -> dict[str, float]:
-        return {"speed": plant.speed, "front_angle": car.front_angle, "yaw_rate": car.yaw_rate, "rear_angle": car.rear_angle}
+        names = ("front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+        return {"speed": plant.speed, **{name: getattr(car, name) for name in names}}
 
     return drive(
         plant, software, config, scenario, measured, delay_samples=delay_samples, controller_parameters=controller_parameters

@@ -39,14 +39,17 @@ class Sensors:
     def __init__(self, config: Config, errors: Errors, seed: int) -> None:
         self._errors, self._model = errors, SensorModel(config.sensors, seed)
         self._random = np.random.default_rng((seed, 1))
+        self._gravity = config.road.gravity_m_s2
 
-    def measure(self, plant: RollPlant) -> dict[str, float]:
-        """Return speed (m/s), front angle, yaw rate (rad/s) and rear angle (rad) as measured; once a sample.
+    def measure(self, plant: RollPlant, lateral_acceleration: float) -> dict[str, float]:
+        """Return the fields of a measurement without the friction, as measured; once a sample.
 
-        The rear angle is that of the actuator's motor: no sensor sees the play behind it.
+        The rear angle is that of the actuator's motor: no sensor sees the play behind it. The accelerometer rolls
+        with the body.
         """
         age = min(int(self._random.integers(self._errors.jitter_steps + 1)), len(plant.seen) - 1)
         true = dict(zip(("front_angle", "yaw_rate", "rear_angle"), plant.seen[-1 - age], strict=True))
         biased = {name: value + self._errors.biases.get(name, 0.0) for name, value in true.items()}
         biased["speed"] = self._errors.speed_factor * plant.speed
+        biased["lateral_acceleration"] = lateral_acceleration + self._gravity * math.sin(plant.roll)
         return {name: self._model.measure(name, value) for name, value in biased.items()}

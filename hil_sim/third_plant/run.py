@@ -47,7 +47,7 @@ def run(
     plant = RollPlant(config, differences, remembered=errors.jitter_steps + 1)
     sensors = Sensors(config, errors, seed)
 
-    def measured(_: PlantSample) -> dict[str, float]:
-        return sensors.measure(plant)
+    def measured(car: PlantSample) -> dict[str, float]:
+        return sensors.measure(plant, car.lateral_acceleration)
 
     return drive(plant, software, config, scenario, measured, delay_samples=delay_samples)

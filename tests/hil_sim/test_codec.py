@@ -35,6 +35,7 @@ OTHER = {
         "inhibit": {"name": "Esc", "start_bit": 63, "length": 1},
         "rear_angle": {"name": "Dr", "start_bit": 13, "length": 15, "factor": 3e-5, "offset": -0.02},
         "friction": {"name": "Mu", "start_bit": 37, "length": 9, "factor": 0.0035, "signed": False},
+        "lateral_acceleration": {"name": "Ay", "start_bit": 46, "length": 14, "factor": 0.003, "offset": 0.2},
     },
     "rear_steer_command": {
         "id": 0x3A5,

@@ -79,7 +79,7 @@ def test_sensors_have_a_bias_each_and_see_samples_of_any_age() -> None:
     config: Config = changed(CONFIG, {"sensors": table})
     plant, sensors = RollPlant(config, remembered=3), Sensors(config, Errors(), 1)
     plant.sample(turn(plant, seconds=0.05))
-    seen = [sensors.measure(plant) for _ in range(100)]
+    seen = [sensors.measure(plant, 1.5) for _ in range(100)]
     for place, name in enumerate(("front_angle", "yaw_rate", "rear_angle")):
         true = {round(values[place] + BIASES[name], 12) for values in plant.seen}
         assert {round(measured[name], 12) for measured in seen} == true

@@ -217,3 +217,119 @@ def check_oversteering_car(built: Built) -> None:
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
         controller.run([Measurement(speed, 0.03125, 0.1, 0.0)] * 2)
         assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
+
+
+def _witnessed(built: Built, **inputs: float) -> tuple[Controller, Measurement]:
+    """Return a controller that has seen a steady turn of the linear car with its lateral acceleration, and a sample of it."""
+    controller, turn = _turning(built, **inputs)
+    turn = replace(turn, lateral_acceleration=turn.yaw_rate * turn.speed)
+    assert not controller.state.inputs.lateral_is_proven
+    controller.run([turn] * 3)
+    assert controller.state.inputs.lateral_is_proven
+    return controller, turn
+
+
+def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
+    """Where it has agreed before, and is there and in its range, of a car that is not slow; else the linear car does."""
+    most = float(built.software.parameters().inputs.lateral_acceleration_max)
+    cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
+    for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
+        for is_proven in (True, False):
+            controller, turn = _witnessed(built, speed_step=200.0)
+            controller.state.inputs.lateral_is_proven = is_proven
+            controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
+            wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
+            # Of the lag is left the rounding of its steps, each half a unit, over its 15 samples.
+            assert abs(controller.state.sample.yaw_rate - wanted) <= 20.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
+
+
+def check_lateral_acceleration_is_refuted(built: Built) -> None:
+    """By a yaw rate that agrees with the front angle in a turn, if it is more than twice the agreement away from it; and is
+    believed again in a turn where it agrees."""
+    controller, turn = _witnessed(built)
+    agreement = float(controller.parameters.inputs.yaw_rate_agreement)
+    for apart, is_proven in ((1.5, True), (1.99, True), (2.01, False), (1.5, False), (0.99, True), (-2.01, False)):
+        controller.step(replace(turn, lateral_acceleration=(turn.yaw_rate + apart * agreement) * turn.speed))
+        assert controller.state.inputs.lateral_is_proven == is_proven, apart
+    straight = replace(turn, front_angle=0.0, yaw_rate=0.0, lateral_acceleration=0.0)
+    controller.run([straight] * 5)
+    assert not controller.state.inputs.lateral_is_proven, "straight ahead nothing is proven"
+
+
+def check_frozen_front_angle(built: Built) -> None:
+    """A front angle that stays to the bit is wrong where yaw rate and lateral acceleration agree that the car has left its
+    turn; where one of them does not say so, it is held by the driver and the car slides."""
+    for case in ("frozen", "shaking", "no lateral acceleration", "unproven", "lateral acceleration of the old turn"):
+        controller, turn = _witnessed(built, yaw_rate_frozen=0.05)
+        inputs, before, found = controller.state.inputs, turn.yaw_rate, False
+        for sample in range(60):
+            share = max(1.0 - 0.02 * sample, 0.0)
+            yaw_rate = share * turn.yaw_rate
+            lateral = turn.lateral_acceleration * (1.0 if case.startswith("lateral") else share)
+            lateral = math.nan if case.startswith("no") else lateral
+            inputs.lateral_is_proven = case != "unproven"
+            front = turn.front_angle + (1e-6 if case == "shaking" and sample % 2 else 0.0)
+            moved = inputs.expected_yaw_rate - before  # that of the sample before counts
+            controller.step(replace(turn, front_angle=front, yaw_rate=yaw_rate, lateral_acceleration=lateral))
+            before = yaw_rate
+            found = inputs.front_angle.source == WRONG
+            if found or moved > 0.051:
+                break
+            assert moved <= 0.05 + 1e-6 or not found
+        assert found == (case == "frozen"), case
+        assert (inputs.yaw_rate.source, inputs.speed.source) == (0, 0)
+
+
+def check_yaw_rate_to_the_other_side(built: Built) -> None:
+    """It is wrong where front angle and lateral acceleration agree on the turn for as many samples as end a fault."""
+    for case in ("against", "with", "no lateral acceleration", "no turn"):
+        controller, turn = _witnessed(built, yaw_rate_step=40.0)
+        share = 0.2 if case == "no turn" else 1.0
+        held = replace(turn, front_angle=share * turn.front_angle, lateral_acceleration=share * turn.lateral_acceleration)
+        controller.run([replace(held, yaw_rate=share * turn.yaw_rate)] * 300)
+        controller.state.inputs.lateral_is_proven = True
+        wrong = replace(held, yaw_rate=0.001 if case == "with" else -0.001)
+        if case.startswith("no lateral"):
+            wrong = replace(wrong, lateral_acceleration=math.nan)
+        needed = controller.parameters.inputs.recovery_samples
+        controller.run([wrong] * (needed - 1))
+        assert controller.state.inputs.yaw_rate.source == 0, case
+        controller.step(replace(wrong, yaw_rate=math.nan))  # one that is not there begins the count anew
+        controller.run([wrong] * (needed - 1))
+        assert controller.state.inputs.yaw_rate.source == 0, case
+        controller.step(wrong)
+        assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), case
+
+
+def check_offset_of_the_yaw_rate(built: Built) -> None:
+    """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then it is taken off."""
+    settings = {"yaw_rate_offset_share": 0.125, "yaw_rate_offset_max": 0.25, "yaw_rate_noise": 0.0625, "yaw_rate_step": 40.0}
+    for side in (1.0, -1.0):
+        for speed, shown, wanted in ((16.0, 0.125, 0.125), (16.0, 0.5, 0.25), (built.next(5.0, 0.0), 0.125, 0.0)):
+            controller = built.software.controller(0.0, parameters_of(built, {"inputs": settings}))
+            inputs, straight = controller.state.inputs, Measurement(speed, 0.0, side * shown, 0.0)
+            controller.step(straight)
+            assert inputs.yaw_rate_offset == 0.125 * side * wanted
+            controller.run([straight] * 400)
+            assert abs(inputs.yaw_rate_offset - side * wanted) <= 8.0 * built.eps * wanted  # half a unit over 8 samples
+            turn = replace(straight, front_angle=0.03, yaw_rate=0.3)
+            turning = [replace(turn, yaw_rate=0.3 + 1e-6 * (sample % 2)) for sample in range(100)]
+            controller.run(turning)
+            learned = inputs.yaw_rate_offset
+            controller.run(turning)
+            assert inputs.yaw_rate_offset == learned, "a turn tells nothing of it"
+            controller.step(turn)
+            assert abs(controller.state.sample.yaw_rate - (0.3 - learned)) <= built.eps
+
+
+def check_noise_of_the_yaw_rate(built: Built) -> None:
+    """What is no further from the linear car's turn counts for nothing, as far as that turn leaves room for it."""
+    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_noise": 0.25}
+    exact |= {"yaw_rate_offset_max": 0.0}
+    for turn, shown, wanted in (
+        *((0.0, 0.25, 0.0), (0.0, 0.3125, 0.0625), (0.0, -0.3125, -0.0625), (0.125, 0.25, 0.125), (0.125, 0.3125, 0.1875)),
+        *((0.25, 0.3125, 0.3125), (-0.125, -0.3125, -0.1875), (0.5, 0.4375, 0.4375)),
+    ):
+        controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
+        controller.step(Measurement(16.0, turn / 8.0, shown, 0.0))
+        assert controller.state.sample.yaw_rate == wanted, (turn, shown)

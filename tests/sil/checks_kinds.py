@@ -46,10 +46,11 @@ def model_of(built: Built, parameters: Any, start: float) -> SecondController:
 OPEN: dict[str, Any] = {
     **{"speed_step": 200.0, "front_angle_step": 3.0, "yaw_rate_step": 40.0},
     **{"yaw_rate_frozen": 20.0, "yaw_rate_tolerance": 20.0, "lateral_acceleration_max": 100.0},
+    "yaw_rate_noise": 0.0,
 }
-"""Inputs that believe whatever is in its range, for checks of what stands behind them."""
-STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0}}
-"""Inputs for which a sample that comes again and again is no fault."""
+"""Inputs that believe whatever is in its range as it is, for checks of what stands behind them."""
+STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0, "yaw_rate_noise": 0.0}}
+"""Inputs for which a sample that comes again and again is no fault, nor an offset."""
 WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
 """Ranges of a limiter that takes every input that a controller may."""
 EXTREMES: dict[str, Mapping[str, Any]] = {
@@ -111,22 +112,23 @@ def random_measurements(built: Built, rng: np.random.Generator, count: int) -> A
     real: Any = software.real
     size = np.dtype(real).itemsize
     stride = software.ffi.sizeof(samples) // count
-    rest = stride - 5 * size - 1
-    layout = np.dtype([("bits", f"u{size}", 5), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
+    rest = stride - len(NUMBERS) * size - 1
+    layout = np.dtype([("bits", f"u{size}", len(NUMBERS)), ("inhibit", np.uint8), ("rest", np.uint8, rest)])
     view: npt.NDArray[Any] = np.frombuffer(software.ffi.buffer(samples), dtype=layout)
     parameters = software.parameters()
     limits = np.array([getattr(parameters.inputs, f"{field}_max") for field in NUMBERS])
     special = np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 1e-40, 1e30, -1e30])
+    shape = (count, len(NUMBERS))
     kinds = [
-        rng.uniform(-0.5, 0.5, (count, 5)) * limits,
-        np.abs(rng.normal(0.0, 0.15, (count, 5))) * limits,
-        rng.choice([-1.0, 1.0], (count, 5)) * limits,
-        rng.choice(special, (count, 5)),
-        np.frombuffer(rng.bytes(count * 5 * size), dtype=real).reshape(count, 5),
+        rng.uniform(-0.5, 0.5, shape) * limits,
+        np.abs(rng.normal(0.0, 0.15, shape)) * limits,
+        rng.choice([-1.0, 1.0], shape) * limits,
+        rng.choice(special, shape),
+        np.frombuffer(rng.bytes(count * len(NUMBERS) * size), dtype=real).reshape(shape),
     ]
     weights = np.repeat(rng.choice([0, 1, 2], count // 50 + 1, p=[0.3, 0.4, 0.3]), 50)[:count]  # calm, rough and wild spells
     chances = np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.1, 0.88, 0.005, 0.01, 0.005], [0.2, 0.2, 0.2, 0.2, 0.2]])
-    pick = (rng.random((count, 5, 1)) > np.cumsum(chances, axis=1)[weights][:, np.newaxis, :]).sum(axis=2).clip(0, 4)
+    pick = (rng.random((*shape, 1)) > np.cumsum(chances, axis=1)[weights][:, np.newaxis, :]).sum(axis=2).clip(0, 4)
     view["bits"] = np.choose(pick, [kind.astype(real).view(f"u{size}") for kind in kinds])  # a copied NaN may turn quiet
     view["inhibit"] = rng.random(count) < 0.1
     return samples

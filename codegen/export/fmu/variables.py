@@ -182,6 +182,12 @@ def _measurement(config: Config) -> tuple[Variable, ...]:
         _flag("rear_angle_available", "false: the rear angle is not measured", start=True),
         _input("friction", "friction", "estimated peak friction; counts where friction_available", start=config.road.friction),
         _flag("friction_available", "false: the controller takes the friction of its map"),
+        _input(
+            "lateral_acceleration_m_s2",
+            "lateral_acceleration",
+            "at the centre of gravity, positive to the left; counts where lateral_acceleration_available",
+        ),
+        _flag("lateral_acceleration_available", "false: the lateral acceleration is not measured"),
         _flag("inhibit", "ESC or ABS is acting: the integrator holds"),
     )
 

@@ -27,7 +27,8 @@ def _sample(ground: Ground, **changed: float) -> list[float]:
     config = ground.config
     speed = 0.5 * (config.controller.enable_speed_km_h + config.controller.inputs.speed_max_km_h) * KM_H
     # A turn so small that the same yaw rate in every sample does not count as frozen.
-    values = {"speed": speed, "front_angle": 0.002, "yaw_rate": 0.0, "rear_angle": 0.0, "friction": math.nan, "inhibit": 0.0}
+    values = {"speed": speed, "front_angle": 0.002, "yaw_rate": 0.0, "rear_angle": 0.0, "friction": math.nan}
+    values |= {"lateral_acceleration": math.nan, "inhibit": 0.0}
     return [{**values, "restart": 0.0, **changed}[name] for name in STEP_COLUMNS]
 
 

@@ -68,17 +68,19 @@ def with_extremes(drives: Sequence[Drive], ground: Ground, generator: np.random.
     """The drives with some numbers at either end of the range that the controller accepts, in its precision."""
     inputs = ground.config.controller.inputs
     angles = (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s, inputs.rear_angle_max_deg)
-    ends = np.array([inputs.speed_max_km_h * KM_H, *map(math.radians, angles), inputs.friction_max, 1.0], dtype=np.float32)
+    road = (inputs.friction_max, inputs.lateral_acceleration_max_m_s2)
+    ends = np.array([inputs.speed_max_km_h * KM_H, *map(math.radians, angles), *road, 1.0], dtype=np.float32)
     found = []
     for drive in drives:
         sign = generator.choice(np.array([-1.0, 1.0], dtype=np.float32), drive.shape)
-        sign[:, COLUMNS.index("friction") :] = np.maximum(sign[:, COLUMNS.index("friction") :], 0.0)
+        unsigned = [COLUMNS.index(name) for name in ("friction", "inhibit")]
+        sign[:, unsigned] = np.maximum(sign[:, unsigned], 0.0)
         found.append(np.where(generator.random(drive.shape) < EXTREMES, sign * ends, drive))
     return found
 
 
 def calm(ground: Ground, samples: int, generator: np.random.Generator) -> Drive:
-    """Samples held for a while in which the car turns nearly as it should, (samples, 6): what acts where no limit does, or the
+    """Samples held for a while in which the car turns nearly as it should, (samples, 7): what acts where no limit does, or the
     last of them alone, is reached with small errors only."""
     config = ground.config
     count = -(-samples // CALM_HELD)
@@ -93,8 +95,9 @@ def calm(ground: Ground, samples: int, generator: np.random.Generator) -> Drive:
     friction = np.where(
         generator.random(count) < 0.5, np.nan, generator.uniform(0.0, config.controller.inputs.friction_max, count)
     )
+    lateral = np.where(generator.random(count) < 0.3, np.nan, turn * speed * yaw_rate)
     inhibit = generator.random(count) < 0.1
-    drive = np.column_stack([speed, turn * front_angle, turn * yaw_rate, rear_angle, friction, inhibit])
+    drive = np.column_stack([speed, turn * front_angle, turn * yaw_rate, rear_angle, friction, lateral, inhibit])
     found = np.repeat(drive, CALM_HELD, axis=0)[:samples]
     found[generator.random(samples) < CALM_LOST, 0] = np.nan
     return found.astype(np.float32)
@@ -106,7 +109,7 @@ def places_of(drives: Sequence[Drive], generator: np.random.Generator, strange: 
 
 
 def steps_of(drives: Sequence[Drive], generator: np.random.Generator, restarts: float = RESTARTS) -> list[Rows]:
-    """Steps of the controller, (n, 7)."""
+    """Steps of the controller, (n, 8)."""
     return [np.column_stack([drive, _restarts(len(drive), generator, restarts)]).astype(np.float32) for drive in drives]
 
 
@@ -125,7 +128,7 @@ def demands_of(
 
 
 def cycles_of(steps: Sequence[Rows], generator: np.random.Generator, faulty: Sequence[float] = FAULTY) -> list[Rows]:
-    """Cycles of the task, (n, 9)."""
+    """Cycles of the task, (n, 10)."""
     return [
         np.column_stack([rows, _faults(len(rows), generator, share), _faults(len(rows), generator, share)]).astype(np.float32)
         for rows, share in zip(steps, faulty, strict=True)

@@ -48,7 +48,7 @@ def cycles_of(config: Config, precision: Precision, samples: Sequence[Measuremen
         elif math.isfinite(sample.rear_angle):
             angle = math.nan
         motion = VehicleMotion(sample.speed, sample.front_angle, sample.yaw_rate)
-        conditions = VehicleConditions(angle, sample.friction, sample.inhibit)
+        conditions = VehicleConditions(angle, sample.friction, sample.lateral_acceleration, sample.inhibit)
         sent = ((can.vehicle_motion, motion), (can.vehicle_conditions, conditions))
         frames = (Frame(message.id, protect(message.e2e_data_id, counter, codec.encode(told))) for message, told in sent)
         found.append(tuple(frame for frame, gap in zip(frames, gaps, strict=True) if not gap[number] or age <= waits))

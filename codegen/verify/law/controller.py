@@ -13,7 +13,7 @@ from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.limiter import SecondLimiter, clip
 
-NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction")
+NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration")
 """Fields of a measurement in order, without `inhibit`."""
 
 

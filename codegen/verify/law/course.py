@@ -39,13 +39,16 @@ def drive(
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
     yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
     yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 2.2, yaw)
+    held = np.maximum.accumulate(np.where(spells(0.003, 60), 0, t))
+    front = front[held]
     rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
     friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
+    lateral = np.where(spells(0.01, 300), speed * (yaw + rng.normal(0.0, 0.005, count)), math.nan)
     inhibit = spells(0.01, 20)
-    fields = np.stack([speed, front, yaw, rear, friction])
+    fields = np.stack([speed, front, yaw, rear, friction, lateral])
     nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
     for column in np.flatnonzero(spells(0.006, 6)):
-        fields[rng.integers(5), column] = rng.choice(nonsense)
-    fields[:3, spells(0.003, 12)] = math.nan
+        fields[rng.integers(len(fields)), column] = rng.choice(nonsense)
+    fields[:3, spells(0.003, 20)] = math.nan
     rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
-    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=held) for row, held in rows]
+    return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=inhibited) for row, inhibited in rows]

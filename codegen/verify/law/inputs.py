@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
@@ -49,7 +50,10 @@ class SecondInputs:
         self.real = real
         zero = real(0.0)
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
-        self.expected = self.least = zero
+        self.expected = self.least = self.least_of_front = self.offset = zero
+        self.lateral: Any = None  # rad/s that the lateral acceleration shows; None: it shows nothing
+        self.lateral_is_proven = False
+        self.against = 0  # samples of a yaw rate to the other side than the other signals
         self.friction = real(FRICTION_UNKNOWN)
         self.happened: set[str] = set()
 
@@ -67,6 +71,8 @@ class SecondInputs:
             self.friction = min(self.friction + p("friction_recovery"), self.real(FRICTION_UNKNOWN))
         speed, wheelbase = self.speed.value, p("wheelbase")
         gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
+        shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
+        self.lateral = m.lateral_acceleration / speed if shows else None
         taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
@@ -80,7 +86,9 @@ class SecondInputs:
         if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
             quality = Quality.UNUSABLE
         self.happened.add(quality.name)
-        numbers = (self.speed.value, self.front_angle.value, self.yaw_rate.value, rear, self.friction)
+        yaw_rate = self._without_offset() if self.yaw_rate.is_measured else self.yaw_rate.value
+        lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
+        numbers = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral)
         return quality, Measurement(*numbers, inhibit=m.inhibit)
 
     def _take_speed(self, measured: Any) -> bool:
@@ -94,24 +102,76 @@ class SecondInputs:
     def _take_front_angle(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, yaw_rate = self.parameter, self.yaw_rate.value
         confirmed = self._agrees(gain * (measured - rear) - yaw_rate, yaw_rate)
-        return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, p("front_angle_step"))
+        apart, step = abs(yaw_rate - self.expected), p("front_angle_step")
+        if not self.front_angle.is_measured:
+            self.least_of_front = self.real(2.0) * p("yaw_rate_max")
+        else:
+            changed = measured != self.front_angle.value and not math.isnan(measured)
+            self.least_of_front = apart if changed else min(self.least_of_front, apart)
+            witness = self._witness() if self.yaw_rate.is_measured else None
+            is_told = witness is not None and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
+            if is_told and apart - self.least_of_front > p("yaw_rate_frozen"):
+                step = self.real(-1.0)
+                self.happened.add("front angle frozen")
+        return self._take("front_angle", measured, abs(measured) <= p("front_angle_max"), confirmed, step)
+
+    def _witness(self) -> Any:
+        """The turn of a lateral acceleration that was right before, or None."""
+        return self.lateral if self.lateral_is_proven else None
+
+    def _prove_lateral(self) -> None:
+        if self.lateral is None:
+            return
+        yaw_rate = self.yaw_rate.value
+        apart = self.lateral - yaw_rate
+        if self._agrees(apart, yaw_rate):
+            self.lateral_is_proven = True
+        elif self._agrees(self.expected - yaw_rate, yaw_rate) and abs(apart) > self.real(2.0) * self.parameter(
+            "yaw_rate_agreement"
+        ):
+            self.lateral_is_proven = False
+            self.happened.add("lateral acceleration refuted")
+
+    def _without_offset(self) -> Any:
+        p, measured = self.parameter, self.yaw_rate.value
+        room, right = p("yaw_rate_noise") - abs(self.expected), measured - self.offset
+        if room <= 0.0 or self.speed.value < 5.0:
+            return right
+        most = p("yaw_rate_offset_max")
+        shown = self._within(measured - self.expected, most)
+        self.offset = self._within(self.offset + p("yaw_rate_offset_share") * (shown - self.offset), most)
+        beyond = right - self.expected
+        return self.expected + (beyond - self._within(beyond, room))
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
-        change = p("expected_share") * (gain * (self.front_angle.value - rear) - self.expected)
+        turn = gain * (self.front_angle.value - rear)
+        witness = self._witness()
+        if witness is not None and not self.yaw_rate.is_measured:
+            turn = witness
+            self.happened.add("yaw rate from the lateral acceleration")
+        change = p("expected_share") * (turn - self.expected)
         self.expected = self._within(self.expected + change, p("yaw_rate_max"))
         apart = abs(measured - self.expected)
         grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
         is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)
-        is_frozen = False
+        is_frozen = against = False
         if not self.yaw_rate.is_measured:
             self.least = self.real(2.0) * p("yaw_rate_max")
         elif is_possible:
             self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
             is_frozen = apart - self.least > p("yaw_rate_frozen")
+            if witness is not None and measured * self.expected < 0.0:
+                against = self._agrees(witness - self.expected, self.expected)
+            is_frozen = is_frozen or self.against + against >= self.p.recovery_samples
+        self.against = self.against + 1 if against and not is_frozen else 0
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
         confirmed = self._agrees(measured - self.expected, self.expected)
-        return self._take("yaw_rate", measured, is_possible, confirmed, step)
+        was_measured = self.yaw_rate.is_measured
+        taken = self._take("yaw_rate", measured, is_possible, confirmed, step)
+        if is_possible and was_measured and self.yaw_rate.is_measured:
+            self._prove_lateral()
+        return taken
 
     def _agrees(self, apart: Any, turn: Any) -> bool:
         """In a turn: that zero agrees with zero proves nothing."""

@@ -163,7 +163,8 @@ class SecondTask:
         state = last if conditions.is_usable else VehicleConditions(inhibit=last.inhibit)
         if motion.is_usable and conditions.is_usable and not self._started:
             self._start(state.rear_angle)
-        return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, state.friction, state.inhibit)
+        road = (state.friction, state.lateral_acceleration)
+        return Measurement(car.speed, car.front_angle, car.yaw_rate, state.rear_angle, *road, state.inhibit)
 
     def _start(self, rear_angle: float) -> None:
         """Control starts from where the rear wheels are; not from where they cannot be, and from zero where nobody measures."""

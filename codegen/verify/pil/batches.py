@@ -28,12 +28,13 @@ WHOLE = frozenset({"restart", "inhibit", "status", "diagnostics", "frames", "wro
 """Columns of rows going in that hold whole numbers; those of frames do as well."""
 
 _FRAME_COLUMNS = tuple(f"{name}_{frame}" for frame in range(FRAMES) for name in ("id", "length", "low", "high"))
+_MEASURED = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration")
 _INPUTS: Mapping[str, tuple[str, ...]] = {
-    "controller": ("restart", "start_angle", "speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit"),
+    "controller": ("restart", "start_angle", *_MEASURED, "inhibit"),
     "lookup": ("speed", "front_angle", "friction"),
     "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
     "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
-    "can": ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "inhibit", "status", "diagnostics"),
+    "can": (*_MEASURED, "inhibit", "status", "diagnostics"),
     "task": ("restart", "frames", *_FRAME_COLUMNS),
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }

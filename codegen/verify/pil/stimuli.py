@@ -67,7 +67,7 @@ class Source:
         rows[len(tour) :, 0] |= self.generator.random(count - len(tour)) < RESTART
         rows[:, 1] = self.words(self.generator.uniform(-0.2, 0.2, count))
         first = count - len(wild)
-        self.overlay(rows[first:, 2:7])
+        self.overlay(rows[first:, 2:8])
         self.replace(rows[first:, 1:2], self.generator.random((len(wild), 1)) < 0.5)
         return rows
 
@@ -114,7 +114,7 @@ class Source:
         """Rows for the controller: drives, one after the other, each from a start."""
         rows = np.concatenate([np.zeros((len(drive), len(batch.inputs)), dtype=self.word) for drive in drives])
         samples = np.concatenate(drives)
-        rows[:, 2:7], rows[:, 7] = self.words(samples[:, :5]), samples[:, 5] != 0.0
+        rows[:, 2:8], rows[:, 8] = self.words(samples[:, :6]), samples[:, 6] != 0.0
         rows[np.cumsum([0, *(len(drive) for drive in drives[:-1])]), 0] = 1
         return rows
 
@@ -141,12 +141,12 @@ def _tour(config: Config) -> Drive:
     speed = min(2.0 * controller.enable_speed_km_h, inputs.speed_max_km_h) * KM_H
     lost = controller.fail_safe.degraded_samples_max
     wait = controller.fail_safe.recovery_samples
-    straight = (speed, 0.0, 0.0, 0.0, math.nan, 0.0)
+    straight = (speed, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
     # As good as the input range allows, and no yaw rate to speak of: the demand goes to its limit.
-    steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, 0.0)
-    slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, 0.0)
-    gone = (math.nan, math.nan, math.nan, 0.0, math.nan, 0.0)
-    beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, 0.0)
+    steered = (speed, 0.5 * config.steering.front_angle_stop, 0.0, math.nan, math.nan, math.nan, 0.0)
+    slow = (0.5 * controller.disable_speed_km_h * KM_H, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+    gone = (math.nan, math.nan, math.nan, 0.0, math.nan, math.nan, 0.0)
+    beyond = (speed, *(1.1 * np.radians([inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s])), 0.0, math.nan, math.nan, 0.0)
     first = ((slow, 3), (straight, STRETCH), (steered, 2 * STRETCH), (straight, STRETCH))
     last = ((slow, wait + 3), (straight, STRETCH), (steered, STRETCH))
     return np.concatenate(

@@ -70,9 +70,9 @@ class ServedEcu:
 
     def drive(self, drive: Drive) -> Numbers:
         """Commands of the controller, (samples,) with the fields rear_angle, yaw_rate_reference, status."""
-        samples = np.empty(len(drive), dtype=np.dtype([("values", self.real, 5), ("inhibit", np.uint8)]))
+        samples = np.empty(len(drive), dtype=np.dtype([("values", self.real, 6), ("inhibit", np.uint8)]))
         with np.errstate(invalid="ignore"):  # a signalling NaN, where the build is in double precision
-            samples["values"], samples["inhibit"] = drive[:, :5], drive[:, 5] != 0.0
+            samples["values"], samples["inhibit"] = drive[:, :6], drive[:, 6] != 0.0
         return self._batches(b"d", samples, self._command)
 
     def look_up(self, places: Numbers, friction: float) -> tuple[Numbers, Numbers]:

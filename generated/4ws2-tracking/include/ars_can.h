@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xCF560B6Cu
+#define ARS_CAN_BUILD 0xA341B9E4u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */
@@ -41,6 +41,7 @@ typedef struct {
 typedef struct {
     float rear_angle;           /* rad, rear angle at the road wheel, positive to the left; NaN: not available */
     float friction;             /* estimated peak friction; NaN: not available */
+    float lateral_acceleration; /* m/s^2, lateral acceleration at the centre of gravity, positive to the left; NaN: not available */
     bool inhibit;               /* 1 = ESC or ABS is acting, the integrator holds */
 } ars_vehicle_conditions_t;
 

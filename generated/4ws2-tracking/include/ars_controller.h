@@ -21,13 +21,13 @@
 #include "ars_limiter.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xCF560B6Cu
+#if ARS_INPUTS_BUILD != 0xA341B9E4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xCF560B6Cu
+#if ARS_LIMITER_BUILD != 0xA341B9E4u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xCF560B6Cu
+#if ARS_REFERENCE_MODEL_BUILD != 0xA341B9E4u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -35,7 +35,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xCF560B6Cu
+#define ARS_CONTROLLER_BUILD 0xA341B9E4u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

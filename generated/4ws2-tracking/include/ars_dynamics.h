@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xCF560B6Cu
+#define ARS_DYNAMICS_BUILD 0xA341B9E4u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -2,9 +2,13 @@
  * Monitoring of the inputs: which measurement is believed, and what stands for one that is not.
  *
  * Speed, front angle and yaw rate are judged one by one: is it there and in its range, could the car move so far in a sample, is the
- * yaw rate one that the road can give, and does it still change? What is not believed is replaced from the others by
- * the steady turn of the linear car: the front angle from the yaw rate, the yaw rate from the front angle. The speed is held, then
- * falls slowly.
+ * yaw rate one that the road can give, and does it still change? What is not believed is replaced from the others: the front angle from
+ * the yaw rate by the steady turn of the linear car; the yaw rate from the lateral acceleration, or from the front angle by that turn.
+ * The speed is held, then falls slowly. The lateral acceleration is optional. It is used once it has agreed with the yaw rate in a turn,
+ * and tells a front angle that froze and a yaw rate of the wrong sign.
+ *
+ * On a straight the offset of the yaw rate is learned, slowly and up to a bound, and what differs from the linear car's turn by no more
+ * than the sensor's noise is not passed on.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -21,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xCF560B6Cu
+#define ARS_INPUTS_BUILD 0xA341B9E4u
 
 /* One sample of what the vehicle measures. */
 typedef struct {
@@ -30,6 +34,7 @@ typedef struct {
     float yaw_rate;             /* rad/s */
     float rear_angle;           /* rad, achieved by the actuator; NaN where it is not measured */
     float friction;             /* estimated peak friction; NaN where unknown: the map's own is taken */
+    float lateral_acceleration; /* m/s^2 at the centre of gravity; NaN: not measured */
     bool inhibit;               /* ESC or ABS is acting: the integrator holds */
 } ars_measurement_t;
 
@@ -48,9 +53,12 @@ typedef struct {
     float expected_share;               /* share of its way to the steady turn that the yaw rate goes in a sample */
     float yaw_rate_tolerance;           /* rad/s beyond what the road explains */
     float lateral_acceleration_max;     /* m/s^2 that no road allows */
-    float yaw_rate_frozen;              /* rad/s that the others may move away while the yaw rate stays to the bit */
+    float yaw_rate_frozen;              /* rad/s that yaw rate and front angle may move apart while one of them stays to the bit */
     float speed_agreement;              /* m/s, within which a speed that was wrong counts again */
     float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
+    float yaw_rate_noise;               /* rad/s, no more than which counts for nothing on a straight */
+    float yaw_rate_offset_max;          /* rad/s that is learned at most */
+    float yaw_rate_offset_share;        /* of what is left of it, in a sample */
     float speed_fall;                   /* m/s that a lost speed falls in a sample */
     float friction_recovery;            /* that a lost estimate rises in a sample */
     uint16_t missing_samples_max;       /* missing samples less others of a signal, before it is replaced */
@@ -68,7 +76,7 @@ typedef enum {
 typedef struct {
     float value;         /* last measurement that was believed, or what stands for it */
     uint16_t missing;    /* samples without it less samples with it, at most one above the limit */
-    uint16_t good;       /* samples in a row that speak for it, counted while it is replaced */
+    uint16_t good;       /* samples in a row that speak for it while it is replaced, against it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;
 
@@ -85,9 +93,12 @@ typedef struct {
     ars_signal_t speed;
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
-    float expected_yaw_rate; /* rad/s, of the linear car with these angles */
+    float expected_yaw_rate; /* rad/s, of the linear car with these angles; while none is measured, of the lateral acceleration */
     float least;             /* rad/s, how near the yaw rate was to it since that changed last */
+    float least_of_front;    /* rad/s, the same since the front angle changed last */
+    float yaw_rate_offset;   /* rad/s, learned on straights */
     float friction;          /* last estimate, on its way to none since there was one */
+    bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;
 
 /* Whether every parameter is finite, in range and consistent with the others. ars_inputs_step() relies on it. */

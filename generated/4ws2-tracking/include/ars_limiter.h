@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xCF560B6Cu
+#define ARS_LIMITER_BUILD 0xA341B9E4u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xCF560B6Cu
+#define ARS_MAP_BUILD 0xA341B9E4u
 
 /* Breakpoints of the table. */
 enum {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0xCF560B6Cu
+#define ARS_XCP_BUILD 0xA341B9E4u
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

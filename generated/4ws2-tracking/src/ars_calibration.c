@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xCF560B6Cu
+#if ARS_CONTROLLER_BUILD != 0xA341B9E4u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xCF560B6Cu
+#if ARS_MAP_BUILD != 0xA341B9E4u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -37,15 +37,15 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
     },
     .lead_time = {
-        0.0f, 0.0f, 0.0f, 0.035f, 0.035f, 0.035f, 0.0525f, 0.1f,
-        0.1f, 0.1f, 0.1f, 0.1f, 0.1f, 0.1f
+        0.0f, 0.0f, 0.0f, 0.035f, 0.035f, 0.035f, 0.0275f, 0.035f,
+        0.035f, 0.035f, 0.035f, 0.035f, 0.035f, 0.035f
     },
     .response_gain = {
-        0.0f, 0.0f, 0.0f, 0.04f, 0.04f, 0.04f, 0.06f, 0.04f,
-        0.04f, 0.04f, 0.04f, 0.04f, 0.04f, 0.04f
+        0.0f, 0.0f, 0.0f, 0.04f, 0.04f, 0.04f, 0.02f, 0.0f,
+        0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f
     },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.040142573f,
+    .lead_angle_max = 0.013962634f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.01f,
     .trim_rate = 1.0f,
@@ -82,6 +82,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_frozen = 0.05235988f,
         .speed_agreement = 1.0f,
         .yaw_rate_agreement = 0.029670598f,
+        .yaw_rate_noise = 0.0052359877f,
+        .yaw_rate_offset_max = 0.008726646f,
+        .yaw_rate_offset_share = 0.001f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
         .missing_samples_max = 3u,
@@ -98,7 +101,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "CF560B6C";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "A341B9E4";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x1BD17EABu;
 

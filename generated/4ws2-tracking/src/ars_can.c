@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xCF560B6Cu
+#if ARS_CAN_BUILD != 0xA341B9E4u
 #error "ars_can.h and this source come from different builds"
 #endif
 
@@ -171,6 +171,7 @@ ARS_SECTION_CODE void ars_can_pack_vehicle_conditions(const ars_vehicle_conditio
 {
     const int32_t rear_angle = to_code(signals->rear_angle, 20000.0f, -32767, 32767, -32768);
     const int32_t friction = to_code(signals->friction, 100.0f, 0, 254, 255);
+    const int32_t lateral_acceleration = to_code(signals->lateral_acceleration, 1000.0f, -32767, 32767, -32768);
     uint32_t code;
 
     clear(data);
@@ -184,6 +185,10 @@ ARS_SECTION_CODE void ars_can_pack_vehicle_conditions(const ars_vehicle_conditio
 
     code = (uint32_t)friction & 0xFFu;
     data[4] |= (uint8_t)(code & 0xFFu);
+
+    code = (uint32_t)lateral_acceleration & 0xFFFFu;
+    data[6] |= (uint8_t)(code & 0xFFu);
+    data[7] |= (uint8_t)((code >> 8u) & 0xFFu);
 }
 
 ARS_SECTION_CODE void ars_can_unpack_vehicle_conditions(const uint8_t data[8], ars_vehicle_conditions_t *signals)
@@ -200,6 +205,11 @@ ARS_SECTION_CODE void ars_can_unpack_vehicle_conditions(const uint8_t data[8], a
 
     code = (uint32_t)data[4] & 0xFFu;
     signals->friction = to_value((int32_t)code, 100.0f, 255);
+
+    code = (uint32_t)data[6] & 0xFFu;
+    code |= ((uint32_t)data[7] & 0xFFu) << 8u;
+    code ^= 0x8000u; /* two's complement */
+    signals->lateral_acceleration = to_value((int32_t)code - 32768, 1000.0f, -32768);
 }
 
 ARS_SECTION_CODE void ars_can_pack_rear_steer_command(const ars_rear_steer_command_t *signals, uint8_t data[8])

@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xCF560B6Cu
+#if ARS_DYNAMICS_BUILD != 0xA341B9E4u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

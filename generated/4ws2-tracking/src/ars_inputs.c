@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xCF560B6Cu
+#if ARS_INPUTS_BUILD != 0xA341B9E4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -24,6 +24,9 @@ ARS_SECTION_CONST static const float friction_unknown = 2.0f;
 
 /* m/s: slower, a front angle makes as good as no yaw rate to find it by. */
 ARS_SECTION_CONST static const float speed_least = 1.0f;
+
+/* m/s: slower, the noise of a lateral acceleration is that of a turn. */
+ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
 
 ARS_SECTION_CODE static float magnitude(float value)
 {
@@ -111,16 +114,14 @@ ARS_SECTION_CODE static void prove(
     }
 }
 
-/* A yaw rate that stays to the bit while that of the other signals moves away from it. `least` is how near it was since it changed. */
+/* A signal that stays to the bit while the yaw rate and that of the angles move apart. `least` is how near they were since it changed. */
 ARS_SECTION_CODE static bool is_frozen(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+    const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float apart, float *least)
 {
-    const float apart = magnitude(measured - self->expected_yaw_rate);
-
-    if ((apart < self->least) || (measured > self->yaw_rate.value) || (measured < self->yaw_rate.value)) {
-        self->least = apart;
+    if ((apart < *least) || (measured > self->value) || (measured < self->value)) {
+        *least = apart;
     }
-    return (apart - self->least) > parameters->yaw_rate_frozen;
+    return (apart - *least) > parameters->yaw_rate_frozen;
 }
 
 /* An estimate that is lost goes slowly to that of a road nobody knows. */
@@ -152,6 +153,9 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->yaw_rate_frozen, 0.001f, 20.0f)
         && is_between(parameters->speed_agreement, 0.001f, 200.0f)
         && is_between(parameters->yaw_rate_agreement, 0.001f, 10.0f)
+        && is_between(parameters->yaw_rate_noise, 0.0f, 1.0f)
+        && is_between(parameters->yaw_rate_offset_max, 0.0f, 1.0f)
+        && is_between(parameters->yaw_rate_offset_share, 1.0e-06f, 1.0f)
         && is_between(parameters->speed_fall, 0.0f, 1.0f)
         && is_between(parameters->friction_recovery, 1.0e-06f, 1.0f)
         && (parameters->missing_samples_max <= 100u)
@@ -174,7 +178,10 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     signal_init(&self->yaw_rate, is_trusted);
     self->expected_yaw_rate = 0.0f;
     self->least = 0.0f;
+    self->least_of_front = 0.0f;
+    self->yaw_rate_offset = 0.0f;
     self->friction = friction_unknown;
+    self->lateral_is_proven = false;
 }
 
 ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_gap)
@@ -212,6 +219,40 @@ ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, f
     return is_within(yaw_rate - turn, agreement) && !is_within(turn, agreement + agreement);
 }
 
+/* The turn that the lateral acceleration shows, and whether it shows one. */
+typedef struct {
+    float yaw_rate; /* rad/s */
+    bool is_there;
+} lateral_t;
+
+ARS_SECTION_CODE static lateral_t turn_of_lateral(
+    const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+{
+    lateral_t lateral = { 0.0f, false };
+
+    if ((self->speed.value >= lateral_speed_least) && is_within(measured, parameters->lateral_acceleration_max)) {
+        lateral.yaw_rate = measured / self->speed.value;
+        lateral.is_there = true;
+    }
+    return lateral;
+}
+
+/* In a turn in which the yaw rate agrees with the lateral acceleration, or with the front angle and not with that. */
+ARS_SECTION_CODE static void prove_lateral(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
+{
+    const float yaw_rate = self->yaw_rate.value;
+
+    if (agrees(parameters, lateral->yaw_rate, yaw_rate)) {
+        self->lateral_is_proven = true;
+    } else if (agrees(parameters, self->expected_yaw_rate, yaw_rate)
+               && !is_within(lateral->yaw_rate - yaw_rate, 2.0f * parameters->yaw_rate_agreement)) {
+        self->lateral_is_proven = false;
+    } else {
+        /* no turn, or one that shows nothing */
+    }
+}
+
 /* Each takes one signal. Returns whether it is missing, for a short time so far. */
 ARS_SECTION_CODE static bool take_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
@@ -231,39 +272,86 @@ ARS_SECTION_CODE static bool take_speed(
     return is_gap;
 }
 
-/* turn: rad/s that the front angle would make in the linear car. */
+/* turn: rad/s that the front angle would make in the linear car. A car that leaves the linear range moves away from a front angle
+ * that is held still, so yaw rate and lateral acceleration have to agree that it froze. */
 ARS_SECTION_CODE static bool take_front_angle(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn, const lateral_t *lateral)
 {
+    ars_signal_t *const signal = &self->front_angle;
+    const float yaw_rate = self->yaw_rate.value;
     const bool is_there = is_within(measured, parameters->front_angle_max);
     bool is_gap = false;
 
-    if (self->front_angle.source == ARS_SIGNAL_MEASURED) {
-        is_gap = follow(&self->front_angle, parameters, measured, is_there, parameters->front_angle_step);
+    if (signal->source != ARS_SIGNAL_MEASURED) {
+        self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
+        prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
     } else {
-        prove(&self->front_angle, parameters, measured, is_there, agrees(parameters, turn, self->yaw_rate.value));
+        const float apart = magnitude(yaw_rate - self->expected_yaw_rate);
+        const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least_of_front);
+
+        is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
+        if (is_there && is_still && lateral->is_there && self->lateral_is_proven
+            && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)
+            && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
+            signal->source = ARS_SIGNAL_WRONG;
+        }
     }
     return is_gap;
 }
 
-/* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. */
+/* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. It is wrong where it froze,
+ * or shows a turn to the other side than the angles and the lateral acceleration, for as many samples as a wrong one has to be right. */
 ARS_SECTION_CODE static bool take_yaw_rate(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
 {
+    ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
     const bool is_there = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
     bool is_gap = false;
 
-    if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
+    if (signal->source != ARS_SIGNAL_MEASURED) {
         self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
-        prove(&self->yaw_rate, parameters, measured, is_there, agrees(parameters, measured, self->expected_yaw_rate));
-    } else if (is_there && is_frozen(self, parameters, measured)) {
-        self->yaw_rate.source = ARS_SIGNAL_WRONG;
+        prove(signal, parameters, measured, is_there, agrees(parameters, measured, self->expected_yaw_rate));
+    } else if (is_there) {
+        const float apart = magnitude(measured - self->expected_yaw_rate);
+        const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least);
+
+        if (((measured * self->expected_yaw_rate) < 0.0f) && lateral->is_there && self->lateral_is_proven
+            && agrees(parameters, lateral->yaw_rate, self->expected_yaw_rate)) {
+            signal->good++;
+        } else {
+            signal->good = 0u;
+        }
+        is_gap = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
+        if (is_still || (signal->good >= parameters->recovery_samples)) {
+            signal->source = ARS_SIGNAL_WRONG;
+            signal->good = 0u;
+        }
+        if (lateral->is_there && (signal->source == ARS_SIGNAL_MEASURED)) {
+            prove_lateral(self, parameters, lateral);
+        }
     } else {
-        is_gap = follow(&self->yaw_rate, parameters, measured, is_there, parameters->yaw_rate_step);
+        signal->good = 0u;
+        is_gap = follow(signal, parameters, measured, false, parameters->yaw_rate_step);
     }
     return is_gap;
+}
+
+/* On a straight, what the sensor shows is its offset, and differences as small as its noise are none. */
+ARS_SECTION_CODE static float without_offset(ars_inputs_t *self, const ars_inputs_parameters_t *parameters)
+{
+    const float room = parameters->yaw_rate_noise - magnitude(self->expected_yaw_rate);
+    float yaw_rate = self->yaw_rate.value - self->yaw_rate_offset;
+
+    if ((room > 0.0f) && (self->speed.value >= lateral_speed_least)) {
+        const float shown = bounded(self->yaw_rate.value - self->expected_yaw_rate, parameters->yaw_rate_offset_max);
+        const float learned = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * (shown - self->yaw_rate_offset));
+
+        self->yaw_rate_offset = bounded(learned, parameters->yaw_rate_offset_max);
+        yaw_rate = self->expected_yaw_rate + toward_zero(yaw_rate - self->expected_yaw_rate, room);
+    }
+    return yaw_rate;
 }
 
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(
@@ -274,12 +362,18 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
     bool has_gap = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
+    const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
+    float turn = gain * (measured->front_angle - rear);
     float change;
 
-    has_gap = take_front_angle(self, parameters, measured->front_angle, gain * (measured->front_angle - rear)) || has_gap;
-    change = parameters->expected_share * ((gain * (self->front_angle.value - rear)) - self->expected_yaw_rate);
+    has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
+    turn = gain * (self->front_angle.value - rear);
+    if (lateral.is_there && self->lateral_is_proven && (self->yaw_rate.source != ARS_SIGNAL_MEASURED)) {
+        turn = lateral.yaw_rate;
+    }
+    change = parameters->expected_share * (turn - self->expected_yaw_rate);
     self->expected_yaw_rate = bounded(self->expected_yaw_rate + change, parameters->yaw_rate_max);
-    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate) || has_gap;
+    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, &lateral) || has_gap;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
         self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
         self->yaw_rate.source = ARS_SIGNAL_LOST;
@@ -294,9 +388,11 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     take_friction(self, parameters, measured->friction);
     believed->speed = self->speed.value;
     believed->front_angle = self->front_angle.value;
-    believed->yaw_rate = self->yaw_rate.value;
+    believed->yaw_rate
+        = (self->yaw_rate.source == ARS_SIGNAL_MEASURED) ? without_offset(self, parameters) : self->yaw_rate.value;
     believed->rear_angle = rear;
     believed->friction = self->friction;
+    believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
     believed->inhibit = measured->inhibit;
     return quality_of(self, has_gap);
 }

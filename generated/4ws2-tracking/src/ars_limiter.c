@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xCF560B6Cu
+#if ARS_LIMITER_BUILD != 0xA341B9E4u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

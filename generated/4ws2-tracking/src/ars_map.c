@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0xCF560B6Cu
+#if ARS_MAP_BUILD != 0xA341B9E4u
 #error "ars_map.h and this source come from different builds"
 #endif
 

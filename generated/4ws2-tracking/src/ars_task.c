@@ -8,16 +8,16 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xCF560B6Cu
+#if ARS_CAN_BUILD != 0xA341B9E4u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xCF560B6Cu
+#if ARS_CONTROLLER_BUILD != 0xA341B9E4u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xCF560B6Cu
+#if ARS_E2E_BUILD != 0xA341B9E4u
 #error "ars_e2e.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xCF560B6Cu
+#if ARS_TASK_BUILD != 0xA341B9E4u
 #error "ars_task.h and this source come from different builds"
 #endif
 
@@ -131,6 +131,7 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
     self->motion.yaw_rate = ars_can_not_available();
     self->conditions.rear_angle = ars_can_not_available();
     self->conditions.friction = ars_can_not_available();
+    self->conditions.lateral_acceleration = ars_can_not_available();
     self->conditions.inhibit = false;
     self->counter = 0u;
     self->backlog = 0u;
@@ -286,6 +287,7 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
         .yaw_rate = motion_usable ? self->motion.yaw_rate : not_available,
         .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
+        .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
         .inhibit = self->conditions.inhibit
     };
 

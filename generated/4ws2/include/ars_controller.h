@@ -20,10 +20,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x3F5E3A23u
+#if ARS_INPUTS_BUILD != 0x4CEFD4D1u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x3F5E3A23u
+#if ARS_LIMITER_BUILD != 0x4CEFD4D1u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -31,7 +31,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x3F5E3A23u
+#define ARS_CONTROLLER_BUILD 0x4CEFD4D1u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x3F5E3A23u
+#define ARS_LIMITER_BUILD 0x4CEFD4D1u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x3F5E3A23u
+#define ARS_MAP_BUILD 0x4CEFD4D1u
 
 /* Breakpoints of the table. */
 enum {

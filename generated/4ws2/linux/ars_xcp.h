@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x3F5E3A23u
+#define ARS_XCP_BUILD 0x4CEFD4D1u
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

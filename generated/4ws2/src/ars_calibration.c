@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x3F5E3A23u
+#if ARS_CONTROLLER_BUILD != 0x4CEFD4D1u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x3F5E3A23u
+#if ARS_MAP_BUILD != 0x4CEFD4D1u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -54,6 +54,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_frozen = 0.05235988f,
         .speed_agreement = 1.0f,
         .yaw_rate_agreement = 0.029670598f,
+        .yaw_rate_noise = 0.0052359877f,
+        .yaw_rate_offset_max = 0.008726646f,
+        .yaw_rate_offset_share = 0.001f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
         .missing_samples_max = 3u,
@@ -70,7 +73,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "3F5E3A23";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "4CEFD4D1";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_map_expected_checksum = 0x49737B91u;
 

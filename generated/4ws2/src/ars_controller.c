@@ -11,10 +11,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x3F5E3A23u
+#if ARS_CONTROLLER_BUILD != 0x4CEFD4D1u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x3F5E3A23u
+#if ARS_MAP_BUILD != 0x4CEFD4D1u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -235,6 +235,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->sample.yaw_rate = 0.0f;
     self->sample.rear_angle = start;
     self->sample.friction = 0.0f;
+    self->sample.lateral_acceleration = 0.0f;
     self->sample.inhibit = true;
     self->enabled = false;
     self->quality = ARS_QUALITY_GOOD;
@@ -259,6 +260,8 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.yaw_rate.value * self->inputs.yaw_rate.value;
     squares += self->inputs.expected_yaw_rate * self->inputs.expected_yaw_rate;
     squares += self->inputs.least * self->inputs.least;
+    squares += self->inputs.least_of_front * self->inputs.least_of_front;
+    squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
     squares += self->limiter.speed * self->limiter.speed;

@@ -38,7 +38,10 @@ OTHERS: Mapping[str, str] = {
     "reference_model: curve_at": "judged through both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
     "controller: allowed": SEVERAL,
-    **{f"inputs: {name}": SEVERAL for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle")},
+    **{
+        f"inputs: {name}": SEVERAL
+        for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle", "turn_of_lateral")
+    },
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "@_inputs_step")},
     **{f"controller: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
