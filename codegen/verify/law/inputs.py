@@ -137,10 +137,8 @@ class SecondInputs:
         room, right = p("yaw_rate_noise") - abs(self.expected), measured - self.offset
         if room <= 0.0 or self.speed.value < 5.0:
             return right
-        most = p("yaw_rate_offset_max")
-        shown = self._within(measured - self.expected, most)
-        self.offset = self._within(self.offset + p("yaw_rate_offset_share") * (shown - self.offset), most)
         beyond = right - self.expected
+        self.offset = self._within(self.offset + p("yaw_rate_offset_share") * beyond, p("yaw_rate_offset_max"))
         return self.expected + (beyond - self._within(beyond, room))
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
