@@ -41,9 +41,13 @@ FAULTS = {
     "yaw_rate": tuple(WAYS),
     "front_angle": ("lost", "frozen", "sign flipped", "half", "zero"),
     "speed": ("lost", "sign flipped", "half", "zero"),
+    "lateral_acceleration": ("lost", "frozen", "sign flipped", "half", "zero"),
     "all": ("lost",),
 }
-ALL = ("speed", "front_angle", "yaw_rate", "rear_angle")
+ALL = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
+
+BIAS, BIAS_SPEED, BIAS_DURATION, DRIFT_MAX_DEG = math.radians(0.25), 128.0 * KM_H, 7.0, 0.3
+"""rad/s, m/s, s, deg: an offset of the yaw rate on a straight, and how far it may turn the car."""
 
 
 def keep(seconds: float) -> float:
@@ -104,6 +108,28 @@ def drive(
     return Drive(x, y, spun)
 
 
+def drift(software: Software, bias: float) -> tuple[float, float]:
+    """Heading (deg) and place beside the straight (m) at the end of a drive; `bias` (rad/s) is added to the yaw rate."""
+    config = software.config
+    plant, controller = Plant(config), software.controller()
+    period, command = config.controller.sampling_time_s, 0.0
+    steps = round(period / config.plant.sampling_time_s)
+    for _ in range(round(BIAS_DURATION / period)):
+        acting = PlantInput(BIAS_SPEED, 0.0, command, config.road.friction)
+        car = plant.sample(acting)
+        measured = (BIAS_SPEED, car.front_angle, car.yaw_rate + bias, car.rear_angle)
+        command = controller.step(Measurement(*measured, lateral_acceleration=car.lateral_acceleration)).rear_angle
+        plant.advance([acting] * steps)
+    _, beside, heading = plant.position
+    return math.degrees(heading), beside
+
+
+def _straight(software: Software) -> Row:
+    heading, beside = drift(software, BIAS)
+    met = abs(heading) <= DRIFT_MAX_DEG
+    return Row((f"{heading:.2f}", f"{beside:.2f}", f"at most {DRIFT_MAX_DEG:g} deg: {'met' if met else 'MISSED'}"), met)
+
+
 def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     """Compare each fault in each cell with each driver; `quick` takes one speed."""
     line_up = recommended().line_up()
@@ -136,7 +162,16 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
         f"who keeps the wheel, straightens it or counter-steers {DRIVER_TIME - FAULT_TIME:g} s after the fault.",
         "Faults of one signal at 50, 80 and 110 km/h, of all at 80 to 120 km/h. A spin of the sound car too is not counted.",
     )
-    return CountReport((('A signal lost or wrong in a corner, kind "tracking"', header, tuple(rows)),), notes)
+    straight = (
+        f"{BIAS_DURATION:g} s straight ahead at {BIAS_SPEED / KM_H:g} km/h, the yaw rate {math.degrees(BIAS):g} deg/s too large"
+    )
+    return CountReport(
+        (
+            ('A signal lost or wrong in a corner, kind "tracking"', header, tuple(rows)),
+            (straight, ("heading [deg]", "beside the straight [m]", "required"), (_straight(software),)),
+        ),
+        notes,
+    )
 
 
 def _edge(software: Software, speed: float) -> float:

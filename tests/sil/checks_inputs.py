@@ -323,13 +323,14 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
 
 
 def check_noise_of_the_yaw_rate(built: Built) -> None:
-    """What is no further from the linear car's turn counts for nothing, as far as that turn leaves room for it."""
+    """What is no further from the linear car's turn counts for nothing, as far as the front wheels' turn leaves room for it."""
     exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_noise": 0.25}
     exact |= {"yaw_rate_offset_max": 0.0}
-    for turn, shown, wanted in (
-        *((0.0, 0.25, 0.0), (0.0, 0.3125, 0.0625), (0.0, -0.3125, -0.0625), (0.125, 0.25, 0.125), (0.125, 0.3125, 0.1875)),
-        *((0.25, 0.3125, 0.3125), (-0.125, -0.3125, -0.1875), (0.5, 0.4375, 0.4375)),
+    for front, rear, shown, wanted in (
+        *((0.0, 0.0, 0.25, 0.0), (0.0, 0.0, 0.3125, 0.0625), (0.0, 0.0, -0.3125, -0.0625), (0.125, 0.0, 0.25, 0.125)),
+        *((0.125, 0.0, 0.3125, 0.1875), (0.25, 0.0, 0.3125, 0.3125), (-0.125, 0.0, -0.3125, -0.1875)),
+        *((0.5, 0.0, 0.4375, 0.4375), (0.0, -0.125, 0.4375, 0.1875), (0.5, 0.5, 0.4375, 0.4375)),
     ):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
-        controller.step(Measurement(16.0, turn / 8.0, shown, 0.0))
-        assert controller.state.sample.yaw_rate == wanted, (turn, shown)
+        controller.step(Measurement(16.0, front / 8.0, shown, rear / 8.0))
+        assert controller.state.sample.yaw_rate == wanted, (front, rear, shown)

@@ -86,7 +86,7 @@ class SecondInputs:
         if not (self.front_angle.is_measured or self.yaw_rate.is_measured):
             quality = Quality.UNUSABLE
         self.happened.add(quality.name)
-        yaw_rate = self._without_offset() if self.yaw_rate.is_measured else self.yaw_rate.value
+        yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
         numbers = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral)
         return quality, Measurement(*numbers, inhibit=m.inhibit)
@@ -132,9 +132,9 @@ class SecondInputs:
             self.lateral_is_proven = False
             self.happened.add("lateral acceleration refuted")
 
-    def _without_offset(self) -> Any:
+    def _without_offset(self, gain: Any) -> Any:
         p, measured = self.parameter, self.yaw_rate.value
-        room, right = p("yaw_rate_noise") - abs(self.expected), measured - self.offset
+        room, right = p("yaw_rate_noise") - abs(gain * self.front_angle.value), measured - self.offset
         if room <= 0.0 or self.speed.value < 5.0:
             return right
         beyond = right - self.expected
@@ -143,13 +143,14 @@ class SecondInputs:
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
-        turn = gain * (self.front_angle.value - rear)
         witness = self._witness()
         if witness is not None and not self.yaw_rate.is_measured:
             turn = witness
             self.happened.add("yaw rate from the lateral acceleration")
-        change = p("expected_share") * (turn - self.expected)
-        self.expected = self._within(self.expected + change, p("yaw_rate_max"))
+        else:
+            turn = gain * (self.front_angle.value - rear)
+            turn = self.expected + p("expected_share") * (turn - self.expected)
+        self.expected = self._within(turn, p("yaw_rate_max"))
         apart = abs(measured - self.expected)
         grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
         is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)

@@ -26,6 +26,7 @@ int main(void)
         .yaw_rate = 0.0f,
         .rear_angle = 0.0f,
         .friction = (float)NAN, /* no estimate: the map's own */
+        .lateral_acceleration = (float)NAN, /* not measured */
         .inhibit = false
     };
     float reference = 0.0f;

@@ -216,7 +216,7 @@ ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, f
 {
     const float agreement = parameters->yaw_rate_agreement;
 
-    return is_within(yaw_rate - turn, agreement) && !is_within(turn, agreement + agreement);
+    return !is_within(turn, agreement + agreement) && is_within(yaw_rate - turn, agreement);
 }
 
 /* The turn that the lateral acceleration shows, and whether it shows one. */
@@ -338,18 +338,20 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     return is_gap;
 }
 
-/* On a straight, what the sensor shows is its offset, and differences as small as its noise are none. */
-ARS_SECTION_CODE static float without_offset(ars_inputs_t *self, const ars_inputs_parameters_t *parameters)
+/* Where the front wheels are straight, what the sensor shows beyond what the rear wheels make is its offset, and differences as small
+ * as its noise are none. */
+ARS_SECTION_CODE static float without_offset(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn)
 {
-    const float room = parameters->yaw_rate_noise - magnitude(self->expected_yaw_rate);
+    const float room = parameters->yaw_rate_noise - magnitude(front_turn);
     float yaw_rate = self->yaw_rate.value - self->yaw_rate_offset;
 
     if ((room > 0.0f) && (self->speed.value >= lateral_speed_least)) {
-        const float shown = bounded(self->yaw_rate.value - self->expected_yaw_rate, parameters->yaw_rate_offset_max);
-        const float learned = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * (shown - self->yaw_rate_offset));
+        const float beyond = yaw_rate - self->expected_yaw_rate;
+        const float learned = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * beyond);
 
         self->yaw_rate_offset = bounded(learned, parameters->yaw_rate_offset_max);
-        yaw_rate = self->expected_yaw_rate + toward_zero(yaw_rate - self->expected_yaw_rate, room);
+        yaw_rate = self->expected_yaw_rate + toward_zero(beyond, room);
     }
     return yaw_rate;
 }
@@ -364,15 +366,15 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
     float turn = gain * (measured->front_angle - rear);
-    float change;
 
     has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
-    turn = gain * (self->front_angle.value - rear);
     if (lateral.is_there && self->lateral_is_proven && (self->yaw_rate.source != ARS_SIGNAL_MEASURED)) {
         turn = lateral.yaw_rate;
+    } else {
+        turn = gain * (self->front_angle.value - rear);
+        turn = self->expected_yaw_rate + (parameters->expected_share * (turn - self->expected_yaw_rate));
     }
-    change = parameters->expected_share * (turn - self->expected_yaw_rate);
-    self->expected_yaw_rate = bounded(self->expected_yaw_rate + change, parameters->yaw_rate_max);
+    self->expected_yaw_rate = bounded(turn, parameters->yaw_rate_max);
     has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, &lateral) || has_gap;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
         self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
@@ -389,7 +391,8 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     believed->speed = self->speed.value;
     believed->front_angle = self->front_angle.value;
     believed->yaw_rate
-        = (self->yaw_rate.source == ARS_SIGNAL_MEASURED) ? without_offset(self, parameters) : self->yaw_rate.value;
+        = (self->yaw_rate.source == ARS_SIGNAL_MEASURED) ? without_offset(self, parameters, gain * self->front_angle.value)
+                                                                     : self->yaw_rate.value;
     believed->rear_angle = rear;
     believed->friction = self->friction;
     believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
