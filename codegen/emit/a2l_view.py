@@ -14,7 +14,7 @@ from codegen.emit.controller_view import ControllerView
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
-from codegen.emit.parameters import ParameterView
+from codegen.emit.parameters import FieldView, ParameterView
 from codegen.emit.text import Precision
 from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
 from codegen.refmap.storage import RAW_MAX
@@ -260,19 +260,30 @@ class _Lists:
         return [*axes, *maps, checksum]
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
-        """Of a controller."""
-        prefix, real = self.prefix, self.real
-        types = {"float": real, "double": real, "uint16_t": "UWORD", "bool": "UBYTE"}
+        """Of a controller, with the states of its law and of its grip."""
+        prefix = self.prefix
+        inside = {"law": controller.law_state, "grip": controller.grip_state}
         for field in controller.state:
             link = f"{prefix}_{INSTANCE}.controller.{field.name}"
             if field.name == "status":
                 top = str(len(STATUSES) - 1)
                 yield Measured(f"{prefix}.status", field.comment, "ULONG", f"{prefix}.is_status", "0", top, link)
-            elif field.type in types:
-                yield self._measured(field.name, field.comment, types[field.type], link)
             elif field.name == "sample":
                 for name, unit in BELIEVED:
-                    yield self._measured(f"believed.{name}", f"{unit}, believed of the last sample", real, f"{link}.{name}")
+                    yield self._measured(
+                        f"believed.{name}", f"{unit}, believed of the last sample", self.real, f"{link}.{name}"
+                    )
+            elif field.name in inside:
+                for each in inside[field.name]:
+                    yield from self._field(each, f"{field.name}.{each.name}", f"{link}.{each.name}")
+            else:
+                yield from self._field(field, field.name, link)
+
+    def _field(self, field: FieldView, name: str, link: str) -> Iterator[Measured]:
+        """Of a state's field, if it is a number or a flag."""
+        types = {"float": self.real, "double": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
+        if field.type in types:
+            yield self._measured(name, field.comment, types[field.type], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
         """The car's signals, as the task keeps the last good ones."""

@@ -40,8 +40,10 @@ from codegen.refmap.place import Placed, Request, choose
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
-HEADERS = ("sections", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task")
-SOURCES = ("calibration", "map", "inputs", "limiter", "controller", "dynamics", "e2e", "can", "task", "selftest")
+HEADERS = ("sections", "map", "inputs", "limiter", "parameters", "law", "controller", "dynamics", "e2e", "can", "task")
+SOURCES = ("calibration", *(header for header in HEADERS if header != "sections"), "selftest")
+OF_REFERENCE_MODEL = ("grip", "reference_model")
+"""Units of the laws that use the reference model."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
@@ -132,7 +134,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     law = law_of(config)
     placed = _placed(reference_map, config, options)
     total = placed.total if placed else extend(reference_map, config, config.steering.front_angle_stop)
-    more = ("reference_model",) if law.uses_reference_model else ()
+    more = OF_REFERENCE_MODEL if law.uses_reference_model else ()
     headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
     identity = _build_id(config, options, inputs)

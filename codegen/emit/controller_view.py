@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from codegen.config import KM_H, Config
-from codegen.emit.laws import law_of
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, halvings, parameter_views
 from codegen.emit.text import Precision, literal, numpy_type
 from codegen.refmap.extend import TotalMap
@@ -66,6 +66,11 @@ class ControllerView:
     points: tuple[tuple[str, int], ...]
     halvings: int
     state: tuple[FieldView, ...]
+    law_state: tuple[FieldView, ...]
+    grip_state: tuple[FieldView, ...]
+    sample_ranges: Mapping[str, tuple[str, str]]
+    command_max: str
+    error_max: str
     numbers: tuple[str, ...]
     initialised: int
     squares_max: str
@@ -134,7 +139,15 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
     yield Parameter("actuator_samples_max", samples, "samples off, less others, then it is stuck", 1, ACTUATOR_SAMPLES_MAX)
 
 
-_COMMON_STATE = (
+_LAW_STATE = (Field("bool", "is_limited", "a limit acted in the last sample"),)
+"""What every law leaves behind a sample, beside its own state."""
+
+_GRIP_STATE = (
+    Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
+    Field("real", "available", "m/s^2 of lateral acceleration that the road has not yet refused"),
+)
+
+_STATE = (
     Field("real", "rear_angle", "rad, last command"),
     Field("real", "yaw_rate_reference", "rad/s, last reference"),
     Field("real", "yaw_rate_error", "rad/s, last reference less measured yaw rate; 0 where control is off"),
@@ -147,12 +160,16 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
     """The view of the configured controller around a total map. Raises BuildError: see `law_of`."""
     law = law_of(config)
     parameters = parameter_views(controller_parameters(config), prefix, precision, real)
-    fields = (*law.state, *_COMMON_STATE)
-    state = [field_view(field, real) for field in fields]
-    numbers = [field.name for field in fields if field.kind == "real"]
+    law_fields = (*law.state, *_LAW_STATE)
+    law_state = [field_view(field, real) for field in law_fields]
+    state = [FieldView(f"{prefix}_law_t", "law", "the control law"), *(field_view(field, real) for field in _STATE)]
+    numbers = [f"law.{field.name}" for field in law_fields if field.kind == "real"]
+    numbers += [field.name for field in _STATE if field.kind == "real"]
     if law.uses_reference_model:
-        state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
-        numbers += [f"model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
+        law_state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
+        state.insert(1, FieldView(f"{prefix}_grip_t", "grip", "of the road"))
+        numbers += [f"law.model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
+        numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
     state.append(FieldView(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
@@ -169,6 +186,11 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         points=points,
         halvings=max((halvings(size) for _, size in points), default=0),
         state=tuple(state),
+        law_state=tuple(law_state),
+        grip_state=tuple(field_view(field, real) for field in _GRIP_STATE),
+        sample_ranges={name: (f"{low:g}", f"{high:g}") for name, (low, high) in SAMPLE_RANGES.items()},
+        command_max=f"{REAR_ANGLE_MAX_RAD:g}",
+        error_max=f"{YAW_RATE_ERROR_MAX_RAD_S:g}",
         numbers=tuple(numbers),
         initialised=INITIALISED,
         squares_max=literal(SQUARES_MAX, precision),

@@ -1,7 +1,7 @@
 """The kinds of controller: this is the one place that chooses.
 
-A law names its parameters, its state and what it needs of the rest of the build; the template folder `law/<kind>/` holds its C,
-three functions called by the frame that all kinds share: law_init, law_start, law_step.
+A law names its parameters, its state and what it needs of the rest of the build. The template folder `law/<kind>/` holds its C:
+the functions `<prefix>_law_init` and `<prefix>_law_step` of the unit `<prefix>_law`, which the controller of every kind calls.
 """
 
 from __future__ import annotations
@@ -18,6 +18,15 @@ from codegen.design.margins import Gains, gains_of
 from codegen.emit.parameters import Field, Parameter
 from codegen.errors import BuildError
 from codegen.vehicle.single_track import SingleTrack
+
+SAMPLE_RANGES = {"speed": (0.01, 200.0), "front_angle": (-1.5, 1.5), "yaw_rate": (-20.0, 20.0)}
+"""Ranges of the believed sample that the control law accepts, in SI units: the widest that valid parameters allow."""
+
+REAR_ANGLE_MAX_RAD = 1.0
+"""Bound on the last command that the control law is given: the largest rear angle that valid limiter parameters allow."""
+
+YAW_RATE_ERROR_MAX_RAD_S = 1000.0
+"""Bound on the last yaw-rate error that the control law is given: far above that of any law."""
 
 
 def _no_parameters(_config: Config) -> tuple[Parameter, ...]:
@@ -43,7 +52,7 @@ class Law:
         gains: of its feedback over speed, for the margins; None where it has none.
         scheduled: its gains are those of controller.tracking.schedule, which `codegen tune` writes.
         uses_rear_angle: it looks the optimum's own rear angle up.
-        uses_reference_model: it needs the unit `<prefix>_reference_model`.
+        uses_reference_model: it needs the units `<prefix>_reference_model` and `<prefix>_grip`.
         points: name and size of the arrays among its parameters.
     """
 
@@ -220,8 +229,6 @@ LAWS = {
                 Field("real", "front_rate", "rad/s, smoothed"),
                 Field("uint16_t", "missed_samples", "that were predicted since the last good one"),
                 Field("real", "yaw_rate", "rad/s, of the last sample"),
-                Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
-                Field("real", "grip", "m/s^2 of lateral acceleration that the road has not yet refused"),
             ),
             gains=lambda config: gains_of(schedule_of(config)),
             scheduled=True,

@@ -24,6 +24,8 @@ ARS_SOURCES := $(addprefix $(ARS_DIR), \
     src/ars_map.c \
     src/ars_inputs.c \
     src/ars_limiter.c \
+    src/ars_parameters.c \
+    src/ars_law.c \
     src/ars_controller.c \
     src/ars_e2e.c \
     src/ars_can.c \

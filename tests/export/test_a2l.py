@@ -221,9 +221,9 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
     elf = Elf.read(compiled(BUILD, tmp_path, TASKS))
     with pytest.raises(BuildError, match=r"several objects of ars_task_t: one, two\[0\], two\[1\]"):
         fill(BUILD, elf)
-    places = {name: fill(BUILD, elf, name).places["ars.integral"] for name in ("one", "two[1]")}
-    assert places["two[1]"] == elf.place("two[1].controller.integral") != places["one"]
-    assert 'SYMBOL_LINK "two[1].controller.integral" 0' in fill(BUILD, elf, "two[1]").text
+    places = {name: fill(BUILD, elf, name).places["ars.law.integral"] for name in ("one", "two[1]")}
+    assert places["two[1]"] == elf.place("two[1].controller.law.integral") != places["one"]
+    assert 'SYMBOL_LINK "two[1].controller.law.integral" 0' in fill(BUILD, elf, "two[1]").text
 
 
 def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:

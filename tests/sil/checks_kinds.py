@@ -96,13 +96,13 @@ def _check_state(built: Built, state: Any, parameters: Any) -> None:
     assert 0.0 <= sample.friction <= 2.0
     if kind == "pi":
         largest = float(built.total.yaw_rate.max()) + inputs.yaw_rate_max
-        assert abs(state.integral) <= 1.000001 * (parameters.rear_angle_max + parameters.proportional_gain * largest)
+        assert abs(state.law.integral) <= 1.000001 * (parameters.rear_angle_max + parameters.proportional_gain * largest)
     if kind == "tracking":
         largest = inputs.yaw_rate_max + 20.0 + max(abs(state.yaw_rate_reference), float(built.total.yaw_rate.max()))
-        assert abs(state.trim) <= 1.001 * parameters.trim_share * float(built.total.yaw_rate.max())
+        assert abs(state.law.trim) <= 1.001 * parameters.trim_share * float(built.total.yaw_rate.max())
         most = 2.0 * parameters.rear_angle_max + max(parameters.proportional_gain) * largest
-        assert abs(state.integral) <= 1.01 * most
-        assert 0.0 < state.grip <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
+        assert abs(state.law.integral) <= 1.01 * most
+        assert 0.0 < state.grip.available <= built.total.lateral_acceleration_cap * (1.0 + built.eps)
 
 
 def random_measurements(built: Built, rng: np.random.Generator, count: int) -> Any:

@@ -42,11 +42,12 @@ def check_tracking_state_after_init(built: Built) -> None:
     """At rest, at the given angle; nothing is known of the road but the map."""
     state = built.software.controller(0.02).state
     held = float(built.real(0.02))
-    for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate", "reached"):
-        assert getattr(state, name) == 0.0, name
-    assert (state.model.yaw_rate, state.model.rear_angle) == (0.0, held)
-    assert abs(state.model.sideslip_angle - held) <= built.eps * held, "the rear wheels' own direction"
-    assert abs(state.grip - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * state.grip
+    for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate"):
+        assert getattr(state.law, name) == 0.0, name
+    assert (state.law.model.yaw_rate, state.law.model.rear_angle) == (0.0, held)
+    assert state.grip.reached == 0.0
+    assert abs(state.law.model.sideslip_angle - held) <= built.eps * held, "the rear wheels' own direction"
+    assert abs(state.grip.available - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * state.grip.available
 
 
 def check_tracking_memory_of_the_road(built: Built) -> None:
@@ -55,27 +56,28 @@ def check_tracking_memory_of_the_road(built: Built) -> None:
     p, period = controller.parameters, config_of(built).controller.sampling_time_s
     good, lost = Measurement(SPEED, 0.0, 0.0), Measurement(math.nan, math.nan, math.nan)
     controller.step(good)
-    controller.state.grip = controller.state.reached = 2.0
+    grip = controller.state.grip
+    grip.available = grip.reached = 2.0
     controller.run([lost] * (p.inputs.missing_samples_max + 3) + [good] * (p.inputs.recovery_samples - 1))
-    assert (controller.state.status, controller.state.grip, controller.state.reached) == (Status.FAIL_SAFE, 2.0, 2.0)
+    assert (controller.state.status, grip.available, grip.reached) == (Status.FAIL_SAFE, 2.0, 2.0)
     assert controller.step(good).status in (Status.TRACKING, Status.LIMITED)
-    assert controller.state.grip < 2.1, "one sample of recovery"
-    controller.state.grip = controller.state.reached = 2.0
+    assert grip.available < 2.1, "one sample of recovery"
+    grip.available = grip.reached = 2.0
     assert controller.step(Measurement(0.0, 0.0, 0.0)).status is Status.STANDBY
     # Each is rounded twice, near 2.
-    assert abs(controller.state.grip - (2.0 + p.grip_recovery_idle * period)) <= 2.0 * built.eps * 2.0
-    assert abs(controller.state.reached - 2.0 * (1.0 - p.grip_forgetting * period)) <= 2.0 * built.eps * 2.0
+    assert abs(grip.available - (2.0 + p.grip_recovery_idle * period)) <= 2.0 * built.eps * 2.0
+    assert abs(grip.reached - 2.0 * (1.0 - p.grip_forgetting * period)) <= 2.0 * built.eps * 2.0
     controller.run([Measurement(0.0, 0.0, 0.0)] * round(20.0 / float(p.grip_recovery_idle) / period))
-    assert abs(controller.state.grip - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * controller.state.grip
+    assert abs(grip.available - built.total.lateral_acceleration_cap) <= 2.0 * built.eps * grip.available
 
 
 def _grip_after(built: Built, measurement: Measurement, grip: float, **changes: Any) -> tuple[float, float]:
     """The grip after one sample of a turn, from a given one, and the reference yaw rate of that sample."""
     controller = _running(built, **changes)
     controller.run([measurement] * 60)  # until the model of the car turns too
-    controller.state.grip = grip
+    controller.state.grip.available = grip
     reference = abs(float(controller.step(measurement).yaw_rate_reference))
-    return float(controller.state.grip), reference
+    return float(controller.state.grip.available), reference
 
 
 def check_tracking_grip_of_a_small_turn(built: Built) -> None:
@@ -116,9 +118,9 @@ def check_tracking_at_the_end_of_its_range(built: Built) -> None:
         controller = _running(built)
         most = controller.parameters.rear_angle_max
         for integral, status in ((most, Status.TRACKING), (built.next(most, 1.0), Status.LIMITED)):
-            controller.state.integral = side * integral
+            controller.state.law.integral = side * integral
             controller.state.rear_angle = controller.state.limiter.rear_angle = side * most
-            controller.state.model = rest.model
+            controller.state.law.model = rest.law.model
             command = controller.step(Measurement(SPEED, 0.0, 0.0, inhibit=True))
             assert (command.yaw_rate_reference, command.rear_angle) == (0.0, side * most)
             assert command.status is status, (side, integral)
@@ -131,4 +133,4 @@ def check_tracking_least_grip(built: Built) -> None:
         controller.run([Measurement(30.0, side * 0.06, side * 0.001)] * 400)
         cap = built.total.lateral_acceleration_cap
         least = controller.parameters.friction_min * cap / built.total.friction
-        assert abs(controller.state.grip - least) < 8.0 * built.eps * cap
+        assert abs(controller.state.grip.available - least) < 8.0 * built.eps * cap

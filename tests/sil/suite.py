@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from codegen.config import Kind
+from codegen.emit.build import OF_REFERENCE_MODEL
 from tests.builds import Built
 from tests.sil import (
     answers,
@@ -187,6 +188,12 @@ TASK = _answered(
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
     "controller": _controller,
+    "law": _controller,
+    "grip": lambda kind: [*_drives(kind), *_of_built(*_in(checks_tracking))],
+    "parameters": lambda _: [
+        *_of_built(*_in(checks_parameters)),
+        *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
+    ],
     "inputs": lambda kind: [
         *_drives(kind),
         *_of_built(
@@ -216,5 +223,5 @@ def judges_of(kind: Kind, path: str) -> list[Judge]:
 
 def whole(kind: Kind, units: Iterable[str] = UNITS) -> list[Judge]:
     """Return every judge of units of a kind, each once, without the sanitized program."""
-    own = [name for name in units if name != "reference_model" or kind == "tracking"]
+    own = [name for name in units if name not in OF_REFERENCE_MODEL or kind == "tracking"]
     return list({judge.name: judge for name in own for judge in UNITS[name](kind)}.values())

@@ -34,7 +34,7 @@ def test_a_build_is_its_law() -> None:
 def test_a_wrong_command_default_and_frame_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of each drive, only the first difference is reported. The frame is wrong where the controller alone is right."""
     path = "src/ars_calibration.c"
-    files = builds.with_text(PI, "src/ars_controller.c", "= parameters->proportional_gain * error;", "= 0.01f * error;")
+    files = builds.with_text(PI, "src/ars_law.c", "= parameters->proportional_gain * error;", "= 0.01f * error;")
     files[path] = builds.with_text(PI, path, ".integral_gain = 1.0f,", ".integral_gain = 1.5f,")[path]
     found = checked(Subject("planted", files, PI.manifest))
     assert found.verdict is Verdict.FAILED

@@ -192,7 +192,10 @@ def commanded(program: Program, function: Function, sampling_time: float) -> Cla
         largest = call.before("parameters", ("rear_angle_max",))
         yield "|rear_angle| is at most rear_angle_max", pool.fle(pool.magnitude(angle), largest)
         yield from moved(limiter, angle, sampling_time)
-        yield from _tracking_rate(call, is_status("TRACKING"), angle, sampling_time)
+        tracking = implied(
+            pool, is_status("TRACKING"), _within_rates(call, call.before("self", ("rear_angle",)), angle, sampling_time)
+        )
+        yield "tracking, it moves by at most the lower of both rates", tracking
         before = limiter.before("rear_angle")
         shrinks = pool.fle(pool.magnitude(angle), pool.magnitude(before))
         yield "in fail-safe |rear_angle| does not grow", implied(pool, is_status("FAIL_SAFE"), shrinks)
@@ -204,10 +207,19 @@ def commanded(program: Program, function: Function, sampling_time: float) -> Cla
     return controller_step
 
 
-def _tracking_rate(call: Call, is_tracking: Term, angle: Term, sampling_time: float) -> Iterator[tuple[str, Term]]:
-    """By both rates, the controller's and the limiter's."""
-    pool, before = call.pool, call.before("self", ("rear_angle",))
+def ruled(sampling_time: float) -> Claims:
+    """Of the control law's step."""
+
+    def law_step(call: Call) -> Iterator[tuple[str, Term]]:
+        (_, angle), last = call.results[("rear_angle",)], call.scalar("rear_angle")
+        yield "the command moves by at most the lower of both rates", _within_rates(call, last, angle, sampling_time)
+
+    return law_step
+
+
+def _within_rates(call: Call, before: Term, angle: Term, sampling_time: float) -> Term:
+    """That an angle has moved by both rates at most, the controller's and the limiter's."""
+    pool = call.pool
     own, behind = (call.before("parameters", (*path, "rear_rate_max")) for path in ((), ("limiter",)))
     step = over(pool, pool.ite(pool.flt(own, behind), own, behind), sampling_time)
-    inside = pool.and_(pool.fle(pool.sub(before, step), angle), pool.fle(angle, pool.add(before, step)))
-    yield "tracking, it moves by at most the lower of both rates", implied(pool, is_tracking, inside)
+    return pool.and_(pool.fle(pool.sub(before, step), angle), pool.fle(angle, pool.add(before, step)))

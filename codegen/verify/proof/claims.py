@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from codegen.verify.proof.angles import commanded, limited, limiter_started
+from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S
+from codegen.verify.proof.angles import commanded, limited, limiter_started, ruled
+from codegen.verify.proof.boxes import Box, Real
 from codegen.verify.proof.c_types import Family, Scalar, Struct
 from codegen.verify.proof.calls import Call, Claims
-from codegen.verify.proof.invariants import Path
+from codegen.verify.proof.invariants import Path, in_words, within
 from codegen.verify.proof.machine import Machine
 from codegen.verify.proof.memory import State, Typed
 from codegen.verify.proof.source import Function, Program
@@ -28,7 +30,7 @@ Needs = Callable[[Machine, State, Mapping[str, Typed]], Iterator[tuple[str, Term
 """What a caller has to see to, of the arguments."""
 
 
-CLAIMED = ("controller_step", "limiter_init", "limiter_step", "e2e_protect", "can_not_available")
+CLAIMED = ("controller_step", "law_step", "limiter_init", "limiter_step", "e2e_protect", "can_not_available")
 """Functions, without the prefix, of which something is claimed by name."""
 
 
@@ -40,6 +42,8 @@ def of_function(program: Program, function: Function, prefix: str, sampling_time
         claims.append(_finite)
     if name == "controller_step":
         claims += [commanded(program, function, sampling_time), _status_of(program, function)]
+    elif name == "law_step":
+        claims.append(ruled(sampling_time))
     elif name == "limiter_init":
         claims.append(limiter_started)
     elif name == "limiter_step":
@@ -51,9 +55,47 @@ def of_function(program: Program, function: Function, prefix: str, sampling_time
     return claims
 
 
+REFERENCE_MAX_RAD_S = 1000.0
+"""Bound on the yaw-rate reference that the grip learns from: far above that of any law."""
+
+PRECONDITIONS: Mapping[str, Mapping[tuple[str, Path], Box]] = {
+    "law_init": {("rear_angle", ()): Real(-REAR_ANGLE_MAX_RAD, REAR_ANGLE_MAX_RAD, False)},
+    "law_step": {
+        **{("sample", (name,)): Real(*range_, False) for name, range_ in SAMPLE_RANGES.items()},
+        ("rear_angle", ()): Real(-REAR_ANGLE_MAX_RAD, REAR_ANGLE_MAX_RAD, False),
+        ("yaw_rate_error", ()): Real(-YAW_RATE_ERROR_MAX_RAD_S, YAW_RATE_ERROR_MAX_RAD_S, False),
+    },
+    "grip_update": {
+        **{(name, ()): Real(*SAMPLE_RANGES[name], False) for name in ("speed", "yaw_rate")},
+        ("yaw_rate_reference", ()): Real(-REFERENCE_MAX_RAD_S, REFERENCE_MAX_RAD_S, False),
+    },
+}
+"""Ranges that functions, without the prefix, require of their arguments, as their headers say.
+
+By parameter, and by the field of what it points to. They are assumed where the function is proven, and shown where it is
+called.
+"""
+
+
+def preconditions_of(
+    function: Function, prefix: str, machine: Machine, state: State, arguments: Mapping[str, Typed]
+) -> Iterator[tuple[str, Term, Box]]:
+    """What a function requires of its arguments: in words, the number, and its range."""
+    for (name, path), box in PRECONDITIONS.get(function.name.removeprefix(f"{prefix}_"), {}).items():
+        argument = arguments[name]
+        if path:
+            argument = machine.read(state, machine.field(argument.reference, str(path[0]), None), None)
+        yield in_words((name, *path), box), argument.term, box
+
+
 def needs_of(function: Function, prefix: str) -> list[Needs]:
     """What a caller of a public function has to see to beside the types of its arguments."""
-    return [_finite_or_absent] if function.name.startswith(f"{prefix}_can_pack_") else []
+
+    def in_range(machine: Machine, state: State, arguments: Mapping[str, Typed]) -> Iterator[tuple[str, Term]]:
+        for text, term, box in preconditions_of(function, prefix, machine, state, arguments):
+            yield text, within(machine.pool, term, box)
+
+    return [in_range, _finite_or_absent] if function.name.startswith(f"{prefix}_can_pack_") else [in_range]
 
 
 def _finite_or_absent(machine: Machine, state: State, arguments: Mapping[str, Typed]) -> Iterator[tuple[str, Term]]:

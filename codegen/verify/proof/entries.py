@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from codegen.verify.proof.c_types import Array, CType, Pointer, Scalar, Struct, leaves
+from codegen.verify.proof.claims import preconditions_of
 from codegen.verify.proof.executor import Executor
-from codegen.verify.proof.invariants import Invariant, Path, dotted, states_inside
+from codegen.verify.proof.invariants import Invariant, Path, dotted, states_inside, within
 from codegen.verify.proof.machine import sort_of
 from codegen.verify.proof.memory import INDEX_WIDTH, Key, Payload, Reference, State, Typed
 from codegen.verify.proof.obligations import Obligation
@@ -103,8 +104,8 @@ class Caller:
         states: the invariants of the structs that the code keeps, as far as they are known.
     """
 
-    def __init__(self, machine: Executor, states: Mapping[str, Invariant]) -> None:
-        self.machine, self.states = machine, states
+    def __init__(self, machine: Executor, states: Mapping[str, Invariant], prefix: str) -> None:
+        self.machine, self.states, self.prefix = machine, states, prefix
         self._prepared: dict[Term, Scope] = {}  # what follows for parameters from that they are valid
 
     def state_of(self, parameter: Parameter) -> Invariant | None:
@@ -119,12 +120,19 @@ class Caller:
         entry = Entry(function, {})
         for parameter in sorted(function.parameters, key=self._order):
             entry.arguments[parameter.name] = self._argument(entry, parameter, state)
+        self._assume_preconditions(entry, state)
         entry.before = dict(state.memory)
         arguments = [entry.arguments[parameter.name] for parameter in function.parameters]
         entry.result = machine.run(function, arguments, state, function.node)
         entry.state = state
         self._refuse_hidden_writes(entry, state)
         return entry
+
+    def _assume_preconditions(self, entry: Entry, state: State) -> None:
+        """Take the arguments to be in the ranges that the function requires."""
+        for _, term, box in preconditions_of(entry.function, self.prefix, self.machine, state, entry.arguments):
+            state.scope.learn(term, box)
+            entry.assumptions.append(within(self.machine.pool, term, box))
 
     @staticmethod
     def _refuse_hidden_writes(entry: Entry, state: State) -> None:

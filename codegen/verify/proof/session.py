@@ -61,7 +61,7 @@ class Session:
         self.machine, self.prefix, self.sampling_time = machine, prefix, sampling_time
         self.states: dict[str, Invariant] = {}
         self.report = Report()
-        self._caller = Caller(machine, self.states)
+        self._caller = Caller(machine, self.states, prefix)
         self._prover = Prover(machine.pool, Encoder(machine.facts))
         self._landmarks = sorted(_landmarks(machine.program))
         self._taken: list[Term] = []

@@ -17,18 +17,26 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_grip.h"
 #include "ars_inputs.h"
+#include "ars_law.h"
 #include "ars_limiter.h"
-#include "ars_reference_model.h"
+#include "ars_parameters.h"
 
+#if ARS_GRIP_BUILD != 0xA341B9E4u
+#error "ars_grip.h and this source come from different builds"
+#endif
 #if ARS_INPUTS_BUILD != 0xA341B9E4u
 #error "ars_inputs.h and this source come from different builds"
+#endif
+#if ARS_LAW_BUILD != 0xA341B9E4u
+#error "ars_law.h and this source come from different builds"
 #endif
 #if ARS_LIMITER_BUILD != 0xA341B9E4u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xA341B9E4u
-#error "ars_reference_model.h and this source come from different builds"
+#if ARS_PARAMETERS_BUILD != 0xA341B9E4u
+#error "ars_parameters.h and this source come from different builds"
 #endif
 
 #ifdef __cplusplus
@@ -53,51 +61,10 @@ typedef struct {
     ars_status_t status;        /* what the step did */
 } ars_command_t;
 
-enum { ARS_SCHEDULE_POINTS = 14 };
-
-/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
-typedef struct {
-    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
-    float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
-    float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
-    float lead_time[ARS_SCHEDULE_POINTS];/* s, how far the front angle that enters the map is looked ahead */
-    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
-    float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
-    float lead_angle_max;               /* rad, bound of that */
-    float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
-    float trim_share;                   /* of the map's yaw rate: bound of the trim */
-    float trim_rate;                    /* 1/s, how fast the trim follows */
-    float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
-    float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
-    float grip_forgetting;              /* 1/s, how fast what was reached is forgotten */
-    float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
-    float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
-    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
-    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
-    float rear_rate_max;                /* rad/s, bound on the command's rate */
-    float friction_min;                 /* a lower estimate counts as this */
-    float enable_speed;                 /* m/s, control starts from here */
-    float disable_speed;                /* m/s, standby below */
-    float standby_rate;                 /* rad/s, return to zero in standby */
-    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
-    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
-    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
-    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
-    ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
-    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
-} ars_parameters_t;
-
 /* Memory between two steps. Private: read it in a debugger, write it only through the functions below. */
 typedef struct {
-    ars_reference_model_t model;        /* of the car */
-    float trim;                         /* rad/s, towards the map's yaw rate */
-    float integral;                     /* rad, of rear angle */
-    float front_angle;                  /* rad, of the last sample */
-    float front_rate;                   /* rad/s, smoothed */
-    uint16_t missed_samples;            /* that were predicted since the last good one */
-    float yaw_rate;                     /* rad/s, of the last sample */
-    float reached;                      /* m/s^2 of lateral acceleration, lately */
-    float grip;                         /* m/s^2 of lateral acceleration that the road has not yet refused */
+    ars_law_t law;                      /* the control law */
+    ars_grip_t grip;                    /* of the road */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
@@ -109,18 +76,6 @@ typedef struct {
     ars_quality_t quality;              /* of the last sample */
     ars_status_t status;                /* of the last step */
 } ars_controller_t;
-
-/* The parameters that this build was made with. */
-extern const ars_parameters_t ars_parameters_default;
-
-/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
-extern const char ars_epk[9];
-
-/*
- * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
- * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
- */
-bool ars_parameters_valid(const ars_parameters_t *parameters);
 
 /*
  * Start from the angle that the actuator holds now, without a jump.

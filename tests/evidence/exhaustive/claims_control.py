@@ -1,4 +1,4 @@
-"""Claims about the helpers of inputs, controller and limiter: clamps, ranges, steps, and interpolation over speed."""
+"""Claims about the helpers of the controller's units: clamps, ranges, steps, and interpolation over speed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,11 +41,15 @@ TOWARD_ZERO = """
     SAME("one step", toward_zero(x, {{ step }}), (bits > 0x7FFFFFFFu) ? -left : left);
 """
 KNOWN_FRICTION = """
-    {{ p }}_measurement_t measurement;
-
-    measurement.friction = x;
-    SAME("at least the smallest; NaN stays NaN", known_friction(&known_parameters, &measurement),
+    SAME("at least the smallest; NaN stays NaN", known_friction(&known_parameters, x),
         is_nan(bits) ? NAN : held(bits, {{ least }}, INFINITY));
+"""
+GRIP_FRICTION = """
+    const {{ p }}_grip_t grip = { .available = 2.0f };
+    const float seen = 2.0f * friction_per_grip; /* exact */
+
+    SAME("at least the smallest, at most that of the grip, which NaN counts as", {{ function }}(&grip, &known_parameters, x),
+        is_nan(bits) ? seen : held(bits, {{ least }}, seen));
 """
 CHOOSE_BY_SPEED = """
     {{ p }}_controller_t on = { .enabled = true };
@@ -121,21 +125,21 @@ RANGES = (("0.0f", "100.0f"), ("1.0e-4f", "1.0f"), ("-1.0f", "1.0f"))
 
 
 def claims(source: Source) -> Iterator[Claim]:
-    """Claims about the units controller and limiter."""
+    """Claims about the units parameters, law, grip, controller and limiter."""
     config, inputs = source.config, source.config.controller.inputs
     angle = number(config.rear_actuator.angle_max)
     limits = [number(inputs.speed_max_km_h * KM_H)]
     limits += [number(math.radians(degrees)) for degrees in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)]
     clamps = [(f"-{angle}", angle), ("0.0f", "1.0f")]
-    tracking = ("controller",) if source.subject.kind == "tracking" else ()
+    tracking = ("law", "grip") if source.subject.kind == "tracking" else ()
     for unit in ("inputs", "limiter", *tracking):
         yield Claim(unit, "magnitude", "the number without its sign; NaN stays NaN", MAGNITUDE)
-    for unit in ("controller", "limiter"):
+    for unit in dict.fromkeys(("controller", "limiter", "law", *tracking)):
         yield held(unit, "clamp", clamps)
     for unit in ("inputs", "limiter"):
         text = "no farther from zero than the limit, false for NaN"
         yield Claim(unit, "is_within", text, IS_WITHIN, edges(*limits), values={"limits": limits})
-    for unit in ("inputs", "controller", "limiter"):
+    for unit in ("inputs", "parameters", "limiter"):
         yield between(unit, "is_between", RANGES)
     yield from _inputs(source)
     period = np.float32(config.controller.sampling_time_s)
@@ -151,8 +155,12 @@ def claims(source: Source) -> Iterator[Claim]:
     yield Claim("controller", "choose_by_speed", text, CHOOSE_BY_SPEED, edges(low, high), setup, values=values)
     least = number(config.controller.friction_min)
     setup = "static const {{ p }}_parameters_t known_parameters = { .friction_min = {{ least }} };"
-    text = "no less than the smallest plausible friction; NaN stays NaN"
-    yield Claim("controller", "known_friction", text, KNOWN_FRICTION, edges(least), setup, values={"least": least})
+    if source.subject.kind == "tracking":
+        text = "no less than the smallest plausible friction, no more than that of the grip, which NaN counts as"
+        yield Claim("grip", "@_grip_friction", text, GRIP_FRICTION, edges(least), setup, values={"least": least})
+    else:
+        text = "no less than the smallest plausible friction; NaN stays NaN"
+        yield Claim("controller", "known_friction", text, KNOWN_FRICTION, edges(least), setup, values={"least": least})
     text = "starts within the actuator's range, NaN as zero"
     yield Claim("controller", "@_controller_init", text, CONTROLLER_INIT, edges(angle), values={"limit": angle})
     yield Claim("limiter", "@_limiter_init", "starts within a radian, all else as zero", LIMITER_INIT, edges("1.0f"))
@@ -171,7 +179,7 @@ def claims(source: Source) -> Iterator[Claim]:
             if schedule.get(key):
                 outputs[name] = (field, schedule[key])
         speeds = [speed * KM_H for speed in schedule["speed_km_h"]]
-        yield _over_speed("controller", "gains_at", "parameters_t", "gains_t", speeds, outputs)
+        yield _over_speed("law", "gains_at", "parameters_t", "gains_t", speeds, outputs)
 
 
 def _inputs(source: Source) -> Iterator[Claim]:

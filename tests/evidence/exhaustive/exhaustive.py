@@ -37,13 +37,16 @@ OTHERS: Mapping[str, str] = {
     "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
     "reference_model: curve_at": "judged through both curves, for every argument",
     "map: place_of": "pairs the results of locate_speed and locate_front_angle",
-    "controller: allowed": SEVERAL,
+    "law: allowed": SEVERAL,
+    "law: @_law_init": "keeps the number or starts the model from it: tests of the state after a start cover it",
+    "grip: @_grip_update": SEVERAL,
     **{
         f"inputs: {name}": SEVERAL
         for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle", "turn_of_lateral")
     },
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "@_inputs_step")},
-    **{f"controller: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
+    **{f"law: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
+    **{f"law: {name}": SEVERAL for name in ("start_law", "track", "@_law_step")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
     "reference_model: @_reference_model_start": SEVERAL,
@@ -56,7 +59,7 @@ FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contrac
 GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
 # Addresses are for the sanitizers of `codegen verify`: here they would take most of the time.
 UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
-LINKED = ("controller", "map")
+LINKED = ("parameters", "law", "controller", "map")
 """Units whose helpers call other units or read the calibration."""
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)

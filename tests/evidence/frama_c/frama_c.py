@@ -32,7 +32,9 @@ from tests.evidence.progress import Progress
 
 SHOWS = "a value analysis finds no index, address, division, conversion or use of an unset value that could go wrong"
 ARGUED = Path(__file__).with_name("frama_c.toml")
-ENTRIES = ("map", "dynamics", "can", "e2e", "inputs", "limiter", "reference_model", "controller", "task")
+ENTRIES = ("map", "dynamics", "can", "e2e", "inputs", "limiter", "reference_model", "grip", "law", "controller", "task")
+OF_REFERENCE_MODEL = ("reference_model", "grip")
+"""Entries of the units that only some kinds of controller have."""
 TYPES = ["dynamics_state", "dynamics_input", "limiter_parameters", "limiter_input", "measurement", "parameters"]
 TYPES += ["rear_steer_command", "vehicle_conditions", "vehicle_motion", "reference_model_input", "inputs_parameters"]
 """Types of which the driver gives any value."""
@@ -160,8 +162,8 @@ def driver_of(subject: Subject, entries: Sequence[str] = ENTRIES) -> str:
         task=task_name(config.controller.sampling_time_s),
         with_model=with_model,
         with_reference=f"{subject.prefix}_map_reference" in public,
-        entries=[entry for entry in entries if with_model or entry != "reference_model"],
-        units=[unit for unit in ENTRIES if with_model or unit != "reference_model"],
+        entries=[entry for entry in entries if with_model or entry not in OF_REFERENCE_MODEL],
+        units=[unit for unit in ENTRIES if with_model or unit not in OF_REFERENCE_MODEL],
         types=TYPES if with_model else TYPES[:-1],
     )
     missing = sorted(name for name in public if f"{name}(" not in text)

@@ -45,7 +45,7 @@ PATIENCE = 10.0
 GAIN = "ars_parameters_default.proportional_gain"
 MEASURED = {
     "yaw_rate_reference": ("ecu.task.controller.yaw_rate_reference", "F32"),
-    "integral": ("ecu.task.controller.integral", "F32"),
+    "integral": ("ecu.task.controller.law.integral", "F32"),
     "rear_angle": ("ecu.task.controller.rear_angle", "F32"),
     "status": ("ecu.task.controller.status", "U32"),
 }

@@ -79,7 +79,12 @@ def test_dynamics_beyond_their_bound_are_found(monkeypatch: pytest.MonkeyPatch) 
 NOPS = 1_000
 """More instructions than a step has, so that a step with them is the longest."""
 RARE = {
-    "the law starts afresh": ("controller", "    self->status = limited ?", "phase == LAW_STARTS", True),
+    "the law starts afresh": (
+        "controller",
+        "            self->status = self->law.is_limited ?",
+        "phase == ARS_LAW_STARTS",
+        True,
+    ),
     "a recovery ends": ("inputs", "        self->source = ARS_SIGNAL_MEASURED;", "true", True),
     "there again": ("inputs", "            self->missing--;", "true", True),
     "lost for long": ("inputs", "            self->source = ARS_SIGNAL_LOST;", "true", False),

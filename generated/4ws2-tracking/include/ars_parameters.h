@@ -1,0 +1,81 @@
+/*
+ * Parameters of the controller, kind "tracking": all that calibration may change beside the map.
+ *
+ * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left.
+ *
+ * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#ifndef ARS_PARAMETERS_H
+#define ARS_PARAMETERS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ars_inputs.h"
+#include "ars_limiter.h"
+
+#if ARS_INPUTS_BUILD != 0xA341B9E4u
+#error "ars_inputs.h and this source come from different builds"
+#endif
+#if ARS_LIMITER_BUILD != 0xA341B9E4u
+#error "ars_limiter.h and this source come from different builds"
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ARS_PARAMETERS_BUILD 0xA341B9E4u
+
+enum { ARS_SCHEDULE_POINTS = 14 };
+
+/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
+typedef struct {
+    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
+    float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
+    float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
+    float lead_time[ARS_SCHEDULE_POINTS];/* s, how far the front angle that enters the map is looked ahead */
+    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
+    float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
+    float lead_angle_max;               /* rad, bound of that */
+    float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
+    float trim_share;                   /* of the map's yaw rate: bound of the trim */
+    float trim_rate;                    /* 1/s, how fast the trim follows */
+    float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
+    float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
+    float grip_forgetting;              /* 1/s, how fast what was reached is forgotten */
+    float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
+    float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
+    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
+    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
+    float rear_rate_max;                /* rad/s, bound on the command's rate */
+    float friction_min;                 /* a lower estimate counts as this */
+    float enable_speed;                 /* m/s, control starts from here */
+    float disable_speed;                /* m/s, standby below */
+    float standby_rate;                 /* rad/s, return to zero in standby */
+    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
+    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
+    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
+    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
+    ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
+    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
+} ars_parameters_t;
+
+/* The parameters that this build was made with. */
+extern const ars_parameters_t ars_parameters_default;
+
+/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
+extern const char ars_epk[9];
+
+/*
+ * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
+ * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
+ */
+bool ars_parameters_valid(const ars_parameters_t *parameters);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ARS_PARAMETERS_H */

@@ -1,0 +1,261 @@
+/*
+ * Control law, kind "tracking". See ars_law.h.
+ *
+ * Map 4ws2-tracking: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_law.h"
+
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_LAW_BUILD != 0xA341B9E4u
+#error "ars_law.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0xA341B9E4u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
+{
+    float result = low;
+
+    if (value > low) {
+        result = value;
+    }
+    if (result > high) {
+        result = high;
+    }
+    return result;
+}
+
+/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
+ * did not know of it would run away from the command. */
+ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
+{
+    const float own = parameters->rear_rate_max;
+    const float behind = parameters->limiter.rear_rate_max;
+
+    return ((own < behind) ? own : behind) * sampling_time;
+}
+
+/* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
+ * angle, a little ahead of the front wheels; the error is taken to what the car can do with it, by the reference model. The
+ * integral is kept in rad of rear angle, sign included. */
+
+/* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
+ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
+
+typedef struct {
+    float proportional;
+    float integral;
+    float lead_time;
+    float response;
+} gains_t;
+
+/* Where demand and feedback may move. */
+typedef struct {
+    float low;
+    float high;
+} range_t;
+
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    return (value < 0.0f) ? -value : value;
+}
+
+ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float share)
+{
+    return values[lower] + (share * (values[lower + 1u] - values[lower]));
+}
+
+/* Between the breakpoints linear, beyond them held. */
+ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
+{
+    const float *const at = parameters->schedule_speed;
+    uint32_t lower = 0u;
+    uint32_t upper = (uint32_t)ARS_SCHEDULE_POINTS - 1u;
+    uint32_t k;
+    float share;
+    gains_t gains;
+
+    for (k = 0u; k < 4u; k++) {
+        const uint32_t middle = (lower + upper) / 2u;
+
+        if (speed >= at[middle]) {
+            lower = middle;
+        } else {
+            upper = middle;
+        }
+    }
+    share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
+    gains.proportional = interpolated(parameters->proportional_gain, lower, share);
+    gains.integral = interpolated(parameters->integral_gain, lower, share);
+    gains.lead_time = interpolated(parameters->lead_time, lower, share);
+    gains.response = interpolated(parameters->response_gain, lower, share);
+    return gains;
+}
+
+ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
+{
+    ars_reference_model_start(&self->model, 0.0f, 0.0f, rear_angle);
+    self->trim = 0.0f;
+    self->integral = 0.0f;
+    self->front_angle = 0.0f;
+    self->front_rate = 0.0f;
+    self->missed_samples = 0u;
+    self->yaw_rate = 0.0f;
+    self->is_limited = false;
+}
+
+/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise.
+ * Its rear angle is that of the steady turn. On the way there it steers against what the model still lacks in yaw rate. */
+ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
+    float friction, ars_law_phase_t phase)
+{
+    ars_map_reference_t reference;
+    float lead;
+
+    if (phase == ARS_LAW_PREDICTS) {
+        self->missed_samples++;
+    } else {
+        const float age = sampling_time * ((float)self->missed_samples + 1.0f);
+        const float rate = (sample->front_angle - self->front_angle) / age;
+
+        self->front_angle = sample->front_angle;
+        self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
+        self->missed_samples = 0u;
+    }
+    lead = clamp(gains->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
+    reference = ars_map_reference(sample->speed, sample->front_angle + lead, friction);
+    reference.rear_angle -= gains->response * (reference.yaw_rate - self->model.yaw_rate);
+    reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
+    return reference;
+}
+
+/* Bumpless: the model starts from the measured motion. */
+ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t *sample, float rear_angle)
+{
+    self->front_angle = sample->front_angle;
+    self->front_rate = 0.0f;
+    self->yaw_rate = sample->yaw_rate;
+    self->trim = 0.0f;
+    ars_reference_model_start(&self->model, sample->speed, sample->yaw_rate, rear_angle);
+}
+
+/* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
+ARS_SECTION_CODE static float reachable_yaw_rate(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
+{
+    const float bound = parameters->trim_share * magnitude(map->yaw_rate);
+    const float missing = clamp(map->yaw_rate - self->model.yaw_rate, -bound, bound);
+    const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
+
+    self->trim += (parameters->trim_rate * sampling_time) * (missing - self->trim);
+    return clamp(self->model.yaw_rate + self->trim, -limit, limit);
+}
+
+/* Feedback may add a little where it makes the car turn more; against the turn it is free. Which way it turns is asked of two
+ * samples, so that one wrong sign opens neither side. */
+ARS_SECTION_CODE static range_t feedback_range(
+    const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward)
+{
+    range_t range = { -parameters->rear_angle_max, parameters->rear_angle_max };
+
+    /* The demand may run ahead of the actuator by so much and no more: one that is stuck or slow must not wind the integral up. */
+    range.low = clamp(sample->rear_angle - parameters->rear_angle_error_max, range.low, range.high);
+    range.high = clamp(sample->rear_angle + parameters->rear_angle_error_max, range.low, range.high);
+    if ((sample->yaw_rate > 0.0f) || (self->yaw_rate > 0.0f)) {
+        range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
+    }
+    if ((sample->yaw_rate < 0.0f) || (self->yaw_rate < 0.0f)) {
+        range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
+    }
+    range.low -= feedforward;
+    range.high -= feedforward;
+    return range;
+}
+
+/* One sample of the running law. */
+ARS_SECTION_CODE static ars_law_output_t track(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
+    float friction, float rear_angle, float yaw_rate_error)
+{
+    const gains_t gains = gains_at(parameters, sample->speed);
+    const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
+    const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
+    const float reference = reachable_yaw_rate(self, parameters, &map, sample->speed);
+    /* Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
+    const float error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
+    const range_t range = feedback_range(self, parameters, sample, map.rear_angle);
+    const float proportional = gains.proportional * error;
+    const float step = command_step(parameters);
+    float integral;
+    float feedback;
+    float demand;
+    ars_law_output_t output;
+    bool limited;
+
+    output.yaw_rate_reference = reference;
+    if (phase == ARS_LAW_STARTS) {
+        self->integral = rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
+    }
+    integral = self->integral;
+    if (!sample->inhibit) {
+        integral -= (gains.integral * sampling_time) * error;
+    }
+    feedback = integral - proportional;
+    if (feedback > range.high) {
+        feedback = range.high;
+        limited = true;
+    } else if (feedback > range.low) {
+        limited = false;
+    } else {
+        limited = feedback < range.low;
+        feedback = range.low;
+    }
+    if (limited && !sample->inhibit) {
+        /* The integral stays, held within the limit: where its step would lead back, it starts so far outside that it ends at
+         * the limit too. What is proportional to one sample's error is not kept. */
+        integral = clamp(self->integral, range.low, range.high);
+    }
+
+    demand = map.rear_angle + feedback;
+    /* Where the rate limit acts: let the integral not move further ahead of the command. */
+    if (demand > (rear_angle + step)) {
+        output.rear_angle = rear_angle + step;
+        limited = true;
+        integral = (integral > self->integral) ? self->integral : integral;
+    } else if (demand > (rear_angle - step)) {
+        output.rear_angle = demand;
+    } else {
+        output.rear_angle = rear_angle - step;
+        if (demand < output.rear_angle) {
+            limited = true;
+            integral = (integral < self->integral) ? self->integral : integral;
+        }
+    }
+    self->integral = integral;
+    self->yaw_rate = sample->yaw_rate;
+    self->is_limited = limited;
+    ars_reference_model_step(&self->model, &input);
+    return output;
+}
+
+ARS_SECTION_CODE ars_law_output_t ars_law_step(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
+    float friction, float rear_angle, float yaw_rate_error)
+{
+    if (phase == ARS_LAW_STARTS) {
+        start_law(self, sample, rear_angle);
+    }
+    return track(self, parameters, sample, phase, friction, rear_angle, yaw_rate_error);
+}

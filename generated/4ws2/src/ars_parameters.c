@@ -1,0 +1,58 @@
+/*
+ * Parameters of the controller. See ars_parameters.h.
+ *
+ * Their values are in ars_calibration.c.
+ *
+ * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_parameters.h"
+
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_PARAMETERS_BUILD != 0x4CEFD4D1u
+#error "ars_parameters.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0x4CEFD4D1u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool is_between(float value, float low, float high)
+{
+    return (value >= low) && (value <= high);
+}
+
+ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
+{
+    return is_between(parameters->proportional_gain, 0.0f, 10.0f)
+        && is_between(parameters->integral_gain, 0.0f, 100.0f)
+        && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
+        && is_between(parameters->rear_angle_max, 1.0e-04f, 0.061086524f)
+        && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_between(parameters->friction_min, 0.01f, 1.0f)
+        && is_between(parameters->enable_speed, 0.01f, 100.0f)
+        && is_between(parameters->disable_speed, 0.01f, 100.0f)
+        && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->fail_safe_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->actuator_share, 1.0e-04f, 1.0f)
+        && is_between(parameters->actuator_error_max, 1.0e-04f, 1.5f)
+        && (parameters->rear_angle_max <= parameters->inputs.rear_angle_max)
+        && (parameters->disable_speed < parameters->enable_speed)
+        && (parameters->enable_speed <= parameters->inputs.speed_max)
+        && (parameters->friction_min <= parameters->inputs.friction_max)
+        && (parameters->inputs.speed_max <= parameters->limiter.speed_max)
+        && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
+        && (parameters->actuator_samples_max >= 1u)
+        && (parameters->actuator_samples_max <= 60000u)
+        && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
+        && ars_inputs_parameters_valid(&parameters->inputs)
+        && ars_limiter_parameters_valid(&parameters->limiter)
+        && ars_map_valid();
+}
