@@ -35,12 +35,11 @@ def drive(
 
     t = np.arange(count)
     speed = 14.0 + speed_amplitude * np.sin(2.0 * np.pi * t / 900.0 + rng.uniform(0.0, 6.0)) + rng.normal(0.0, 0.05, count)
-    front = 0.12 * np.sin(2.0 * np.pi * t / steering_samples + rng.uniform(0.0, 6.0))
+    steered = np.minimum(t, round(0.93 * count))  # at last the front angle freezes
+    front = 0.12 * np.sin(2.0 * np.pi * steered / steering_samples + rng.uniform(0.0, 6.0))
     slow_error = 0.12 * np.sin(2.0 * np.pi * t / 170.0)
     yaw = lookup(speed, front, math.nan) + slow_error + rng.normal(0.0, 0.01, count)
     yaw = np.where(spells(0.004, 50), (speed * front) / wheelbase + 2.2, yaw)
-    held = np.maximum.accumulate(np.where(spells(0.003, 60), 0, t))
-    front = front[held]
     rear = np.where(spells(0.01, 100), 0.03 * np.sin(2.0 * np.pi * t / 240.0), math.nan)
     friction = np.where(spells(0.01, 60), rng.choice([0.0, 0.05, 0.3, 0.6, 0.9, 1.2], count), math.nan)
     lateral = np.where(spells(0.01, 300), speed * (yaw + rng.normal(0.0, 0.005, count)), math.nan)
@@ -49,6 +48,6 @@ def drive(
     nonsense = np.array([math.nan, math.inf, -math.inf, 1e9, -1e9])
     for column in np.flatnonzero(spells(0.006, 6)):
         fields[rng.integers(len(fields)), column] = rng.choice(nonsense)
-    fields[:3, spells(0.003, 20)] = math.nan
+    fields[:3, spells(0.006, 20)] = math.nan
     rows = zip(fields.T.tolist(), inhibit.tolist(), strict=True)
     return [Measurement(**dict(zip(NUMBERS, row, strict=True)), inhibit=inhibited) for row, inhibited in rows]

@@ -136,10 +136,10 @@ class SecondInputs:
         p, measured = self.parameter, self.yaw_rate.value
         room, right = p("yaw_rate_noise") - abs(gain * self.front_angle.value), measured - self.offset
         if room <= 0.0 or self.speed.value < 5.0:
-            return right
+            return self._within(right, p("yaw_rate_max"))
         beyond = right - self.expected
         self.offset = self._within(self.offset + p("yaw_rate_offset_share") * beyond, p("yaw_rate_offset_max"))
-        return self.expected + (beyond - self._within(beyond, room))
+        return self._within(self.expected + (beyond - self._within(beyond, room)), p("yaw_rate_max"))
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)

@@ -353,7 +353,7 @@ ARS_SECTION_CODE static float without_offset(
         self->yaw_rate_offset = bounded(learned, parameters->yaw_rate_offset_max);
         yaw_rate = self->expected_yaw_rate + toward_zero(beyond, room);
     }
-    return yaw_rate;
+    return bounded(yaw_rate, parameters->yaw_rate_max);
 }
 
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(

@@ -44,7 +44,7 @@ OTHERS: Mapping[str, str] = {
         f"inputs: {name}": SEVERAL
         for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle", "turn_of_lateral")
     },
-    **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "@_inputs_step")},
+    **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "without_offset", "@_inputs_step")},
     **{f"law: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"law: {name}": SEVERAL for name in ("start_law", "track", "@_law_step")},
     **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
