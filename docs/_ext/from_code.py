@@ -20,6 +20,7 @@ class FromCode(SphinxDirective):
     text: ClassVar[Callable[..., str]]
 
     def run(self) -> list[nodes.Node]:
+        self.env.note_reread()  # the code may change where the page does not
         made = self.parse_text_to_nodes(type(self).text(*self.arguments), allow_section_headings=True)
         for node in made:
             for table in node.findall(nodes.table):

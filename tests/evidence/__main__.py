@@ -12,8 +12,9 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
-from codegen.errors import CodegenError
+from codegen.errors import CodegenError, suggestion
 from codegen.verify.check import Effort, Outcome, Verdict
 from codegen.verify.packages import MissingTool
 from tests.evidence import pytest_part
@@ -66,8 +67,15 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
     return 1 if is_bad or any(_is_bad(part, outcome) for part, outcome, _ in rows) else 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that reports bad input in one line, without its usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise CodegenError(message, remedy="see python -m tests.evidence --help")
+
+
 def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tests.evidence", description="The evidence that a release needs.")
+    parser = _Parser(prog="python -m tests.evidence", description="The evidence that a release needs.")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(known)}; all by default")
     parser.add_argument("--quick", action="store_true", help="the quick form of each part")
     parser.add_argument("--changed", action="store_true", help="the named parts, and those whose subject or code changed")
@@ -75,25 +83,28 @@ def _options(arguments: Sequence[str] | None, known: Sequence[str]) -> argparse.
     options = parser.parse_args(arguments)
     for name in options.parts:
         if name not in known:
-            parser.error(f"there is no part {name!r}; the parts are {', '.join(known)}")
+            remedy = f"the parts are {', '.join(known)}{suggestion(name, known)}"
+            raise CodegenError(f"there is no part {name!r}", remedy=remedy)
     return options
 
 
 def _check(parts: Sequence[Part], records: Path) -> int:
     """Report the records that do not speak of what is there, and those of no part: 1 if there is one."""
-    wrong = []
+    wrong, match_count = [], 0
     for part in parts:
         try:
             record = Record.read(part, records)
         except CodegenError as error:
             wrong.append(str(error))
             continue
-        if not part.is_optional and not record.matches:
+        if record.matches:
+            match_count += 1
+        elif not part.is_optional:
             causes = "; ".join(f"{form} run: {record.fault(form)}" for form in FORMS)
             wrong.append(f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1")
     known = {part.name for part in PARTS} | {part.name for part in parts}
     wrong += [f"{path}: there is no such part; delete it" for path in sorted(records.glob("*.json")) if path.stem not in known]
-    print("\n".join(wrong) or f"{len(parts)} records match what is there")
+    print("\n".join(wrong) or f"{match_count} records match what is there")
     return 1 if wrong else 0
 
 

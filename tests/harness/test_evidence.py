@@ -63,6 +63,17 @@ def test_a_record_is_current_until_its_subject_changes(part: Make, tmp_path: Pat
     assert command.main(["--check"], [sample], tmp_path) == 1
 
 
+@pytest.mark.parametrize(("words", "what"), [(["smple"], "no part 'smple'.*did you mean 'sample'"), (["--quik"], "--quik")])
+def test_bad_input_is_an_error_of_one_line(part: Make, tmp_path: Path, words: list[str], what: str) -> None:
+    with pytest.raises(CodegenError, match=what):
+        command.main(words, [part(AssertionError("it ran"))], tmp_path)
+
+
+def test_the_check_counts_records_that_are_there(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--check"], [part(is_optional=True)], tmp_path) == 0
+    assert capsys.readouterr().out == "0 records match what is there\n"
+
+
 def test_the_check_names_the_cause(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def cause() -> str:
         assert command.main(["--check"], [sample], tmp_path) == 1
