@@ -8,48 +8,20 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen import config as configuration
 from codegen.config import KM_H
 from codegen.design.family import Member, members
 from codegen.design.margins import (
-    Margins,
     family_margins,
     loop_margins,
     nominal_margins,
     weakest,
 )
 from codegen.design.sampled import frequency_grid, sample
-from hil_sim.suite import plants
 
 from .conftest import small_config
 from .oracle import loop
 
 FloatArray = npt.NDArray[np.float64]
-
-
-def paper_margins(lag: float, speed_km_h: float) -> Margins:
-    """Margins of the published PI: Kp 0.01, Ki 1, one sample of delay."""
-    return nominal_margins(plants.actuator_lag(lag)(configuration.preset()), [speed_km_h * KM_H], [0.01], [1.0])
-
-
-@pytest.mark.parametrize(
-    ("lag", "speed_km_h", "phase", "gain", "phase_digit", "gain_digit"),
-    [
-        (0.05, 20.0, 82.0, 30.0, 0.5, 0.5),
-        (0.05, 120.0, 24.0, 7.8, 0.5, 0.05),
-        (0.1, 120.0, 13.0, 3.8, 0.5, 0.05),
-        (0.1, 166.0, 0.0, 0.0, 0.0, 0.0),  # the first whole km/h at which it is unstable
-    ],
-)
-def test_the_papers_pi_has_the_known_margins(
-    lag: float, speed_km_h: float, phase: float, gain: float, phase_digit: float, gain_digit: float
-) -> None:
-    """The figures are known as rounded."""
-    found = paper_margins(lag, speed_km_h)
-    assert found.stable.all() == np.isfinite(found.sensitivity).all() == (phase > 0.0)
-    assert found.phase_margin_deg[0] == pytest.approx(phase, abs=phase_digit)
-    assert found.gain_margin_db[0] == pytest.approx(gain, abs=gain_digit)
-    assert paper_margins(lag, min(speed_km_h, 165.0)).stable.all()
 
 
 CARS = [Member(0.05), Member(0.1, 1.2, 1.15, 0.8, 0.6), Member(0.02, 0.8, 0.8, 1.15, 0.3), Member(0.05, relaxation_length=0.6)]

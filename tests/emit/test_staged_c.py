@@ -1,18 +1,13 @@
 """A CasADi function in stages and for lanes: right against the CasADi machine, each stage only what changes there."""
 
 import re
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
-import numpy as np
-import numpy.typing as npt
 import pytest
 
-from codegen.emit.staged_c import Stage, staged_body
-from codegen.sil.compile import compile_library
+from codegen.emit.staged_c import staged_body
 
-LANES = 4
 SIZES = {"p": 3, "u": 2, "x": 2}
 STAGES = {"car": ["p"], "step": ["u"], "rate": ["x"]}
 
@@ -26,48 +21,6 @@ def everything() -> Any:
     least = ca.fmin(x[1] / (u[0] * u[0] + 1.0), 0.3) - (-x[0]) / 3.0
     results = ca.vertcat(x[0] / p[0] + u[1] / slow, turned, least, per_step, slow, p[2], 5.0, x[0] / x[1])
     return ca.Function("everything", [p, u, x], [results], ["p", "u", "x"], ["y"])
-
-
-def compiled(function: Any, stages: Sequence[Stage]) -> Any:
-    """A library with `void at(const double *p, const double *u, const double *x, double *y)`, rows of LANES numbers each."""
-    arguments = ", ".join(f"const row_t *{name}" for name in function.name_in())
-    results = ", ".join(f"row_t *{name}" for name in function.name_out())
-    held = [f"    row_t held_{stage.name}[{max(stage.held, 1)}];" for stage in stages]
-    loops = [
-        line
-        for stage in stages
-        for line in ("    for (lane = 0; lane < LANES; lane++) {", *stage.body, "    }", f"    (void)held_{stage.name};")
-    ]
-    call = f"void at({arguments}, {results})"
-    header = [f"enum {{ LANES = {LANES} }};", "typedef struct { double at[LANES]; } row_t;", f"{call};"]
-    source = ['#include "at.h"', "#include <math.h>", call, "{", *held, "    int lane;", *loops, "}"]
-    sources = {"at.h": "\n".join(header) + "\n", "at.c": "\n".join(source) + "\n"}
-    return compile_library("staged", sources, ["at.h"], include_folders=(".",))
-
-
-def evaluated(library: Any, function: Any, values: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    """Results (rows, LANES) of arguments (rows, LANES)."""
-    result = np.empty((function.numel_out(0), LANES))
-    ffi = library.ffi
-    given = [ffi.from_buffer("row_t[]", np.ascontiguousarray(values[name])) for name in function.name_in()]
-    library.lib.at(*given, ffi.from_buffer("row_t[]", result, require_writable=True))
-    return result
-
-
-def machine(function: Any, values: Mapping[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    columns = [function(*(values[name][:, lane] for name in function.name_in())) for lane in range(LANES)]
-    return np.hstack([np.array(column) for column in columns])
-
-
-def test_the_casadi_machine_s_results_in_every_lane() -> None:
-    function = everything()
-    stages = staged_body(function, STAGES)
-    library = compiled(function, stages)
-    generator = np.random.default_rng(2)
-    for _ in range(5):
-        values = {name: generator.uniform(0.2, 3.0, (size, LANES)) for name, size in SIZES.items()}
-        # A reciprocal and a product round twice where a division rounds once; a dozen operations follow.
-        np.testing.assert_allclose(evaluated(library, function, values), machine(function, values), rtol=2e-15, atol=2e-15)
 
 
 def test_each_stage_reads_its_arguments_and_what_is_held() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import map as npz
 from codegen.refmap import stack
@@ -16,7 +15,7 @@ from codegen.refmap.map import FrictionLayer, ReferenceMap
 from codegen.refmap.solve import solve_case
 from codegen.refmap.stack import layer_configs, on_road, solve_stack
 from codegen.vehicle.tyre import AxleTyres
-from tests.refmap.cars import CASES, PAPER, changed
+from tests.refmap.cars import PAPER, changed
 from tests.refmap.test_map import TABLES, Change, cell, drop, put
 
 Arrays = dict[str, Any]
@@ -54,19 +53,6 @@ def test_the_map_is_that_of_the_design_friction_and_the_layers_are_below() -> No
         assert layer.map.config is not None and layer.map.config.road.friction == layer.friction
         assert layer.map.meta == {**alone.meta, "configuration": layer.map.config.model_dump(mode="json")}
     assert npz.to_bytes(solve_stack(CONFIG, "4ws-2", (0.9, 0.3, 0.7, 0.5))) == npz.to_bytes(STACKED)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_a_layer_is_the_map_of_a_car_with_softer_tyres(case: str) -> None:
-    """Cornering stiffness in proportion to the friction leaves B where it is; so does the grip, which the slips bound."""
-    stiffness = {"front": 119540.0, "rear": 119830.0}
-    softer = {axle: {"cornering_stiffness_n_per_rad": 0.5 * value} for axle, value in stiffness.items()}
-    config = configuration.parse({**CONFIG.model_dump(mode="json"), "road": {"friction": 0.45}, "tyre": softer}, "test")
-    (layer,), expected = solve_stack(CONFIG, case, (0.45, 0.9)).layers, solve_case(config, case)
-    np.testing.assert_array_equal(layer.map.feasible, expected.feasible)
-    # B is rounded in another order, and the slip bound with it.
-    np.testing.assert_allclose(layer.map.yaw_rate, expected.yaw_rate, rtol=1e-9)
-    np.testing.assert_allclose(layer.map.rear_angle, expected.rear_angle, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(
