@@ -132,16 +132,17 @@ def a2l_view(
     bounded = [replace(view, high=highest) if view.name in OF_THE_ANGLE else view for view in limiter.parameters]
     monitoring = lists.parameters(inputs.parameters, f"{prefix}.inputs", f"{default}.inputs", ())
     limits = lists.parameters(bounded, f"{prefix}.limiter", f"{default}.limiter", points)
-    numbers = lists.map(map_view)
+    numbers, checksum = lists.map(map_view), lists.checksum()
     measured = (*lists.state(controller), *lists.received(can), *lists.counters())
     groups = (
         Group(f"{prefix}.parameters", "parameters of the controller", tuple(each.name for each in parameters)),
         Group(f"{prefix}.inputs", "parameters of the monitoring of the inputs", tuple(each.name for each in monitoring)),
         Group(f"{prefix}.limiter", "parameters of the safety limiter", tuple(each.name for each in limits)),
         Group(f"{prefix}.map", "reference map and its axes", tuple(each.name for each in numbers)),
+        Group(f"{prefix}.calibration", "parameters, map and tyre curves together", (checksum.name,)),
         Group(f"{prefix}.measurements", "of the task and its controller", (), tuple(each.name for each in measured)),
     )
-    objects: list[Axis | Adjustable] = [*parameters, *monitoring, *limits, *numbers]
+    objects: list[Axis | Adjustable] = [*parameters, *monitoring, *limits, *numbers, checksum]
     axes = tuple(each for each in objects if isinstance(each, Axis))
     adjustables = tuple(each for each in objects if isinstance(each, Adjustable))
     scales = tuple(lists.scales(map_view))
@@ -213,7 +214,7 @@ class _Lists:
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:
-        """Axes, a MAP for each table and friction, and the checksum that the self-test expects."""
+        """Axes, and a MAP for each table and friction."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
         quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
@@ -247,17 +248,20 @@ class _Lists:
             for table in view.tables
             for k in range(len(table.layers))
         ]
-        checksum = Adjustable(
-            f"{prefix}.map.expected_checksum",
-            "CRC-32 of the map, which the self-test expects",
+        return [*axes, *maps]
+
+    def checksum(self) -> Adjustable:
+        """What the self-test expects of the whole calibration."""
+        return Adjustable(
+            f"{self.prefix}.calibration.expected_checksum",
+            "CRC-32 of map, parameters and tyre curves, which the self-test expects",
             "VALUE",
             f"{self.prefix}_CHECKSUM",
             self.count,
             "0",
             str(2**32 - 1),
-            f"{prefix}_map_expected_checksum",
+            f"{self.prefix}_calibration_expected_checksum",
         )
-        return [*axes, *maps, checksum]
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
         """Of a controller, with the states of its law and of its grip."""

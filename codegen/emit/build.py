@@ -15,6 +15,7 @@ from codegen import __version__
 from codegen.config import KM_H, Config, check_name
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
+from codegen.emit.checksum_view import ChecksumView, checksum_view
 from codegen.emit.controller_view import controller_view
 from codegen.emit.deviations import FILE as DEVIATIONS
 from codegen.emit.deviations import deviations
@@ -40,7 +41,20 @@ from codegen.refmap.place import Placed, Request, choose
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")
-HEADERS = ("sections", "map", "inputs", "limiter", "parameters", "law", "controller", "dynamics", "e2e", "can", "task")
+HEADERS = (
+    "sections",
+    "checksum",
+    "map",
+    "inputs",
+    "limiter",
+    "parameters",
+    "law",
+    "controller",
+    "dynamics",
+    "e2e",
+    "can",
+    "task",
+)
 SOURCES = ("calibration", *(header for header in HEADERS if header != "sections"), "selftest")
 OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
@@ -166,6 +180,15 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "real": real,
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
+    context["checksum"] = checksum_view(
+        config,
+        options.precision,
+        table,
+        context["controller"],
+        context["inputs"],
+        context["limiter"],
+        context["model"],
+    )
     context["a2l"] = a2l_view(
         options.prefix, options.precision, context["controller"], context["inputs"], context["limiter"], table, context["can"]
     )
@@ -187,7 +210,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "README.md": render("README.md.j2", context),
     }
     files[DEVIATIONS] = render("deviations.md.j2", {**context, "deviations": deviations(files)})
-    return Folder(files=files, manifest=_manifest(parts, dynamics, identity))
+    return Folder(files=files, manifest=_manifest(parts, dynamics, context["checksum"], identity))
 
 
 def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) -> Placed | None:
@@ -280,7 +303,7 @@ def _percent(share: float | None) -> str:
     return "" if share is None else f"{100.0 * share:.1f} %"
 
 
-def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str, Any]:
+def _manifest(parts: _Parts, dynamics: DynamicsView, checksum: ChecksumView, identity: str) -> dict[str, Any]:
     config, options, inputs, total = parts.config, parts.options, parts.inputs, parts.total
     reference_map, table = parts.reference_map, parts.table
     return {
@@ -318,6 +341,7 @@ def _manifest(parts: _Parts, dynamics: DynamicsView, identity: str) -> dict[str,
             **grip_facts(total),
             **(placement_facts(parts.placed) if parts.placed else {}),
         },
+        "calibration": {"checksum_crc32": f"{checksum.value:08x}"},
         **parts.evidence.to_dict(),
         "dynamics_library_functions": list(dynamics.math_functions),
     }

@@ -41,7 +41,9 @@ class CurveView:
     title: str
     cells: int
     compression: str
+    compression_value: float
     lines: tuple[str, ...]
+    values: tuple[float, ...]
     error: float
     error_text: str
 
@@ -168,7 +170,9 @@ def _curve_view(tyre: MagicFormulaTyre, loss: float, name: str, precision: Preci
         title=f"{name.capitalize()} tyre",
         cells=curve.values.size - 1,
         compression=literal(curve.compression, precision),
+        compression_value=curve.compression,
         lines=lines_of([literal(float(value), precision) for value in curve.values]),
+        values=tuple(float(value) for value in curve.values),
         error=curve.error,
         error_text=rounded_up(curve.error),
     )

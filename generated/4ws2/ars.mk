@@ -21,6 +21,7 @@ ARS_CFLAGS := -std=c99 -ffp-contract=off -fno-unsafe-math-optimizations
 
 ARS_SOURCES := $(addprefix $(ARS_DIR), \
     src/ars_calibration.c \
+    src/ars_checksum.c \
     src/ars_map.c \
     src/ars_inputs.c \
     src/ars_limiter.c \

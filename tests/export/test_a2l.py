@@ -229,7 +229,7 @@ def test_one_of_several_instances_is_chosen(tmp_path: Path) -> None:
 def test_a_frozen_calibration_is_still_the_same_build(tracking: Linked) -> None:
     """Other numbers in the map, and its checksum with them: the program is still the one that the build was linked into."""
     content = bytearray(tracking.program.read_bytes())
-    place = tracking.elf.place("ars_map_expected_checksum")
+    place = tracking.elf.place("ars_calibration_expected_checksum")
     assert place is not None
     stored = tracking.elf.bytes_at(place.address, 4)
     assert stored is not None

@@ -26,7 +26,7 @@ FAULTS = [
     ("map", "if (steps >= 100.0f) {", "if (steps >= 101.0f) {", {"locate_speed"}),
     ("map", "((friction > 0.0f) ? friction : 0.0f)", "friction", {"road_of"}),
     ("map", "(deviation >= -tolerance)", "(deviation > -10.0f)", {"are_even"}),
-    ("map", "0xF00F9344u", "0xF00F9345u", {"crc_of"}),
+    ("checksum", "0xF00F9344u", "0xF00F9345u", {"ars_checksum_real"}),
     ("can", "if ((scaled > (float)low) && (scaled < (float)high)) {", "if (scaled > (float)low) {", {"to_code"}),
     ("can", "value * 4097.0f", "value * 4096.0f", {"leading_part"}),
     ("can", "((float)code / steps)", "((float)code * (1.0f / steps))", {"to_value"}),

@@ -127,12 +127,15 @@ def any_numbers(rng: np.random.Generator, real: Any, count: int, special: Any) -
 
 
 def check_map_functions(built: Built) -> None:
-    """The function without friction, the checksum over the numbers in memory, and the self-test that compares it."""
+    """The function without friction, the checksums over the numbers in memory, and the self-test that compares them."""
     for speed, angle in ((12.0, 0.03), (33.0, -0.3), (90.0, 0.6), (0.0, 0.1), (20.0, 0.0)):
         assert built.software.function("map_yaw_rate")(speed, angle) == built.lookup(speed, angle)
     wanted = zlib.crc32(b"".join(part.astype(part.dtype.newbyteorder("<")).tobytes() for part in numbers_of(built)))
-    assert built.software.function("map_checksum")() == built.software.function("map_expected_checksum") == wanted
+    assert built.software.function("map_crc")(0xFFFFFFFF) == wanted ^ 0xFFFFFFFF
     assert built.folder.manifest["map"]["checksum_crc32"] == f"{wanted:08x}"
+    whole = built.software.function("calibration_checksum")()
+    assert whole == built.software.function("calibration_expected_checksum")
+    assert built.folder.manifest["calibration"]["checksum_crc32"] == f"{whole:08x}"
     assert built.software.selftest()
 
 

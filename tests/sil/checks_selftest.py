@@ -3,6 +3,7 @@
 It is linked apart, for the case itself has the real ones.
 """
 
+import ctypes
 import math
 import re
 import tempfile
@@ -28,10 +29,11 @@ HEADER = """
 
 enum { STUB_ROWS_MAX = 64 };
 
-/* What the stand-ins answer: the checksum, the verdict on the parameters, what is wrong with the CRC of frames whose second
- * byte is 0 and 1, and the lookup's places with their answers. */
+/* What the stand-ins answer: parts of the checksum, the verdict on the parameters, what is wrong with the CRC of frames whose
+ * second byte is 0 and 1, and the lookup's places with their answers. */
 typedef struct {
-    uint32_t checksum;
+    uint32_t map_crc;
+    uint32_t parameters_crc; /* exclusive or with what it is handed; that of the curves is zero */
     bool valid;
     uint8_t crc_error[2];
     uint8_t crc_error_of; /* last byte of frames whose second byte is 1: zero for none */
@@ -58,9 +60,20 @@ void stub_clear(void)
     memset(&stub, 0, sizeof(stub));
 }
 
-uint32_t ars_map_checksum(void)
+uint32_t ars_map_crc(uint32_t start)
 {
-    return stub.checksum;
+    return (start == 0xFFFFFFFFu) ? stub.map_crc : 0u;
+}
+
+uint32_t ars_parameters_crc(uint32_t start)
+{
+    return start ^ stub.parameters_crc;
+}
+
+uint32_t ars_reference_model_crc(uint32_t start);
+uint32_t ars_reference_model_crc(uint32_t start)
+{
+    return start;
 }
 
 bool ars_parameters_valid(const ars_parameters_t *parameters)
@@ -102,15 +115,17 @@ EXPECTED = """
 #include <stdint.h>
 
 /* Calibration: to the code a constant, and here another one for each question. */
-uint32_t ars_map_expected_checksum = 0u;
+uint32_t ars_calibration_expected_checksum = 0u;
 void stub_expect(uint32_t checksum);
 
 void stub_expect(uint32_t checksum)
 {
-    ars_map_expected_checksum = checksum;
+    ars_calibration_expected_checksum = checksum;
 }
 """
 STUBS = {"stub/stub.h": HEADER, "stub/stub.c": SOURCE, "stub/expected.c": EXPECTED}
+EXPECTED_CHECKSUM = 0x5AC3F00D
+"""What the whole calibration is expected to come to."""
 FROZEN = 0x12345678
 """The checksum of another map than the build's own."""
 
@@ -118,19 +133,20 @@ FROZEN = 0x12345678
 @dataclass(frozen=True)
 class Alone:
     """The self-test with its stand-ins, the places that it asks for (speed, front angle, friction, yaw rate), and the checksum
-    of the build's own map."""
+    of the build's own map alone."""
 
     lib: Any
     rows: list[tuple[float, ...]]
     checksum: int
 
 
-def answer(alone: Alone, rows: list[tuple[float, ...]], expected: int | None = None, **wrong: Any) -> bool:
-    """What the self-test says where all is right but for what is given."""
-    expected, stub = alone.checksum if expected is None else expected, alone.lib.stub
+def answer(alone: Alone, rows: list[tuple[float, ...]], map_checksum: int | None = None, **wrong: Any) -> bool:
+    """What the self-test says where all is right but for what is given; the map is the build's own, or has another checksum."""
+    stub, map_checksum = alone.lib.stub, alone.checksum if map_checksum is None else map_checksum
     alone.lib.stub_clear()
-    alone.lib.stub_expect(expected)
-    stub.checksum, stub.valid, stub.rows = expected, True, len(rows)
+    alone.lib.stub_expect(EXPECTED_CHECKSUM)
+    stub.map_crc, stub.valid, stub.rows = map_checksum ^ 0xFFFFFFFF, True, len(rows)
+    stub.parameters_crc = map_checksum ^ EXPECTED_CHECKSUM
     for k, row in enumerate(rows):
         stub.known[k] = row
     for name, value in wrong.items():
@@ -143,14 +159,18 @@ def _passes(alone: Alone) -> None:
     assert len(alone.rows) >= 10
     assert answer(alone, alone.rows)
     assert alone.lib.stub.asked == len(alone.rows)
+    assert alone.lib.ars_calibration_checksum() == EXPECTED_CHECKSUM
 
 
 def _sees_each_fault(alone: Alone) -> None:
     """Each thing alone makes it fail."""
-    checksums = [alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF]
+    right = alone.checksum ^ EXPECTED_CHECKSUM
+    of_parameters = [right ^ 1, right ^ 0x80000000, right ^ 0xFFFFFFFF]
+    of_map = [number ^ 0xFFFFFFFF for number in (alone.checksum ^ 1, alone.checksum ^ 0x80000000, 0, 0xFFFFFFFF)]
     crc_errors = [[first << bit, second << bit] for bit in range(8) for first, second in ((1, 0), (0, 1), (1, 1))]
     bytes_of_table = [1, 2, 127, 128, 254, 255]
-    faults = {"checksum": checksums, "valid": [False], "crc_error": crc_errors, "crc_error_of": bytes_of_table}
+    faults = {"parameters_crc": of_parameters, "map_crc": of_map, "valid": [False]}
+    faults |= {"crc_error": crc_errors, "crc_error_of": bytes_of_table}
     for name, values in faults.items():
         assert not any(answer(alone, alone.rows, **{name: value}) for value in values), name
 
@@ -170,21 +190,60 @@ def _sees_each_place(alone: Alone) -> None:
 
 
 def _takes_another_calibration(alone: Alone) -> None:
-    """A map that was calibrated, with its checksum frozen, is not asked for the values of the build's own; all else is."""
+    """A map that was calibrated, with the checksum frozen, is not asked for the values of the build's own; all else is."""
     nothing = [(*place, math.nan) for *place, _ in alone.rows]
     assert answer(alone, nothing, FROZEN)
     assert alone.lib.stub.asked == 0
-    for wrong in ({"checksum": FROZEN + 1}, {"valid": False}, {"crc_error": [1, 0]}):
+    for wrong in ({"parameters_crc": 0}, {"valid": False}, {"crc_error": [1, 0]}):
         assert not answer(alone, nothing, FROZEN, **wrong)
+
+
+NUMBER = r"-?[0-9][0-9.e+-]*f"
+DAMAGED = (
+    ("src/ars_calibration.c", rf"(\.(?:proportional_gain|standby_rate) = (?:\{{\s*)?){NUMBER}", r"\g<1>9.1f"),
+    ("src/ars_calibration.c", r"(\.missing_samples_max = )\d+u", r"\g<1>7u"),
+    ("src/ars_calibration.c", rf"(\.in_phase_from_front_angle = ){NUMBER}", r"\g<1>0.123f"),
+    ("src/ars_calibration.c", rf"(_yaw_rate_table.*=\s*\{{[^}}]*?0\.0f, ){NUMBER}", r"\g<1>0.0123f"),
+    ("src/ars_reference_model.c", rf"(front_values\[.*\{{\s+0\.0f, ){NUMBER}", r"\g<1>0.0123f"),
+    ("src/ars_reference_model.c", rf"(rear_compression = ){NUMBER}", r"\g<1>3.0f"),
+)
+"""Unit, and what is put in place of one of its numbers: a gain, a count, a limiter parameter, the map, the tyre curves.
+
+All are in their ranges.
+"""
+
+
+def _sees_damage(case: Case) -> None:
+    """A number that is damaged, but still valid, fails the self-test of the whole build."""
+    root, tree, files = case.tree.root, case.tree, case.built.folder.files
+    with tempfile.TemporaryDirectory(dir=root) as scratch:
+        for index, (path, number, other) in enumerate(DAMAGED):
+            if path not in files:
+                continue
+            text, count = re.subn(number, other, files[path].decode("ascii"), count=1)
+            assert count == 1, number
+            assert text.encode("ascii") != files[path], number
+            changed = Path(scratch) / f"{index}.c"
+            changed.write_text(text, encoding="ascii")
+            case.compiler.compile(root, str(changed.relative_to(root)), changed.with_suffix(".o"))
+            objects = [changed.with_suffix(".o") if unit == path else tree.object(unit) for unit in tree.units]
+            case.compiler.link(objects, changed.with_suffix(".so"))
+            library = ctypes.CDLL(str(changed.with_suffix(".so")))
+            library.ars_selftest.restype = ctypes.c_bool
+            library.ars_parameters_valid.restype = ctypes.c_bool
+            assert library.ars_parameters_valid(ctypes.byref(ctypes.c_byte.in_dll(library, "ars_parameters_default"))), number
+            assert not library.ars_selftest(), number
 
 
 def check_selftest(case: Case) -> None:
     """All of this; with the rest of the build the self-test passes."""
     assert case.built.software.selftest()
+    if case.mutated is None:
+        _sees_damage(case)
     root, compiler, text = case.tree.root, case.compiler, case.built.folder.files[PATH].decode("ascii")
     if "stand-ins" not in case.kept:
         case.kept["stand-ins"] = _stand_ins(root, compiler)
-    (checksum,) = re.findall(r"expected_checksum [=!]= 0x([0-9A-F]{8})u", text)
+    (checksum,) = re.findall(r"~of_map\)? [=!]= 0x([0-9A-F]{8})u", text)
     rows = [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
     with tempfile.TemporaryDirectory(dir=root) as scratch:
         path, ffi = Path(scratch) / "selftest.so", case.kept["stand-ins"]

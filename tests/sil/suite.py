@@ -169,7 +169,7 @@ def _map(kind: Kind) -> list[Judge]:
 def _reference_model(_: Kind) -> list[Judge]:
     model = _answered("model of the car", lambda case: answers.answers_of_model(case.units, case.samples(30_000)),
                       lambda case, known: answers.check_model(case.units, known))  # fmt: skip
-    return [model, *_of_units(*_in(checks_reference_model))]
+    return [model, *_of_units(*_in(checks_reference_model)), *_of_built(checks_lookup.check_map_functions)]
 
 
 def _inits(_: Kind) -> list[Judge]:
@@ -187,11 +187,12 @@ TASK = _answered(
 )
 UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "calibration": lambda _: _of_built(checks_parameters.check_defaults, checks_lookup.check_map_functions),
+    "checksum": lambda _: _of_built(checks_lookup.check_map_functions),
     "controller": _controller,
     "law": _controller,
     "grip": lambda kind: [*_drives(kind), *_of_built(*_in(checks_tracking))],
     "parameters": lambda _: [
-        *_of_built(*_in(checks_parameters)),
+        *_of_built(*_in(checks_parameters), checks_lookup.check_map_functions),
         *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),
     ],
     "inputs": lambda kind: [

@@ -78,11 +78,11 @@ def test_a_difference_of_the_byte_order_is_found() -> None:
 def test_a_failing_self_test_and_an_unreached_status_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     on(monkeypatch, CORTEX_M4F)
     monkeypatch.setattr(pil, "streams", lambda *given: itertools.islice(streams(*given), 1))  # the controller alone
-    body = "    uint32_t crc = planted_ars_map_checksum();\n#ifdef __thumb__\n    crc ^= 1u;\n#endif\n    return crc;"
+    body = "    uint32_t crc = planted_ars_map_crc(start);\n#ifdef __thumb__\n    crc ^= 1u;\n#endif\n    return crc;"
     files = builds.with_text(
         PI, "src/ars_controller.c", "? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING", "? ARS_STATUS_LIMITED : ARS_STATUS_LIMITED"
     )
-    found = checked(planted.wrapped(replace(PI, files=files), "ars_map_checksum", body))
+    found = checked(planted.wrapped(replace(PI, files=files), "ars_map_crc", body))
     assert found.findings == (
         "the random steps never reach the status TRACKING",
         "Cortex-M4F: the self-test of the build says no",

@@ -147,4 +147,5 @@ def _origin(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"option: {key}", str(value)
     for key, value in manifest["tools"].items():
         yield f"tool: {key}", str(value)
-    yield "map's checksum (CRC-32)", str(manifest["map"]["checksum_crc32"])
+    if "calibration" in manifest:  # builds from before have one of the map alone
+        yield "checksum of the calibration (CRC-32)", str(manifest["calibration"]["checksum_crc32"])

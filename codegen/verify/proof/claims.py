@@ -72,8 +72,8 @@ PRECONDITIONS: Mapping[str, Mapping[tuple[str, Path], Box]] = {
 }
 """Ranges that functions, without the prefix, require of their arguments, as their headers say.
 
-By parameter, and by the field of what it points to. They are assumed where the function is proven, and shown where it is
-called.
+By parameter, and by the field of what it points to. They are assumed where the function is proven, and are an obligation where
+it is called.
 """
 
 

@@ -69,10 +69,19 @@ extern const ars_parameters_t ars_parameters_default;
 extern const char ars_epk[9];
 
 /*
+ * What ars_calibration_checksum() has to be for the self-test to pass (ars_controller.h). Whoever freezes a calibration gives
+ * it what that function returns then.
+ */
+extern const uint32_t ars_calibration_expected_checksum;
+
+/*
  * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
  * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
  */
 bool ars_parameters_valid(const ars_parameters_t *parameters);
+
+/* Return the checksum so far (ars_checksum.h) with ars_parameters_default, field by field in the order of the structs. */
+uint32_t ars_parameters_crc(uint32_t start);
 
 #ifdef __cplusplus
 }

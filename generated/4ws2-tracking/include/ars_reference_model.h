@@ -15,6 +15,8 @@
 #ifndef ARS_REFERENCE_MODEL_H
 #define ARS_REFERENCE_MODEL_H
 
+#include <stdint.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -43,6 +45,9 @@ void ars_reference_model_start(ars_reference_model_t *self, float speed, float y
 
 /* One step of 10 ms. */
 void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input);
+
+/* Return the checksum so far (ars_checksum.h) with both tyre curves. */
+uint32_t ars_reference_model_crc(uint32_t start);
 
 #ifdef __cplusplus
 }

@@ -122,7 +122,7 @@ extern uint8_t __stop_ars_calibration[] __attribute__((weak));
 
 /* Room for the calibration, and for what the linker leaves between its objects. */
 enum {
-    CALIBRATION_MAX = 1024 + sizeof ars_parameters_default + sizeof ars_map_expected_checksum
+    CALIBRATION_MAX = 1024 + sizeof ars_parameters_default + sizeof ars_calibration_expected_checksum
         + sizeof ars_map_speed_breakpoints
         + sizeof ars_map_front_angle_breakpoints
         + sizeof ars_map_yaw_rate_table

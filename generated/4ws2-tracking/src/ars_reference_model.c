@@ -9,11 +9,13 @@
  */
 #include "ars_reference_model.h"
 
-#include <stdint.h>
-
+#include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_REFERENCE_MODEL_BUILD != 0xA341B9E4u
+#if ARS_CHECKSUM_BUILD != 0xCF560B6Cu
+#error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_REFERENCE_MODEL_BUILD != 0xCF560B6Cu
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -28,8 +30,35 @@ ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
 ARS_SECTION_CONST static const float model_yaw_rate_max = 2.6179938f; /* rad/s */
 
+/* Front tyre: the curve, and the compression of its argument. No calibration; the checksum takes them in. */
 enum { FRONT_CELLS = 64 };
+ARS_SECTION_CONST static const float front_compression = 1.0f;
+ARS_SECTION_CONST static const float front_values[FRONT_CELLS + 1] = {
+    0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
+    0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
+    0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
+    0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
+    0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
+    0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
+    0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
+    0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
+    0.8910065f
+};
+
+/* Rear tyre: the curve, and the compression of its argument. No calibration; the checksum takes them in. */
 enum { REAR_CELLS = 64 };
+ARS_SECTION_CONST static const float rear_compression = 1.0f;
+ARS_SECTION_CONST static const float rear_values[REAR_CELLS + 1] = {
+    0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
+    0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
+    0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
+    0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
+    0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
+    0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
+    0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
+    0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
+    0.8910065f
+};
 
 ARS_SECTION_CODE static float between(float value, float low, float high)
 {
@@ -93,38 +122,12 @@ ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, fl
 
 ARS_SECTION_CODE static curve_t front_curve(float x)
 {
-    const float compression = 1.0f;
-    ARS_SECTION_CONST static const float values[FRONT_CELLS + 1] = {
-        0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
-        0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
-        0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
-        0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
-        0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
-        0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
-        0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
-        0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
-        0.8910065f
-    };
-
-    return curve_at(values, (uint32_t)FRONT_CELLS, compression, x);
+    return curve_at(front_values, (uint32_t)FRONT_CELLS, front_compression, x);
 }
 
 ARS_SECTION_CODE static curve_t rear_curve(float x)
 {
-    const float compression = 1.0f;
-    ARS_SECTION_CONST static const float values[REAR_CELLS + 1] = {
-        0.0f, 0.02063259f, 0.041915923f, 0.06386513f, 0.08649415f, 0.10981532f, 0.13383907f, 0.1585733f,
-        0.18402292f, 0.21018913f, 0.23706873f, 0.26465324f, 0.29292795f, 0.32187095f, 0.35145187f, 0.3816308f,
-        0.41235706f, 0.44356784f, 0.47518715f, 0.5071246f, 0.5392749f, 0.5715168f, 0.6037138f, 0.6357141f,
-        0.667352f, 0.6984501f, 0.72882193f, 0.7582757f, 0.78661907f, 0.8136639f, 0.8392319f, 0.86316043f,
-        0.88530743f, 0.9055564f, 0.9238201f, 0.94004285f, 0.95420194f, 0.96630704f, 0.9763985f, 0.9845446f,
-        0.99083716f, 0.9953878f, 0.9983228f, 0.9997781f, 0.99989545f, 0.99881786f, 0.9966863f, 0.9936369f,
-        0.989799f, 0.9852933f, 0.980231f, 0.9747132f, 0.96883094f, 0.9626653f, 0.9562877f, 0.94976044f,
-        0.9431377f, 0.93646586f, 0.9297843f, 0.9231264f, 0.9165199f, 0.9099877f, 0.90354854f, 0.8972176f,
-        0.8910065f
-    };
-
-    return curve_at(values, (uint32_t)REAR_CELLS, compression, x);
+    return curve_at(rear_values, (uint32_t)REAR_CELLS, rear_compression, x);
 }
 
 /* Arguments of both curves. */
@@ -249,4 +252,20 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
     self->rear_angle = bounded(self->rear_angle + moved, model_rear_angle_max);
+}
+
+ARS_SECTION_CODE uint32_t ars_reference_model_crc(uint32_t start)
+{
+    uint32_t crc = start;
+    uint32_t k;
+
+    crc = ars_checksum_real(crc, front_compression);
+    for (k = 0u; k < ((uint32_t)FRONT_CELLS + 1u); k++) {
+        crc = ars_checksum_real(crc, front_values[k]);
+    }
+    crc = ars_checksum_real(crc, rear_compression);
+    for (k = 0u; k < ((uint32_t)REAR_CELLS + 1u); k++) {
+        crc = ars_checksum_real(crc, rear_values[k]);
+    }
+    return crc;
 }

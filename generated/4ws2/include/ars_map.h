@@ -52,20 +52,18 @@ float ars_map_yaw_rate_on_road(float speed, float front_angle, float friction);
 bool ars_map_valid(void);
 
 /*
- * CRC-32 (IEEE 802.3) over the map in memory: the table row by row, the speeds, the front angles;
- * least significant byte first.
+ * Return the checksum so far (ars_checksum.h) with the map in memory: the table row by row, the speeds,
+ * the front angles.
  */
-uint32_t ars_map_checksum(void);
+uint32_t ars_map_crc(uint32_t start);
 
 /*
  * The map itself, in ars_calibration.c. Read-only for the code; calibration may change it, and then asks
- * ars_parameters_valid(). The checksum is the one that the self-test expects: who freezes a calibration gives it what
- * ars_map_checksum() returns.
+ * ars_parameters_valid().
  */
 extern const float ars_map_speed_breakpoints[ARS_MAP_SPEED_POINTS]; /* m/s, even */
 extern const float ars_map_front_angle_breakpoints[ARS_MAP_FRONT_ANGLE_POINTS]; /* rad, even */
 extern const float ars_map_yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POINTS]; /* rad/s */
-extern const uint32_t ars_map_expected_checksum;
 
 #ifdef __cplusplus
 }

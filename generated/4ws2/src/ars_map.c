@@ -8,9 +8,13 @@
  */
 #include "ars_map.h"
 
+#include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_MAP_BUILD != 0x4CEFD4D1u
+#if ARS_CHECKSUM_BUILD != 0x3F5E3A23u
+#error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0x3F5E3A23u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -24,12 +28,6 @@ typedef struct {
     uint32_t lower;
     float fraction;
 } position_t;
-
-/* What the checksum is over: a number by its bits. */
-typedef union {
-    float value;
-    uint32_t bits;
-} table_number_t;
 
 /* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
  * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
@@ -223,34 +221,25 @@ ARS_SECTION_CODE bool ars_map_valid(void)
     return valid;
 }
 
-/* Reflected polynomial 0x04C11DB7, four bits at a time. */
 ARS_SECTION_CODE static uint32_t crc_of(uint32_t start, const float *numbers, uint32_t count)
 {
-    ARS_SECTION_CONST static const uint32_t table[16] = {
-        0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u, 0x4DB26158u, 0x5005713Cu,
-        0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu, 0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu
-    };
     uint32_t crc = start;
     uint32_t index;
-    uint32_t shift;
 
     for (index = 0u; index < count; index++) {
-        const table_number_t number = { .value = numbers[index] };
-        for (shift = 0u; shift < 32u; shift += 4u) {
-            crc = table[(crc ^ (uint32_t)(number.bits >> shift)) & 0xFu] ^ (crc >> 4u);
-        }
+        crc = ars_checksum_real(crc, numbers[index]);
     }
     return crc;
 }
 
-ARS_SECTION_CODE uint32_t ars_map_checksum(void)
+ARS_SECTION_CODE uint32_t ars_map_crc(uint32_t start)
 {
-    uint32_t crc = 0xFFFFFFFFu;
+    uint32_t crc = start;
     uint32_t row;
     for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
         crc = crc_of(crc, ars_map_yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
     }
     crc = crc_of(crc, ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS);
     crc = crc_of(crc, ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
-    return ~crc;
+    return crc;
 }

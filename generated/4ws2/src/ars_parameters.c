@@ -8,14 +8,18 @@
  */
 #include "ars_parameters.h"
 
+#include "ars_checksum.h"
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_PARAMETERS_BUILD != 0x4CEFD4D1u
-#error "ars_parameters.h and this source come from different builds"
+#if ARS_CHECKSUM_BUILD != 0x3F5E3A23u
+#error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x4CEFD4D1u
+#if ARS_MAP_BUILD != 0x3F5E3A23u
 #error "ars_map.h and this source come from different builds"
+#endif
+#if ARS_PARAMETERS_BUILD != 0x3F5E3A23u
+#error "ars_parameters.h and this source come from different builds"
 #endif
 
 /* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
@@ -55,4 +59,57 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && ars_inputs_parameters_valid(&parameters->inputs)
         && ars_limiter_parameters_valid(&parameters->limiter)
         && ars_map_valid();
+}
+
+ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
+{
+    const ars_parameters_t *const parameters = &ars_parameters_default;
+    uint32_t crc = start;
+    uint32_t k;
+
+    crc = ars_checksum_real(crc, parameters->proportional_gain);
+    crc = ars_checksum_real(crc, parameters->integral_gain);
+    crc = ars_checksum_real(crc, parameters->rear_angle_error_max);
+    crc = ars_checksum_real(crc, parameters->rear_angle_max);
+    crc = ars_checksum_real(crc, parameters->rear_rate_max);
+    crc = ars_checksum_real(crc, parameters->friction_min);
+    crc = ars_checksum_real(crc, parameters->enable_speed);
+    crc = ars_checksum_real(crc, parameters->disable_speed);
+    crc = ars_checksum_real(crc, parameters->standby_rate);
+    crc = ars_checksum_real(crc, parameters->fail_safe_rate);
+    crc = ars_checksum_real(crc, parameters->actuator_share);
+    crc = ars_checksum_real(crc, parameters->actuator_error_max);
+    crc = ars_checksum_whole(crc, parameters->actuator_samples_max);
+    crc = ars_checksum_real(crc, parameters->inputs.speed_max);
+    crc = ars_checksum_real(crc, parameters->inputs.front_angle_max);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_max);
+    crc = ars_checksum_real(crc, parameters->inputs.rear_angle_max);
+    crc = ars_checksum_real(crc, parameters->inputs.friction_max);
+    crc = ars_checksum_real(crc, parameters->inputs.speed_step);
+    crc = ars_checksum_real(crc, parameters->inputs.front_angle_step);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_step);
+    crc = ars_checksum_real(crc, parameters->inputs.wheelbase);
+    crc = ars_checksum_real(crc, parameters->inputs.understeer_coefficient);
+    crc = ars_checksum_real(crc, parameters->inputs.expected_share);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_tolerance);
+    crc = ars_checksum_real(crc, parameters->inputs.lateral_acceleration_max);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_frozen);
+    crc = ars_checksum_real(crc, parameters->inputs.speed_agreement);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_agreement);
+    crc = ars_checksum_real(crc, parameters->inputs.speed_fall);
+    crc = ars_checksum_real(crc, parameters->inputs.friction_recovery);
+    crc = ars_checksum_whole(crc, parameters->inputs.missing_samples_max);
+    crc = ars_checksum_whole(crc, parameters->inputs.recovery_samples);
+    crc = ars_checksum_real(crc, parameters->limiter.rear_angle_max);
+    crc = ars_checksum_real(crc, parameters->limiter.rear_rate_max);
+    for (k = 0u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->limiter.opposite_phase_speed[k]);
+    }
+    for (k = 0u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->limiter.opposite_phase_max[k]);
+    }
+    crc = ars_checksum_real(crc, parameters->limiter.in_phase_from_front_angle);
+    crc = ars_checksum_real(crc, parameters->limiter.speed_max);
+    crc = ars_checksum_real(crc, parameters->limiter.front_angle_max);
+    return crc;
 }

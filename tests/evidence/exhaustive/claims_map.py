@@ -1,4 +1,4 @@
-"""Claims about the helpers of the map, of the reference model and of the dynamics: axes, road, checksum, tyre curves."""
+"""Claims about the helpers of map, checksum, reference model and dynamics: axes, road, CRC, tyre curves."""
 
 import math
 import re
@@ -67,7 +67,7 @@ CRC_OF = """
     for (uint32_t shift = 0u; shift < 32u; shift += 8u) {
         crc = crc32_table[(crc ^ (bits >> shift)) & 0xFFu] ^ (crc >> 8u);
     }
-    SAME("CRC-32 of its four bytes, the lowest first", crc_of(0xFFFFFFFFu, &x, 1u), crc);
+    SAME("CRC-32 of its four bytes, the lowest first", {{ function }}(0xFFFFFFFFu, x), crc);
 """
 INCREASING = """
     const float pair[] = { 0.0f, x };
@@ -159,7 +159,14 @@ def claims(source: Source) -> Iterator[Claim]:
     yield between("map", "are_between", ranges, "&x, 1u")
     yield Claim("map", "are_increasing", "from zero, each above the one before", INCREASING, edges("0.0f"))
     yield Claim("map", "are_even", "a number in its even place", EVEN, edges("1.99f", "2.01f"))
-    yield Claim("map", "crc_of", "CRC-32 of one number", CRC_OF, setup="static uint32_t crc32_table[256];", start=CRC_START)
+    yield Claim(
+        "checksum",
+        "@_checksum_real",
+        "CRC-32 of one number",
+        CRC_OF,
+        setup="static uint32_t crc32_table[256];",
+        start=CRC_START,
+    )
     values = {"lowest": number(SPEED_MIN)}
     text = "a speed below the lowest, or NaN, counts as the lowest"
     yield Claim("dynamics", "arrange", text, ARRANGE, edges(number(SPEED_MIN)), values=values)

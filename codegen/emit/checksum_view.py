@@ -1,0 +1,87 @@
+"""View model of the checksum over a build's calibration: the same CRC-32 that the C computes, from Python's own numbers."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from codegen.config import Config
+from codegen.emit.controller_view import ControllerView, controller_parameters
+from codegen.emit.inputs_view import InputsView, inputs_parameters
+from codegen.emit.limiter_view import LimiterView, limiter_parameters
+from codegen.emit.map_view import MapView
+from codegen.emit.parameters import Parameter, ParameterView
+from codegen.emit.reference_model_view import ReferenceModelView
+from codegen.emit.text import Precision, numpy_type
+
+
+@dataclass(frozen=True)
+class ChecksumView:
+    """Everything that the templates print of the checksum.
+
+    Attributes:
+        map: over the map alone, as a literal.
+        whole: over map, parameters and tyre curves.
+        value: the same as a number.
+        steps: table look-ups of four bits that computing it takes.
+        parameters: fields of the parameter structs in order, with names that reach into the structs inside.
+        has_arrays: an array is among them.
+    """
+
+    map: str
+    whole: str
+    value: int
+    steps: int
+    parameters: tuple[ParameterView, ...]
+    has_arrays: bool
+
+
+def checksum_view(
+    config: Config,
+    precision: Precision,
+    map_view: MapView,
+    controller: ControllerView,
+    inputs: InputsView,
+    limiter: LimiterView,
+    model: ReferenceModelView | None,
+) -> ChecksumView:
+    """Return the view of a build. Raises BuildError: see `law_of`."""
+    fields = (
+        *controller.parameters,
+        *(replace(view, name=f"inputs.{view.name}") for view in inputs.parameters),
+        *(replace(view, name=f"limiter.{view.name}") for view in limiter.parameters),
+    )
+    parameters = chain(controller_parameters(config), inputs_parameters(config), limiter_parameters(config))
+    rest = _bytes_of_parameters(parameters, precision)
+    if model is not None:
+        rest += b"".join(_bytes([tyre.compression_value, *tyre.values], precision) for tyre in (model.front, model.rear))
+    value = zlib.crc32(rest, map_view.checksum_value)
+    return ChecksumView(
+        map=map_view.checksum,
+        whole=f"0x{value:08X}u",
+        value=value,
+        steps=map_view.checksum_steps + 2 * len(rest),
+        parameters=fields,
+        has_arrays=any(view.points for view in fields),
+    )
+
+
+def _bytes_of_parameters(parameters: Iterable[Parameter], precision: Precision) -> bytes:
+    parts = []
+    for parameter in parameters:
+        if isinstance(parameter.value, int):
+            parts.append(parameter.value.to_bytes(2, "little"))
+        else:
+            values = parameter.value if isinstance(parameter.value, tuple) else (parameter.value,)
+            parts.append(_bytes(values, precision))
+    return b"".join(parts)
+
+
+def _bytes(values: Iterable[float], precision: Precision) -> bytes:
+    """Numbers in the target's precision, least significant byte first."""
+    numbers = np.array(list(values), dtype=numpy_type(precision))
+    return numbers.astype(numbers.dtype.newbyteorder("<")).tobytes()
