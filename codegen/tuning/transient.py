@@ -87,21 +87,28 @@ class Response:
         return self.overshoot_percent <= OVERSHOOT_MAX_PERCENT and self.settling_s <= SETTLING_MAX_S
 
 
+def compile_controller(reference_map: ReferenceMap, config: Config) -> BatchSoftware:
+    """Build the map's controller for many cars at once. Raises BuildError, MapError, ConfigError."""
+    folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
+    return compile_batch(folder.files, folder.manifest)
+
+
 def tune_response(
-    reference_map: ReferenceMap, config: Config, schedule: Schedule, progress: Progress | None = None
+    reference_map: ReferenceMap,
+    config: Config,
+    schedule: Schedule,
+    software: BatchSoftware,
+    progress: Progress | None = None,
 ) -> tuple[Response, ...]:
     """Find the pair for each speed of a schedule that the map reaches; the same input gives the same numbers.
 
     Args:
         reference_map: solved for the car of the configuration.
         config: with the schedule as its own.
+        software: `compile_controller` of both.
         progress: called with (done, in all).
-
-    Raises:
-        BuildError: no C compiler.
-        MapError, ConfigError: the map cannot be built.
     """
-    search = _Search.of(reference_map, config, schedule)
+    search = _Search.of(reference_map, config, schedule, software)
     around = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
     total = len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
     tell = _counted(progress, total)
@@ -164,9 +171,8 @@ class _Search:
     lanes: Lanes
 
     @classmethod
-    def of(cls, reference_map: ReferenceMap, config: Config, schedule: Schedule) -> _Search:
+    def of(cls, reference_map: ReferenceMap, config: Config, schedule: Schedule, software: BatchSoftware) -> _Search:
         """The cells of a car on its map."""
-        folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
         axis, angles = breakpoints(config)
         reached = [speed for speed in schedule.speed_km_h if axis[0] <= speed * KM_H <= axis[-1] * (1.0 + 1e-9)]
         speeds = tuple([speed for speed in reached if speed >= SPEED_MIN_KM_H] or reached or schedule.speed_km_h[-1:])
@@ -176,7 +182,7 @@ class _Search:
         driven = np.array([*speeds, *between]) * KM_H
         edge = turns_of(config, config.case(reference_map.case)).edge(driven, float(angles[-1])).front_angle
         angle = np.outer(np.minimum(edge, angles[-1]), SHARES)
-        family, limits = _family(config)
+        family, limits = family_of(config)
         count = len(speeds)
         speed = [*np.tile(driven[:count], len(family)), *driven[count:]]
         lanes = Lanes(
@@ -186,14 +192,7 @@ class _Search:
             * config.steering.ratio,
             delay_samples=config.tuning.delay_samples,
         )
-        return cls(
-            compile_batch(folder.files, folder.manifest),
-            schedule,
-            speeds,
-            limits,
-            unit_step(config, STEER_TIME, DURATION),
-            lanes,
-        )
+        return cls(software, schedule, speeds, limits, unit_step(config, STEER_TIME, DURATION), lanes)
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
         """Figures (n, 3, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
@@ -247,7 +246,7 @@ class _Search:
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
 
 
-def _family(config: Config) -> tuple[FloatArray, FloatArray]:
+def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
     """Cars (n, k) and the limits of their overshoot (n,) in percent: the configured one first, then one deviation each."""
     tuning = config.tuning
     masses = sorted({min(tuning.mass_percent), max(tuning.mass_percent)} - {0.0})
