@@ -18,6 +18,9 @@ from codegen.tuning.transient import Response, compile_controller, tune_response
 
 Progress = Callable[[int, int], None]
 
+TRIM_TIME_MAX_S = 0.3
+"""For a map of the nonlinear tyre, where the trim has to be done before the car counts as settled."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
@@ -61,6 +64,9 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     if not reference_map.solved:
         config, excess = _with_trim(reference_map, config, where)
         return Tuned(config, made, (), excess, None)
+    if asks_for_more(reference_map, config):
+        trim_time = min(config.controller.tracking.trim_time_s, TRIM_TIME_MAX_S)
+        config = with_tracking(config, {"trim_time_s": trim_time}, where)
     software = compile_controller(reference_map, config)
     responses = tune_response(reference_map, config, made.schedule, software, progress)
     config = with_tracking(config, with_response(config, made.schedule, responses), where)
