@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
     from codegen.refmap.map import ReferenceMap
+    from codegen.tuning.fail_safe import FailSafeRate
     from codegen.tuning.transient import Response
     from codegen.tuning.tune import Tuned
 
 MADE_FROM = ("vehicle", "tyre", "road", "limits", "grid")
 """Tables of the configuration that a solved map was made from: to store others in it would be untrue."""
 
+FAIL_SAFE_HEADER = ("rate deg/s", "spins", "of other cars, spins", "sideslip deg")
 RESPONSE_HEADER = (
     "speed km/h",
     "lead ms",
@@ -53,8 +55,9 @@ HEADER = ("speed km/h", "Kp s", "Ki", "gain margin dB", "phase margin deg", "sen
 def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) -> None:
     """Design the gains over speed so that the whole family of [tuning] keeps its margins, and store them in the map.
 
-    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain. For a map
-    of the nonlinear tyre, the trim is raised to what keeps its slip bounds in steady state.
+    For a solved map, step responses of the simulated car determine the lead of the front angle and the response gain. Drives in
+    which everything is lost determine the rate of the fail-safe. For a map of the nonlinear tyre, the trim is raised to what
+    keeps its slip bounds in steady state.
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.evidence import critical_speed_note
@@ -82,13 +85,15 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
         responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
-        console.print_json({**facts, **_to_dict(config, made, least), **responses, **trim})
+        console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
         return
     for text in notes:
         console.note(text)
     _print(output, config, made, least)
     if tuned.responses:
         _print_responses(tuned.responses)
+    if tuned.fail_safe is not None:
+        _print_fail_safe(tuned.fail_safe)
     if trim:
         console.say(_trim_text(trim))
 
@@ -231,6 +236,35 @@ def _print_responses(responses: Sequence[Response]) -> None:
         console.note(
             f"around {', '.join(missed)} km/h no lead and response gain keep both limits; those that come nearest are taken"
         )
+
+
+def _fail_safe_facts(made: Tuned) -> dict[str, Any]:
+    """Return the facts about the rate of the fail-safe; none for a map that was not solved."""
+    found = made.fail_safe
+    return {} if found is None else {"fail_safe": dataclasses.asdict(found)}
+
+
+def _print_fail_safe(found: FailSafeRate) -> None:
+    from codegen.report.summary import table
+
+    first, *_ = found.outcomes
+    console.say(
+        f"everything lost, {first.runs} drives of the configured car and {first.family_runs} of others at each rate: "
+        "the fewest spins"
+    )
+    rows = [
+        (
+            f"{one.rate_deg_s:g}" + (" *" if one.rate_deg_s == found.rate_deg_s else ""),
+            str(one.spins),
+            str(one.family_spins),
+            f"{one.sideslip_max_deg:.1f}",
+        )
+        for one in sorted(found.outcomes, key=lambda outcome: outcome.rate_deg_s)
+    ]
+    console.say(table(FAIL_SAFE_HEADER, rows))
+    before = first.rate_deg_s
+    changed = "" if found.rate_deg_s == before else f" instead of {before:g}"
+    console.say(f"controller.fail_safe.rate_deg_s: {found.rate_deg_s:g}{changed}")
 
 
 COMMANDS = (tune,)

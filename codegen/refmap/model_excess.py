@@ -29,9 +29,11 @@ STEPS = 30
 """Of Newton's method, which starts at the map's own turn, a few percent off."""
 RESIDUAL_MAX = 1e-8
 """1/s^2 and rad/s^2."""
-SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99)
-"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there: the
-last cell of a grid cuts across the kink at the edge itself."""
+SPEEDS, EDGE_SHARES = 121, (*np.arange(0.05, 0.95, 0.05), 0.95, 0.97, 0.98, 0.99, 1.0)
+"""Where it is asked: so many speeds from a map's first to its last, and shares of the front angle at which it ends there."""
+EDGE_ALLOWANCE = 0.01
+"""Share of the yaw rate that is not counted at the edge itself: the last cell of a grid cuts across the kink there, and a slip
+bound is kept to 1 %."""
 
 COARSE = "a finer [grid], or codegen build --max-error, brings what is interpolated closer to the optimum"
 """What to do where no trim is enough."""
@@ -102,6 +104,7 @@ def _on_one_road(reference_map: ReferenceMap, lookup: Lookup, config: Config) ->
     settled = np.abs(np.asarray(residual(state, inputs))).max(axis=0) <= RESIDUAL_MAX  # false for NaN
     # What the table is below the optimum is no excess; where it is above, the trim draws to the table.
     excess = state[1] - np.fmax(wanted, optimum.yaw_rate)
+    excess -= np.tile(np.where(np.array(EDGE_SHARES) == 1.0, EDGE_ALLOWANCE, 0.0), SPEEDS) * wanted
     share = np.where(settled & (wanted > 0.0), excess / np.where(wanted > 0.0, wanted, 1.0), -math.inf)
     worst = int(share.argmax())
     return Excess(float(share[worst]), float(speed[worst]), float(front_angle[worst]), friction)

@@ -41,6 +41,9 @@ PULSE_DEG, PULSE_FROM, PULSE_TO = 0.05, 0.5, 0.7
 """At the front wheels, s. So small that neither tyres nor actuator leave their linear range while a stable loop answers."""
 EARLY, LATE = (1.0, 4.0), (7.0, 10.0)
 """s of the drive: an unstable loop swings more in the second than in the first."""
+GROWN, WINDOW = 2.0, 1.0
+"""A loop is unstable, too, whose swing in any second is so many times that in the first one. Some swing less at the end: what
+grows leaves the linear range, where a bounded actuator, or a controller that takes its actuator for stuck, ends it."""
 QUIET = 1e-5
 """rad/s. What swings less at the end has died out: float32 resolves a yaw rate at rest far finer."""
 MARGIN_SHARES = (0.9, 1.1)
@@ -243,7 +246,7 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
 def _is_stable(
     software: BatchSoftware, config: Config, mass: FloatArray, friction: FloatArray, speed: FloatArray, gain: FloatArray
 ) -> BoolArray:
-    """(n,) whether the loop swings less late than early, each with its gain multiplied."""
+    """(n,) whether the loop swings less late than early and never grew, each with its gain multiplied."""
     lanes = Lanes(
         cars=cars(config, {"mass_percent": mass}, mass.size),
         speed_factor=speed,
@@ -264,8 +267,12 @@ def _is_stable(
         result: FloatArray = np.where(np.isfinite(inside).all(axis=0), np.ptp(inside, axis=0), np.inf)
         return result
 
-    late = swing(LATE)
-    died: BoolArray = (late < swing(EARLY)) | (late < QUIET * lanes.wheel_factor)
+    late, first = swing(LATE), swing((EARLY[0], EARLY[0] + WINDOW))
+    begins = np.arange(EARLY[0] + WINDOW, LATE[1] - WINDOW + 1e-9, WINDOW)
+    largest = np.max([swing((begin, begin + WINDOW)) for begin in begins], axis=0)
+    quiet = QUIET * lanes.wheel_factor
+    grew = (largest > GROWN * first) & (largest > quiet)
+    died: BoolArray = ((late < swing(EARLY)) | (late < quiet)) & ~grew
     return died
 
 

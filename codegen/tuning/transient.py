@@ -29,18 +29,21 @@ from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars
 
 FloatArray = npt.NDArray[np.float64]
 
-OVERSHOOT_PERCENT, SETTLING_S = 3.0, 1.05
+OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Aims for the configured car."""
 OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 """Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
-OVERSHOOT_PRICE_S = 0.01
+OVERSHOOT_PRICE_S = 0.02
 """s of t90 that a percent of overshoot of the worst of these is worth."""
 
 SHARES = (0.25, 0.5, 1.0)
 """Of the largest feasible front angle."""
+LARGER_FROM = SHARES.index(0.5)
+"""Where a car cannot keep its limits at every angle, it keeps them from this one on: the same percentage is less of a yaw rate
+at a small angle, where an understeering car swings most."""
 SPEED_MIN_KM_H = 25.0
 """Slower, the breakpoints of the schedule get what the first one above has: there the car follows its wheels."""
 
@@ -48,13 +51,21 @@ STEER_TIME, DURATION, STEADY_WINDOW = 0.2, 4.0, 0.5
 """s. Steps begin, end, and are averaged for the steady yaw rate."""
 SETTLED_SHARE, RISEN_SHARE = 0.02, 0.9
 
-LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10)
-"""More lead makes more of the front angle's noise: 0.1 s turn 0.01 deg of it into some 0.07 deg of rear angle."""
+LEADS_S = (-0.02, 0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12, 0.14)
+"""More lead makes more of the front angle's noise: 0.14 s turn 0.01 deg of it into some 0.1 deg of rear angle."""
 RESPONSE_GAINS_S = (0.0, 0.06, 0.12, 0.18, 0.24)
 """The first pairs, all with all."""
+DISTANCE_PRICE_S = 0.005
+"""s of t90 that a pair is worth which is one step of these nearer to that of the next speed: between two speeds that lie far
+apart, what is interpolated is neither."""
+TIERS = (1e6, 1e4, 1e2, 1.0)
+"""Weights that put one key of the choice before the next one, in the sum over the speeds."""
 STEPS = ((0.015, 0.04), (0.0075, 0.02))
 """s, s. Then each speed's best pair and its eight neighbours, at these distances. Speeds with an even number move first, those
 between them second: what is driven half way between two speeds then depends on one that moves."""
+
+FIGURES = ("overshoot", "settling", "overshoot at larger angles", "settling at larger angles", "rise")
+"""Overshoot in percent, the others in s: the largest over the shares."""
 
 COLUMNS = ("yaw_rate_rad_s", "sideslip_rad", "slip_rear_rad")
 
@@ -87,27 +98,34 @@ class Response:
         return self.overshoot_percent <= OVERSHOOT_MAX_PERCENT and self.settling_s <= SETTLING_MAX_S
 
 
+def compile_controller(reference_map: ReferenceMap, config: Config) -> BatchSoftware:
+    """Build the map's controller for many cars at once. Raises BuildError, MapError, ConfigError."""
+    folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
+    return compile_batch(folder.files, folder.manifest)
+
+
 def tune_response(
-    reference_map: ReferenceMap, config: Config, schedule: Schedule, progress: Progress | None = None
+    reference_map: ReferenceMap,
+    config: Config,
+    schedule: Schedule,
+    software: BatchSoftware,
+    progress: Progress | None = None,
 ) -> tuple[Response, ...]:
     """Find the pair for each speed of a schedule that the map reaches; the same input gives the same numbers.
 
     Args:
         reference_map: solved for the car of the configuration.
         config: with the schedule as its own.
+        software: `compile_controller` of both.
         progress: called with (done, in all).
-
-    Raises:
-        BuildError: no C compiler.
-        MapError, ConfigError: the map cannot be built.
     """
-    search = _Search.of(reference_map, config, schedule)
+    search = _Search.of(reference_map, config, schedule, software)
     around = [(i, j) for i in (0, -1, 1) for j in (0, -1, 1)]
     total = len(LEADS_S) * len(RESPONSE_GAINS_S) + 2 * len(around) * len(STEPS) + 1
     tell = _counted(progress, total)
     count = len(search.speeds)
     pairs: FloatArray = np.array([[(lead, gain)] * count for lead in LEADS_S for gain in RESPONSE_GAINS_S])
-    best = pairs[search.best(search.drive_all(pairs, tell)), range(count)]
+    best = pairs[search.smooth_best(pairs, search.drive_all(pairs, tell)), range(count)]
     for step in STEPS:
         for first in (0, 1):
             pairs = np.repeat(best[np.newaxis], len(around), axis=0)
@@ -152,8 +170,8 @@ def with_response(config: Config, schedule: Schedule, found: Sequence[Response])
 class _Search:
     """The cells, and how they are driven and judged.
 
-    Figures are overshoot in percent, settling and rise in s: (3, cars, speeds), the largest over the shares. Overshoot and
-    settling of the configured car, the first, include the speeds half way to the neighbours.
+    Figures are (5, cars, speeds), rows as FIGURES. Those of the configured car, the first, include the speeds half way to the
+    neighbours, but for the rise time.
     """
 
     software: BatchSoftware
@@ -164,9 +182,8 @@ class _Search:
     lanes: Lanes
 
     @classmethod
-    def of(cls, reference_map: ReferenceMap, config: Config, schedule: Schedule) -> _Search:
+    def of(cls, reference_map: ReferenceMap, config: Config, schedule: Schedule, software: BatchSoftware) -> _Search:
         """The cells of a car on its map."""
-        folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
         axis, angles = breakpoints(config)
         reached = [speed for speed in schedule.speed_km_h if axis[0] <= speed * KM_H <= axis[-1] * (1.0 + 1e-9)]
         speeds = tuple([speed for speed in reached if speed >= SPEED_MIN_KM_H] or reached or schedule.speed_km_h[-1:])
@@ -176,7 +193,7 @@ class _Search:
         driven = np.array([*speeds, *between]) * KM_H
         edge = turns_of(config, config.case(reference_map.case)).edge(driven, float(angles[-1])).front_angle
         angle = np.outer(np.minimum(edge, angles[-1]), SHARES)
-        family, limits = _family(config)
+        family, limits = family_of(config)
         count = len(speeds)
         speed = [*np.tile(driven[:count], len(family)), *driven[count:]]
         lanes = Lanes(
@@ -186,17 +203,10 @@ class _Search:
             * config.steering.ratio,
             delay_samples=config.tuning.delay_samples,
         )
-        return cls(
-            compile_batch(folder.files, folder.manifest),
-            schedule,
-            speeds,
-            limits,
-            unit_step(config, STEER_TIME, DURATION),
-            lanes,
-        )
+        return cls(software, schedule, speeds, limits, unit_step(config, STEER_TIME, DURATION), lanes)
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
-        """Figures (n, 3, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
+        """Figures (n, 5, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
         rows = []
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
             for figures in pool.map(self.drive, pairs):
@@ -219,35 +229,59 @@ class _Search:
         settling = period * (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * outside.any(axis=0)
         rise = period * np.argmax(share >= RISEN_SHARE, axis=0)
         spins = ((np.abs(sideslip) > SPIN_SIDESLIP) & (np.abs(slip) > SPIN_REAR_SLIP)).any(axis=0) | ~(steady > 0.0)
-        figures = np.where(spins, np.inf, np.stack([100.0 * (share.max(axis=0) - 1.0), settling, rise]))
-        largest = figures.reshape(3, -1, len(SHARES)).max(axis=-1)
+        each = np.where(spins, np.inf, np.stack([100.0 * (share.max(axis=0) - 1.0), settling, rise]))
+        each = each.reshape(3, -1, len(SHARES))
+        largest, larger = each.max(axis=-1), each[:2, :, LARGER_FROM:].max(axis=-1)
+        figures = np.concatenate([largest[:2], larger, largest[2:]])
         count = len(self.speeds)
-        result: FloatArray = largest[:, : len(self.limits) * count].reshape(3, len(self.limits), count)
-        between = largest[:2, len(self.limits) * count :]
-        own = result[:2, 0]
+        result: FloatArray = figures[:, : len(self.limits) * count].reshape(len(FIGURES), len(self.limits), count)
+        between = figures[:4, len(self.limits) * count :]
+        own = result[:4, 0]
         own[:, 1:], own[:, :-1] = np.maximum(own[:, 1:], between), np.maximum(own[:, :-1], between)
         return result
 
     def best(self, figures: FloatArray) -> list[int]:
-        """Number of the best of figures (n, 3, cars, speeds) at each speed."""
-        overshoot, settling, rise = (figures[:, k] for k in range(3))
+        """Number of the best of figures (n, 5, cars, speeds) at each speed."""
+        keys = self._keys(figures)
+        return [int(np.lexsort(keys[::-1, :, k])[0]) for k in range(len(self.speeds))]
+
+    def smooth_best(self, pairs: FloatArray, figures: FloatArray) -> list[int]:
+        """The same of pairs (n, speeds, 2) that are alike at all speeds, with a price on the distance from speed to speed."""
+        step = np.array([LEADS_S[1] - LEADS_S[0], RESPONSE_GAINS_S[1] - RESPONSE_GAINS_S[0]])
+        places = pairs[:, 0] / step
+        apart = DISTANCE_PRICE_S * np.abs(places[:, np.newaxis] - places).sum(axis=-1)
+        cost = np.tensordot(TIERS, np.minimum(self._keys(figures), 1e3), axes=1)  # (n, speeds); a spin is infinite
+        total, before = cost[:, 0], []
+        for column in cost.T[1:]:
+            way = apart + total  # (to, from)
+            before.append(way.argmin(axis=1))
+            total = column + way.min(axis=1)
+        chosen = [int(total.argmin())]
+        for choice in reversed(before):
+            chosen.append(int(choice[chosen[-1]]))
+        return chosen[::-1]
+
+    def _keys(self, figures: FloatArray) -> FloatArray:
+        """Keys (4, n, speeds) of figures (n, 5, cars, speeds), the smaller the better; the first one counts first."""
+        overshoot, settling, overshoot_larger, settling_larger, rise = (figures[:, k] for k in range(len(FIGURES)))
         at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S)
         excess = np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S)
+        larger = np.maximum(overshoot_larger[:, 0] / OVERSHOOT_MAX_PERCENT, settling_larger[:, 0] / SETTLING_MAX_S)
         others = (overshoot[:, 1:] / self.limits[1:, np.newaxis]).max(axis=1)
         # In steps of a hundredth: what is missing by less is no reason to be slow.
-        own, others = (np.round(np.maximum(values, 1.0), 2) for values in (excess, others))
+        larger, own, others = (np.round(np.maximum(values, 1.0), 2) for values in (larger, excess, others))
         own[at_aim] = 0.0
         cost = rise[:, 0] + OVERSHOOT_PRICE_S * overshoot[:, 1:].max(axis=1)
-        return [int(np.lexsort((cost[:, k], others[:, k], own[:, k]))[0]) for k in range(len(self.speeds))]
+        return np.array([larger, own, others, cost])
 
     def responses(self, pairs: FloatArray, figures: FloatArray) -> tuple[Response, ...]:
         """What a pair (speeds, 2) at each speed gives."""
         both = self.limits == DEVIATION_OVERSHOOT_PERCENT
-        rows = np.concatenate([pairs.T, figures[:, 0], figures[:1, both].max(axis=1, initial=0.0)])
+        rows = np.concatenate([pairs.T, figures[[0, 1, 4], 0], figures[:1, both].max(axis=1, initial=0.0)])
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
 
 
-def _family(config: Config) -> tuple[FloatArray, FloatArray]:
+def family_of(config: Config) -> tuple[FloatArray, FloatArray]:
     """Cars (n, k) and the limits of their overshoot (n,) in percent: the configured one first, then one deviation each."""
     tuning = config.tuning
     masses = sorted({min(tuning.mass_percent), max(tuning.mass_percent)} - {0.0})

@@ -1,4 +1,5 @@
-"""The controller of kind "tracking" for a map: gains by design, the transient from step responses, and the trim."""
+"""The controller of kind "tracking" for a map: gains by design, the transient from step responses, the trim, and the
+rate of the fail-safe."""
 
 from __future__ import annotations
 
@@ -12,9 +13,13 @@ from codegen.design.tune import Design, design
 from codegen.refmap.extend import extend
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
-from codegen.tuning.transient import Response, tune_response, with_response
+from codegen.tuning.fail_safe import FailSafeRate, tune_fail_safe
+from codegen.tuning.transient import Response, compile_controller, tune_response, with_response
 
 Progress = Callable[[int, int], None]
+
+TRIM_TIME_MAX_S = 0.3
+"""For a map of the nonlinear tyre, where the trim has to be done before the car counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,16 +27,18 @@ class Tuned:
     """A configuration with its tuned controller, and how it came about.
 
     Attributes:
-        config: kind "tracking", with gain schedule and trim.
+        config: kind "tracking", with gain schedule, trim and rate of the fail-safe.
         design: of the gains.
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
         excess: of the reference model over the map where that is more than the trim was; None where it was enough.
+        fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
     """
 
     config: Config
     design: Design
     responses: tuple[Response, ...]
     excess: Excess | None
+    fail_safe: FailSafeRate | None
 
     @property
     def trim_is_enough(self) -> bool:
@@ -54,22 +61,40 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     """
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
-    responses: tuple[Response, ...] = ()
-    if reference_map.solved:
-        responses = tune_response(reference_map, config, made.schedule, progress)
-        config = with_tracking(config, with_response(config, made.schedule, responses), where)
+    if not reference_map.solved:
+        config, excess = _with_trim(reference_map, config, where)
+        return Tuned(config, made, (), excess, None)
+    if asks_for_more(reference_map, config):
+        trim_time = min(config.controller.tracking.trim_time_s, TRIM_TIME_MAX_S)
+        config = with_tracking(config, {"trim_time_s": trim_time}, where)
+    software = compile_controller(reference_map, config)
+    responses = tune_response(reference_map, config, made.schedule, software, progress)
+    config = with_tracking(config, with_response(config, made.schedule, responses), where)
+    config, excess = _with_trim(reference_map, config, where)
+    fail_safe = tune_fail_safe(reference_map, config, software, progress)
+    config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
+    return Tuned(config, made, responses, excess, fail_safe)
+
+
+def _with_trim(reference_map: ReferenceMap, config: Config, where: object) -> tuple[Config, Excess | None]:
+    """Return the configuration with the trim that the map needs, and the excess where that is more than it had."""
     if not asks_for_more(reference_map, config):
-        return Tuned(config, made, responses, None)
+        return config, None
     excess = model_excess(reference_map, extend(reference_map, config, config.steering.front_angle_stop), config)
     if excess.percent <= config.controller.tracking.trim_max_percent:
-        return Tuned(config, made, responses, None)
-    trim = min(float(excess.trim_percent), TRIM_MAX_PERCENT)
-    return Tuned(with_tracking(config, {"trim_max_percent": trim}, where), made, responses, excess)
+        return config, None
+    return with_tracking(config, {"trim_max_percent": min(float(excess.trim_percent), TRIM_MAX_PERCENT)}, where), excess
 
 
 def with_tracking(config: Config, changes: Mapping[str, Any], where: object) -> Config:
     """Return the configuration with kind "tracking" and changed keys of [controller.tracking]."""
+    return with_controller(config, {"tracking": changes}, where)
+
+
+def with_controller(config: Config, changes: Mapping[str, Mapping[str, Any]], where: object) -> Config:
+    """Return the configuration with kind "tracking" and changed keys of tables of [controller]."""
     data = config.model_dump(mode="json")
     data["controller"]["kind"] = "tracking"
-    data["controller"]["tracking"] |= changes
+    for table, values in changes.items():
+        data["controller"][table] |= values
     return parse(data, where)

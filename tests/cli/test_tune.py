@@ -64,10 +64,12 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     assert controller.tracking.schedule.lead_s and max(controller.tracking.schedule.response_gain_s) > 0.0
     assert "\n42.5 " in answer.out.partition("response gain s")[2]
     assert weakest(after.config, gains_of(controller.tracking.schedule)).enough
+    assert f"\ncontroller.fail_safe.rate_deg_s: {controller.fail_safe.rate_deg_s:g}" in answer.out
     # Taken out again, the controller is what it was.
     before_tracking = before.config.controller.tracking
     was = {
         "kind": "pi",
+        "fail_safe": before.config.controller.fail_safe,
         "tracking": controller.tracking.model_copy(update={"schedule": None, "lead_max_deg": before_tracking.lead_max_deg}),
     }
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config

@@ -5,7 +5,16 @@ import pytest
 
 from codegen.config import Schedule
 from codegen.tuning import transient
-from codegen.tuning.transient import LEADS_S, OVERSHOOT_PERCENT, SETTLING_S, SHARES, Response, tune_response, with_response
+from codegen.tuning.transient import (
+    LEADS_S,
+    OVERSHOOT_PERCENT,
+    SETTLING_S,
+    SHARES,
+    Response,
+    compile_controller,
+    tune_response,
+    with_response,
+)
 from codegen.tuning.tune import with_tracking
 from hil_sim.suite.cells import cells
 from hil_sim.suite.conditions import NOMINAL
@@ -21,7 +30,8 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
     config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule.model_dump(mode="json")}, "test")
     done: list[tuple[int, int]] = []
-    found = tune_response(builds.paper_map(), config, schedule, lambda *step: done.append(step))
+    software = compile_controller(builds.paper_map(), config)
+    found = tune_response(builds.paper_map(), config, schedule, software, lambda *step: done.append(step))
     assert [one.speed_km_h for one in found] == [60.0, 100.0] and all(one.is_met for one in found)
     assert [step for step, _ in done] == list(range(1, done[0][1] + 1))
     changes = with_response(config, schedule, found)

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xA341B9E4u
+#define ARS_CAN_BUILD 0xBA58FB0Eu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xA341B9E4u
+#define ARS_DYNAMICS_BUILD 0xBA58FB0Eu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xA341B9E4u
+#define ARS_INPUTS_BUILD 0xBA58FB0Eu
 
 /* One sample of what the vehicle measures. */
 typedef struct {

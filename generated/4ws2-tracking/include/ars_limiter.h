@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xA341B9E4u
+#define ARS_LIMITER_BUILD 0xBA58FB0Eu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

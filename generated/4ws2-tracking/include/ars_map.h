@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xA341B9E4u
+#define ARS_MAP_BUILD 0xBA58FB0Eu
 
 /* Breakpoints of the table. */
 enum {

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0xA341B9E4u
+#if ARS_XCP_BUILD != 0xBA58FB0Eu
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0xA341B9E4u
+#define ARS_XCP_BUILD 0xBA58FB0Eu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_GRIP_BUILD != 0xA341B9E4u
+#if ARS_GRIP_BUILD != 0xBA58FB0Eu
 #error "ars_grip.h and this source come from different builds"
 #endif
 

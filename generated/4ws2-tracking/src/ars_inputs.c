@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xA341B9E4u
+#if ARS_INPUTS_BUILD != 0xBA58FB0Eu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -95,7 +95,7 @@ ars_command_t ars_controller_step(
 
 /*
  * Checksum of all that the controller computes with and no compiler sees: CRC-32 over the map, ars_parameters_default
- * in memory. Takes about 85252 table look-ups of four bits.
+ * in memory. Takes about 85276 table look-ups of four bits.
  */
 uint32_t ars_calibration_checksum(void);
 

@@ -75,7 +75,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
 
 ARS_SECTION_CALIBRATION const char ars_epk[9] = "4CEFD4D1";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE4041F93u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x7D215DF9u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x3F5E3A23u
+#if ARS_CHECKSUM_BUILD != 0x4CEFD4D1u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -1,0 +1,212 @@
+"""Rate at which the rear angle goes to zero once everything is lost, from drives of the nonlinear plant around the C.
+
+The rear wheels must return while the driver does what the controller no longer sees. With a slow ramp, a car whose driver
+straightens the wheel still has its rear wheels turned. With a fast one, a car whose driver keeps the wheel loses what holds its
+rear axle. No rate suits every driver, so each candidate is driven with all of them, in corners up to the edge of the map.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.config import KM_H, Config
+from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
+from codegen.refmap.map import ReferenceMap
+from codegen.refmap.problem import breakpoints
+from codegen.refmap.turns import turns_of
+from codegen.sil.batch import BatchSoftware, Lanes
+from codegen.sil.closed_loop import INPUT_COLUMNS
+from codegen.tuning.transient import family_of, unit_step
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Driver = Callable[[FloatArray], FloatArray]
+"""Share of the front angle, from the time since the driver acts, in s and not below zero."""
+
+RATES_DEG_S = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Candidates beside the configured rate."""
+
+SPEED_SHARES = (2.0 / 3.0, 0.75, 5.0 / 6.0, 11.0 / 12.0, 1.0)
+"""Of the largest speed of the map: 80 to 120 km/h for a map that ends at 120 km/h. Slower cars do not spin."""
+ANGLE_SHARES = (0.5, 0.75, 1.0)
+"""Of the largest feasible front angle."""
+
+STEER_TIME, STEER_DURATION, LOSS_TIME, DRIVER_TIME, DURATION = 0.3, 0.3, 2.0, 2.2, 6.0
+"""s. The driver steers in, everything is lost, the driver acts, the drive ends."""
+
+
+def keep(seconds: FloatArray) -> FloatArray:
+    """Hold the wheel where it is."""
+    return np.ones_like(seconds)
+
+
+def straighten(seconds: FloatArray) -> FloatArray:
+    """Straighten the wheel within 0.3 s."""
+    return np.maximum(0.0, 1.0 - seconds / 0.3)
+
+
+def straighten_slowly(seconds: FloatArray) -> FloatArray:
+    """Hold the wheel for 0.5 s, then straighten it within 1 s."""
+    return np.clip(1.5 - seconds, 0.0, 1.0)
+
+
+def counter_steer(seconds: FloatArray) -> FloatArray:
+    """Turn to 0.6 of the angle on the other side within 0.4 s, hold it for half a second, straighten within 0.3 s."""
+    return np.where(seconds < 0.9, np.maximum(-0.6, 1.0 - 1.6 * seconds / 0.4), np.minimum(0.0, -0.6 + 2.0 * (seconds - 0.9)))
+
+
+DRIVERS: tuple[Driver, ...] = (keep, straighten, straighten_slowly, counter_steer)
+
+
+@dataclass(frozen=True)
+class RateOutcome:
+    """Drives with one rate.
+
+    Attributes:
+        rate_deg_s: of the fail-safe.
+        spins, runs: of the configured car with all drivers. A spin of the car that has lost nothing is not counted.
+        family_spins, family_runs: of the cars that differ from it in mass, tyres or lag.
+        sideslip_max_deg: largest of the configured car, after the loss.
+    """
+
+    rate_deg_s: float
+    spins: int
+    runs: int
+    family_spins: int
+    family_runs: int
+    sideslip_max_deg: float
+
+    @property
+    def cost(self) -> tuple[int, int, float]:
+        """What is least with the best rate, in order: spins of the configured car, of the others, and the sideslip angle."""
+        return self.spins, self.family_spins, self.sideslip_max_deg
+
+
+@dataclass(frozen=True)
+class FailSafeRate:
+    """The chosen rate and all candidates, the configured one first."""
+
+    rate_deg_s: float
+    outcomes: tuple[RateOutcome, ...]
+
+
+def tune_fail_safe(
+    reference_map: ReferenceMap,
+    config: Config,
+    software: BatchSoftware,
+    progress: Callable[[int, int], None] | None = None,
+    rates_deg_s: Sequence[float] = RATES_DEG_S,
+) -> FailSafeRate:
+    """Find the rate with the fewest spins; the configured one stays where no other is better.
+
+    Args:
+        reference_map: solved for the car of the configuration.
+        config: with the tuned controller.
+        software: the build of that map for this car; what was tuned since is taken from the configuration.
+        progress: called with (done, in all).
+        rates_deg_s: candidates beside the configured rate.
+    """
+    drives = _Drives.of(reference_map, config, software)
+    configured = config.controller.fail_safe.rate_deg_s
+    candidates = (configured, *(rate for rate in rates_deg_s if rate != configured))
+    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *candidates) for driver in DRIVERS]
+    found = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
+        for done, result in enumerate(pool.map(lambda job: drives.drive(*job), jobs), start=1):
+            found.append(result)
+            if progress is not None:
+                progress(done, len(jobs))
+    sound, *each = (found[k : k + len(DRIVERS)] for k in range(0, len(found), len(DRIVERS)))
+    outcomes = tuple(_outcome(rate, results, sound) for rate, results in zip(candidates, each, strict=True))
+    return FailSafeRate(best(outcomes).rate_deg_s, outcomes)
+
+
+def best(outcomes: Sequence[RateOutcome]) -> RateOutcome:
+    """Return the outcome with the least cost, the first of equals."""
+    return min(outcomes, key=lambda outcome: outcome.cost)
+
+
+Driven = tuple[BoolArray, FloatArray]
+"""Spins (cars, cells), and the largest sideslip angle after the loss (cars, cells) in deg."""
+
+
+def _outcome(rate: float, results: Sequence[Driven], sound: Sequence[Driven]) -> RateOutcome:
+    spins = np.array([lost & ~whole for (lost, _), (whole, _) in zip(results, sound, strict=True)])  # (drivers, cars, cells)
+    own, others = spins[:, 0], spins[:, 1:]
+    largest = max(float(sideslip[0].max()) for _, sideslip in results)
+    return RateOutcome(rate, int(own.sum()), own.size, int(others.sum()), others.size, round(largest, 1))
+
+
+@dataclass(frozen=True)
+class _Drives:
+    """The cells, and how they are driven. Cars are the rows of the family, the configured one first."""
+
+    software: BatchSoftware
+    config: Config
+    cars: int
+    lanes: Lanes
+
+    @classmethod
+    def of(cls, reference_map: ReferenceMap, config: Config, software: BatchSoftware) -> _Drives:
+        """The cells of a car on its map."""
+        assert reference_map.case is not None  # a solved map has one
+        axis, angles = breakpoints(config)
+        speed: FloatArray = axis[-1] * np.array(SPEED_SHARES)
+        speed = speed[speed >= max(float(axis[0]), config.controller.enable_speed_km_h * KM_H)]
+        edge = turns_of(config, config.case(reference_map.case)).edge(speed, float(angles[-1])).front_angle
+        angle: FloatArray = np.outer(np.minimum(edge, angles[-1]), ANGLE_SHARES)
+        family, _ = family_of(config)
+        cars = len(family)
+        lanes = Lanes(
+            np.repeat(family, angle.size, axis=0),
+            speed_factor=np.tile(np.repeat(speed, len(ANGLE_SHARES)), cars),
+            wheel_factor=np.tile(angle.ravel(), cars) * config.steering.ratio,
+            delay_samples=config.tuning.delay_samples,
+        )
+        return cls(software, config, cars, lanes)
+
+    def drive(self, rate_deg_s: float | None, driver: Driver) -> Driven:
+        """All cars in all cells, with everything lost and this rate, or with nothing lost where it is None."""
+        period = self.config.controller.sampling_time_s
+        lost_from, samples = round(LOSS_TIME / period), round(DURATION / period)
+        parameters, lanes = self._parameters(), self.lanes
+        if rate_deg_s is not None:
+            parameters.fail_safe_rate = math.radians(rate_deg_s)
+            noise = np.zeros((samples, 3, self.lanes.cars.shape[0]))
+            noise[lost_from:] = math.nan
+            lanes = replace(lanes, noise=noise)
+        sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
+        # Written so that a car beyond all numbers has spun.
+        held = (np.abs(sideslip) <= SPIN_SIDESLIP) | (np.abs(slip) <= SPIN_REAR_SLIP)
+        largest = np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
+        return ~held.all(axis=0).reshape(self.cars, -1), largest.reshape(self.cars, -1)
+
+    def _parameters(self) -> Any:
+        """The build's, with what was tuned after it."""
+        tracking = self.config.controller.tracking
+        assert tracking.schedule is not None  # the configuration is tuned
+        parameters = self.software.parameters()
+        if tracking.schedule.lead_s is not None:
+            parameters.lead_time = tracking.schedule.lead_s
+        if tracking.schedule.response_gain_s is not None:
+            parameters.response_gain = tracking.schedule.response_gain_s
+        parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
+        parameters.trim_share = tracking.trim_max_percent / 100.0
+        return parameters
+
+    def _profile(self, driver: Driver) -> FloatArray:
+        """The inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
+        profile = unit_step(self.config, STEER_TIME, DURATION)
+        time: FloatArray = np.arange(profile.shape[0], dtype=np.float64) * self.config.plant.sampling_time_s
+        share = np.clip((time - STEER_TIME) / STEER_DURATION, 0.0, 1.0)
+        share[time >= DRIVER_TIME] = driver(time[time >= DRIVER_TIME] - DRIVER_TIME)
+        profile[:, INPUT_COLUMNS.index("steering_wheel_command")] = share
+        return profile

@@ -1,0 +1,60 @@
+"""The choice of lead and response gain among figures that are planted."""
+
+import numpy as np
+import pytest
+
+from codegen.tuning import transient
+from codegen.tuning.transient import FIGURES, LEADS_S, RESPONSE_GAINS_S, _Search
+
+OWN = {"overshoot": 1.0, "settling": 0.8, "overshoot at larger angles": 1.0, "settling at larger angles": 0.8, "rise": 0.3}
+"""A configured car at its aims."""
+
+
+def search(speeds: int = 1) -> _Search:
+    """A search of which only the limits and the number of speeds count: the configured car and one other."""
+    limits = np.array([3.0, 15.0])
+    names = {"software": None, "schedule": None, "profile": None, "lanes": None}
+    return _Search(**names, speeds=tuple(60.0 + 20.0 * k for k in range(speeds)), limits=limits)  # type: ignore[arg-type]
+
+
+def figures(*rows: dict[str, float], other: float = 2.0) -> np.ndarray:
+    """Figures (n, 5, 2, 1): what differs from OWN; the overshoot of the other car."""
+    result = np.zeros((len(rows), len(FIGURES), 2, 1))
+    for k, row in enumerate(rows):
+        result[k, :, 0, 0] = [{**OWN, **row}[name] for name in FIGURES]
+        result[k, 0, 1, 0] = row.get("other", other)
+    return result
+
+
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        pytest.param({"rise": 0.5}, {"rise": 0.2, "overshoot": 2.0}, id="the aim before the rise time"),
+        pytest.param({"rise": 0.5, "overshoot": 4.2}, {"rise": 0.2, "overshoot": 4.6}, id="the limit before the rise time"),
+        pytest.param(
+            {"overshoot": 9.0, "overshoot at larger angles": 4.0},
+            {"overshoot": 5.0, "overshoot at larger angles": 5.0},
+            id="the larger angles before all",
+        ),
+        pytest.param({"rise": 0.5}, {"rise": 0.2, "other": 16.0}, id="the limit of other cars before the rise time"),
+        pytest.param({"rise": 0.5}, {"rise": 0.4, "other": 8.0}, id="overshoot of other cars has its price"),
+        pytest.param({"rise": 0.4}, {"rise": 0.3, "settling": np.inf, "overshoot": np.inf}, id="no spin"),
+    ],
+)
+def test_what_counts_first(better: dict[str, float], worse: dict[str, float]) -> None:
+    assert search().best(figures(worse, better)) == [1]
+    assert search().best(figures(better, worse)) == [0]
+
+
+def test_pairs_of_neighbouring_speeds_stay_near_each_other_unless_it_costs_more() -> None:
+    """Three speeds; at the middle one a pair far away is a little faster than the one next to the best of the others."""
+    pairs = np.array([[(lead, gain)] * 3 for lead in LEADS_S[:2] for gain in RESPONSE_GAINS_S])
+    near, far = 0, len(pairs) - 1
+    found = np.repeat(figures(*[{"rise": 0.6}] * len(pairs)), 3, axis=-1)
+    rise = found[:, FIGURES.index("rise"), 0]
+    rise[near] = 0.3, 0.31, 0.3
+    steps = 1 + len(RESPONSE_GAINS_S) - 1
+    for gain, chosen in ((0.5, near), (1.5, far)):  # times what the way there and back costs
+        rise[far, 1] = 0.31 - gain * 2.0 * steps * transient.DISTANCE_PRICE_S
+        assert search(3).smooth_best(pairs, found) == [near, chosen, near]
+    assert search(3).best(found)[1] == far

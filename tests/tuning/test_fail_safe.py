@@ -1,0 +1,80 @@
+"""Rate of the fail-safe: the verdict on each candidate, driven alone and step by step, and the choice among them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from codegen.config import KM_H
+from codegen.refmap.turns import turns_of
+from codegen.sil.plant import Plant, PlantInput
+from codegen.sil.software import Measurement
+from codegen.tuning import fail_safe
+from codegen.tuning.fail_safe import (
+    DRIVER_TIME,
+    DRIVERS,
+    DURATION,
+    LOSS_TIME,
+    STEER_DURATION,
+    STEER_TIME,
+    Driver,
+    RateOutcome,
+    best,
+    tune_fail_safe,
+)
+from codegen.tuning.transient import compile_controller
+from codegen.tuning.tune import with_controller
+from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP
+from hil_sim.suite.subjects import of_config
+from tests import builds
+
+SPEED = 120.0 * KM_H
+SLOW, FAST = 0.5, 25.0
+"""deg/s: the first spins where the driver straightens, the other where the driver keeps the wheel."""
+
+
+def spins_alone(rate_deg_s: float, driver: Driver) -> bool:
+    """Whether the configured car spins at the edge of the map at 120 km/h: plant and controller in a loop of Python."""
+    config = with_controller(builds.TRACKING_CONFIG, {"fail_safe": {"rate_deg_s": rate_deg_s}}, "test")
+    plant, controller = Plant(config), of_config("alone", builds.paper_map(), config).around(config).controller()
+    period, steps = config.controller.sampling_time_s, round(config.controller.sampling_time_s / config.plant.sampling_time_s)
+    edge = turns_of(config, config.case("4ws-2")).edge(np.array([SPEED]), 1.0).front_angle[0] * config.steering.ratio
+    commands = [0.0] * config.tuning.delay_samples
+    for sample in range(round(DURATION / period)):
+        time = sample * period
+        share = min(max((time - STEER_TIME) / STEER_DURATION, 0.0), 1.0)
+        if time >= DRIVER_TIME:
+            share = float(driver(np.array([time - DRIVER_TIME]))[0])
+        car = plant.sample(PlantInput(SPEED, share * edge, commands[0], config.road.friction))
+        measured = Measurement(SPEED, car.front_angle, car.yaw_rate, car.rear_angle)
+        if time >= LOSS_TIME - 0.5 * period:
+            measured = replace(measured, speed=math.nan, front_angle=math.nan, yaw_rate=math.nan)
+        if abs(car.sideslip_angle) > SPIN_SIDESLIP and abs(car.slip_rear) > SPIN_REAR_SLIP:
+            return True
+        commands.append(controller.step(measured).rear_angle)
+        plant.advance([PlantInput(SPEED, share * edge, commands.pop(0), config.road.friction)] * steps)
+    return False
+
+
+def test_each_rate_spins_as_often_as_when_driven_alone_and_wrong_ones_lose(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fail_safe, "SPEED_SHARES", (1.0,))
+    monkeypatch.setattr(fail_safe, "ANGLE_SHARES", (1.0,))
+    config = builds.TRACKING_CONFIG
+    planted = with_controller(config, {"fail_safe": {"rate_deg_s": FAST}}, "test")
+    done: list[tuple[int, int]] = []
+    software = compile_controller(builds.paper_map(), config)
+    found = tune_fail_safe(builds.paper_map(), planted, software, lambda *step: done.append(step), (SLOW, 2.5))
+    assert [one.rate_deg_s for one in found.outcomes] == [FAST, SLOW, 2.5]
+    for one in found.outcomes:
+        assert one.spins == sum(spins_alone(one.rate_deg_s, driver) for driver in DRIVERS)
+    assert found.rate_deg_s == 2.5
+    assert done == [(step, 4 * len(DRIVERS)) for step in range(1, 4 * len(DRIVERS) + 1)]
+
+
+def test_a_spin_counts_before_the_sideslip_angle_and_the_configured_rate_stays_among_equals() -> None:
+    calm, spinning = RateOutcome(2.0, 0, 9, 3, 9, 9.0), RateOutcome(4.0, 1, 9, 0, 9, 2.0)
+    assert best([spinning, calm]) == calm
+    assert best([calm, RateOutcome(5.0, 0, 9, 2, 9, 9.5)]).rate_deg_s == 5.0
+    assert best([calm, RateOutcome(5.0, 0, 9, 3, 9, 8.9)]).rate_deg_s == 5.0
+    assert best([calm, replace(calm, rate_deg_s=1.0)]) == calm
