@@ -28,12 +28,9 @@ def tyre(shape_factor: float = 1.3, curvature_factor: float = -0.5) -> MagicForm
 
 
 def axle_curve(of: MagicFormulaTyre, x: Any, loss: float) -> Any:
-    """The curve c itself, from c = s - loss s c^2 and s = sin(C atan(x - E (x - atan x))), by Newton's method."""
+    """The curve c itself: the root of loss s c^2 + c = s with s = sin(C atan(x - E (x - atan x)))."""
     s = np.sin(of.shape_factor * np.arctan(x - of.curvature_factor * (x - np.arctan(x))))
-    c = s
-    for _ in range(20):
-        c = c - (c - s + loss * s * c * c) / (1.0 + 2.0 * loss * s * c)
-    return c
+    return 2.0 * s / (1.0 + np.sqrt(1.0 + 4.0 * loss * s * s))
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2, -0.1])
