@@ -1,8 +1,9 @@
-"""The linearised plant: straight ahead the linear single-track car, in a turn the slope of the plant by differences."""
+"""The linearised plant: straight ahead the linear single-track car, in a turn the slope of the plant."""
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from codegen import config as configuration
 from codegen.config import Config
@@ -34,7 +35,7 @@ def test_straight_ahead_it_is_the_single_track_car(config: Config, mass: float, 
 
 
 def test_in_a_turn_it_is_the_slope_of_the_plant() -> None:
-    """Central differences of the configuration's own plant at the turn that was found, sampled the same way."""
+    """The Jacobian of the configuration's own plant (see `tests/vehicle`) at the turn that was found, sampled the same way."""
     change, factor = plants.mass(20.0), 1.2
     speed, friction, share = 20.0, 0.7, 0.5
     turns = linearised(CONFIG, speed, friction, factor, share)
@@ -46,27 +47,17 @@ def test_in_a_turn_it_is_the_slope_of_the_plant() -> None:
     u[PLANT_INPUTS.index("speed")], u[PLANT_INPUTS.index("friction")] = speed, friction
     u[PLANT_INPUTS.index("steering_wheel_command")] = x[PLANT_STATES.index("steering_wheel_angle")]
 
-    def rate(state: np.ndarray) -> np.ndarray:
-        return np.asarray(model.derivative(state, u)).ravel()
+    def rates(lateral_speed: float) -> np.ndarray:
+        x[PLANT_STATES.index("lateral_speed")] = lateral_speed
+        return np.asarray(model.derivative(x, u)).ravel()
 
-    # The lateral speed at which the side forces hold the turn, by bisection: nothing of Newton's method.
-    low, high = -5.0, 5.0
-    for _ in range(200):
-        x[0] = 0.5 * (low + high)
-        low, high = (x[0], high) if rate(x)[0] > 0.0 else (low, x[0])
-    assert abs(rate(x)[1]) < 1e-6  # rad/s^2: the yaw moment is then in balance too
+    # The lateral speed at which the side forces hold the turn, by bracketing: nothing of Newton's method.
+    held = brentq(lambda lateral_speed: rates(lateral_speed)[0], -5.0, 5.0, xtol=1e-14)
+    assert abs(rates(held)[1]) < 1e-6  # rad/s^2: the yaw moment is then in balance too
     kept = [PLANT_STATES.index(name) for name in ("lateral_speed", "yaw_rate", "rear_angle")]
-    step = 1e-6
-    slopes = []
-    for index in kept:
-        ends = [x.copy(), x.copy()]
-        ends[0][index] -= step
-        ends[1][index] += step
-        slopes.append((rate(ends[1]) - rate(ends[0]))[kept] / (2.0 * step))
-    expected = np.array(slopes).T
+    slopes = np.array(model.jacobian(x, u)[0])[np.ix_(kept, kept)]
     found = turns.sampled.transition[0]
-    # Differences over 1e-6 of values of order 100 carry some 1e-8.
-    assert np.abs(found - expm(expected * CONFIG.controller.sampling_time_s)).max() < 1e-7
+    np.testing.assert_allclose(found, expm(slopes * CONFIG.controller.sampling_time_s), rtol=0.0, atol=SAME)
 
 
 def test_a_turn_beyond_the_grip_is_not_found() -> None:

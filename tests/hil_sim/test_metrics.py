@@ -69,28 +69,6 @@ def test_a_spin_needs_ten_degrees_and_a_sliding_rear_axle() -> None:
     assert spin_time(made) == pytest.approx(4.0)
 
 
-@signs
-def test_step(sign: float) -> None:
-    """The yaw rate rises from 2 s on within 0.5 s to 0.6 rad/s and falls to 0.5 until 3 s."""
-    made = record(
-        6.0,
-        yaw_rate_rad_s=lambda t: sign * np.interp(t, [2.0, 2.5, 3.0], [0.0, 0.6, 0.5]),
-        yaw_rate_reference_rad_s=sign * 0.4,
-        sideslip_rad=lambda t: sign * np.interp(t, [2.0, 2.5, 3.0], [0.0, -0.03, 0.01]),
-        front_angle_rad=lambda t: np.where(t >= 2.0, sign * 0.1, 0.0),
-    )
-    found = step_metrics(made, 2.0, RATIO)
-    assert found.settled
-    # 90 % of 0.5 rad/s lies 0.375 s up the ramp, and 0.51 rad/s 0.45 s down the other one; the row at or after it counts.
-    times = (found.peak_time_s, found.rise_time_s, found.settling_time_s)
-    assert times == pytest.approx((0.5, 0.38, 0.95))
-    assert (found.overshoot_percent, found.yaw_rate_gain_per_s) == pytest.approx((20.0, 0.5 / (0.1 * RATIO)))
-    rates = (found.yaw_rate_steady_deg_s, found.yaw_rate_peak_deg_s, found.yaw_rate_reference_deg_s)
-    assert rates == pytest.approx([sign * math.degrees(rate) for rate in (0.5, 0.6, 0.4)])
-    angles = (found.sideslip_abs_max_deg, found.sideslip_steady_deg)
-    assert angles == pytest.approx((math.degrees(0.03), sign * math.degrees(0.01)))
-
-
 @pytest.mark.parametrize(
     ("wave", "settling_time"),
     [

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
 from codegen.config import KM_H, Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap import exact
@@ -23,10 +22,9 @@ from hil_sim import second_plant
 from hil_sim.metrics import column
 from hil_sim.scenarios import PATH_SCENARIOS
 from hil_sim.second_plant.run import STEER_TIME as SECOND_STEER_TIME
-from hil_sim.suite import conditions as known
 from hil_sim.suite import plants, tracking
 from hil_sim.suite.cells import DURATION, SHARES, SPEEDS_KM_H, STEER_TIME, Cell, c1, cells
-from hil_sim.suite.conditions import CONDITIONS, LAGS, NOMINAL
+from hil_sim.suite.conditions import COMBINED, CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
@@ -41,10 +39,6 @@ from tests.hil_sim.made import record, spun
 
 CONFIG = builds.CONFIG
 CASE = CONFIG.case("4ws-2")
-BY_B = configuration.parse(
-    {**CONFIG.model_dump(), "tyre": {axle: {"stiffness_factor_b_per_rad": 18.0} for axle in ("front", "rear")}}, "test"
-)
-"""A car whose tyres are given by B."""
 
 
 @pytest.fixture(scope="module")
@@ -81,46 +75,21 @@ def test_a_cell_is_a_step_at_the_steering_wheel() -> None:
     assert np.isnan(Cell(80.0, 3.0).scenario(CONFIG).inputs(CONFIG)[0, 3])
 
 
-@pytest.mark.parametrize("base", [CONFIG, BY_B], ids=["by slope", "by B"])
-@pytest.mark.parametrize(
-    ("change", "front", "rear", "peak", "loaded", "tables"),
-    [
-        # Mass comes with inertia and leaves the tyres as they are at the same load.
-        (plants.mass(20.0), 1.0, 1.0, 1.0, 1.0, {"vehicle", "tyre"}),
-        (plants.stiffness(-20.0, 15.0), 0.8, 1.15, 1.0, 1.0, {"tyre"}),
-        (plants.peak(-10.0), 1.0, 1.0, 0.9, 0.9, {"tyre"}),
-        # It acts away from the static load only.
-        (plants.load_sensitivity(-0.1), 1.0, 1.0, 1.0, 0.95, {"tyre"}),
-        (plants.actuator_lag(0.1), 1.0, 1.0, 1.0, 1.0, {"rear_actuator"}),
-        (plants.relaxation(0.6), 1.0, 1.0, 1.0, 1.0, {"plant"}),
-        # At the nominal car's static load the heavier car's wheel is lightly loaded: dFz = 1/1.2 - 1, and 1.5/1.2 - 1.
-        (
-            known.COMBINED.plant,
-            *(0.8, 0.8, 0.9 - 0.1 * (1.0 / 1.2 - 1.0), 0.9 - 0.1 * (1.5 / 1.2 - 1.0)),
-            {"vehicle", "tyre", "rear_actuator", "plant"},
-        ),
-    ],
-)
-def test_a_plant_differs_in_what_is_varied(
-    base: Config, change: plants.Change, front: float, rear: float, peak: float, loaded: float, tables: set[str]
-) -> None:
-    """Cornering stiffness, and peak force at once and 1.5 times the static load of the nominal car."""
-    car, nominal = change(base), AxleTyres.from_config(CONFIG)
-    for axle, slope in (("front", front), ("rear", rear)):
-        load = getattr(nominal, axle).static_load
-        ours, theirs = (getattr(AxleTyres.from_config(config), axle) for config in (car, base))
-        assert ours.cornering_stiffness == pytest.approx(slope * theirs.cornering_stiffness, rel=1e-12)
-        assert ours.peak(load, 0.9) == pytest.approx(peak * theirs.peak(load, 0.9), rel=1e-12)
-        assert ours.peak(1.5 * load, 0.9) == pytest.approx(loaded * theirs.peak(1.5 * load, 0.9), rel=1e-12)
-    before, after = base.model_dump(), car.model_dump()
-    assert {name for name in before if before[name] != after[name]} == tables
-    if "vehicle" in tables:
-        assert car.vehicle.mass_kg / base.vehicle.mass_kg == pytest.approx(1.2)
-        assert car.vehicle.yaw_inertia_kg_m2 / base.vehicle.yaw_inertia_kg_m2 == pytest.approx(1.2)
-    lag_and_way = (car.rear_actuator.lag_s, car.plant.relaxation_length_m)
-    assert lag_and_way == (0.1 if "rear_actuator" in tables else 0.05, 0.6 if "plant" in tables else 0.0)
+def test_load_sensitivity_and_relaxation() -> None:
+    """`tests/sweep` compares the other changes with the cars of a campaign; one condition has all of them."""
+    own = plants.together(plants.load_sensitivity(-0.1), plants.relaxation(0.6))
+    others = plants.together(plants.mass(20.0), plants.stiffness(-20.0, -20.0), plants.peak(-10.0), plants.actuator_lag(0.1))
+    assert COMBINED.plant(CONFIG) == plants.together(others, own)(CONFIG)
+    car = own(CONFIG)
+    varied, nominal = AxleTyres.from_config(car), AxleTyres.from_config(CONFIG)
+    for tyre, base in ((varied.front, nominal.front), (varied.rear, nominal.rear)):
+        load = base.static_load
+        assert tyre.cornering_stiffness == pytest.approx(base.cornering_stiffness, rel=1e-12)
+        assert tyre.peak(load, 0.9) == pytest.approx(base.peak(load, 0.9), rel=1e-12)  # it acts away from the static load only
+        assert tyre.peak(1.5 * load, 0.9) == pytest.approx(0.95 * base.peak(1.5 * load, 0.9), rel=1e-12)
+    assert car.plant.relaxation_length_m == 0.6
     with pytest.raises(ConfigError, match=r"varied plant.*mass_kg"):  # no car can have that
-        plants.mass(-95.0)(base)
+        plants.mass(-95.0)(CONFIG)
 
 
 def ramp_with_peak(sign: float = 1.0) -> np.ndarray:

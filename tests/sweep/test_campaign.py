@@ -39,24 +39,6 @@ def without_noise(plan: Plan) -> Plan:
     return replace(plan, spec=plan.spec.model_copy(update={"factors": quiet}))
 
 
-def test_every_run_has_its_row(plan: Plan, whole: Path) -> None:
-    assert plan.chunk_count == 3
-    table = pq.read_table(whole).to_pandas()
-    assert table.run.tolist() == list(range(6 * SAMPLES))
-    assert table["sample"].tolist() == [run // 6 for run in range(6 * SAMPLES)]
-    assert table.scenario.tolist()[:6] == ["step-steer"] * 3 + ["sine-with-dwell"] * 3
-    assert table.controller.tolist()[:4] == ["pi", "tracking", "passive", "pi"]
-    # A sample is one car on one road for all controllers and scenarios.
-    assert (table.groupby("sample").friction.nunique() == 1).all()
-    assert table.friction.nunique() == SAMPLES
-    # Figures that a run does not have are null.
-    dwell, spun = table.scenario == "sine-with-dwell", table.spun_at_s.notna()
-    assert table[dwell].settled.isna().all() and table[dwell].overshoot_percent.isna().all()
-    assert table[~dwell & ~spun].overshoot_percent.notna().any()
-    assert 0 < spun.sum() < spun.size
-    assert table[spun].sideslip_abs_max_deg.isna().all()
-
-
 def test_two_threads_give_the_same_bytes(plan: Plan, whole: Path, tmp_path: Path) -> None:
     assert run_campaign(plan, tmp_path / "two", Threads(2)).read_bytes() == whole.read_bytes()
 

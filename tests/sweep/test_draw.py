@@ -69,9 +69,15 @@ def test_distributions() -> None:
 
 VEHICLE = builds.CONFIG.vehicle
 ARMS = {"cg_to_front_axle_m": VEHICLE.cg_to_front_axle_m - 0.1, "cg_to_rear_axle_m": VEHICLE.cg_to_rear_axle_m + 0.1}
+BY_B = plants.changed(
+    builds.CONFIG,
+    {"tyre": {axle: {"stiffness_factor_b_per_rad": 18.0, "cornering_stiffness_n_per_rad": None} for axle in ("front", "rear")}},
+)
+"""A car whose tyres are given by B."""
 INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
 
 
+@pytest.mark.parametrize("base", [builds.CONFIG, BY_B], ids=["by slope", "by B"])
 @pytest.mark.parametrize(
     ("factors", "change"),
     [
@@ -91,8 +97,10 @@ INERTIA = {"yaw_inertia_kg_m2": 1.3 * VEHICLE.yaw_inertia_kg_m2}
         ),
     ],
 )
-def test_cars_are_those_of_the_changed_configuration(factors: Mapping[str, float], change: Callable[[Config], Config]) -> None:
-    (found,) = cars(builds.CONFIG, {key: np.array([value]) for key, value in factors.items()}, 1)
-    wanted = plant_parameters(change(builds.CONFIG))
+def test_cars_are_those_of_the_changed_configuration(
+    factors: Mapping[str, float], change: Callable[[Config], Config], base: Config
+) -> None:
+    (found,) = cars(base, {key: np.array([value]) for key, value in factors.items()}, 1)
+    wanted = plant_parameters(change(base))
     for name, one, other in zip(PLANT_PARAMETERS, found, wanted, strict=True):
         assert one == pytest.approx(other, rel=ROUNDING), name

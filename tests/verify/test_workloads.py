@@ -1,21 +1,29 @@
 """Rows for each counted function, cycles of the task with all that a bus can do, and the search for the longest call."""
 
+import functools
+
 import numpy as np
 import pytest
 
+from codegen.emit.can_view import task_view
 from codegen.sil.software import Status
 from codegen.verify.budgets import states
-from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Rows
+from codegen.verify.budgets.counting import CONDITIONS, MOTION, TASK, Counter, Rows
 from codegen.verify.budgets.states import histories, long_ways, long_ways_of_task
 from codegen.verify.budgets.workloads import Fault, events_of
 from codegen.verify.budgets.worst import Figures, Search
 from codegen.verify.drives import Ground, measurements_of
 from hil_sim.e2e import E2eStatus, Receiver
-from tests.verify import builds
-from tests.verify.test_counting import PI, counter
+from tests.verify import builds, planted
 
 MOTION_ID = 0x101
+PI = builds.made("pi", "uneven")
 GROUND = Ground.of(PI.manifest)
+
+
+@functools.cache
+def counter() -> Counter:
+    return Counter(planted.subject_of(PI).sources(), "ars", task_view(builds.config_of("pi")))
 
 
 def cycles(*faults: Fault) -> Rows:
@@ -52,6 +60,17 @@ def test_a_receiver_recognises_each_fault(fault: Fault, status: E2eStatus) -> No
     rows = cycles(Fault.NONE, Fault.NONE, fault, Fault.NONE)
     assert (statuses(rows)[0], statuses(rows)[2]) == ([E2eStatus.INITIAL], [status])
     assert events_of(rows, counter()).regular.tolist() == [True, True, fault is not Fault.FOREIGN, True]
+
+
+def test_calls_that_are_not_counted_leave_their_state() -> None:
+    """The last run of the task takes another path with frames than without, though they came before the count."""
+    instructions = []
+    for fault in (Fault.NONE, Fault.MISSING):
+        events = events_of(cycles(Fault.NONE, fault), counter()).events
+        assert events[-1]["kind"] == TASK
+        counter().run("task", events[:-1])
+        instructions.append(counter().count("task", events[-1:]).instructions[0])
+    assert instructions[0] != instructions[1]
 
 
 def test_long_ways_are_as_long_as_their_limits() -> None:
