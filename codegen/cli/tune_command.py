@@ -81,7 +81,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
-    notes = [text for text in (*chosen.notes, critical_speed_note(config)) if text]
+    notes = [text for text in (*chosen.notes, critical_speed_note(config), _stability_note(tuned)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
         responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
@@ -111,6 +111,18 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
             where=config_path,
             remedy="solve the map again with this file, then tune it",
         )
+
+
+def _stability_note(made: Tuned) -> str:
+    """Return a warning where the tuned loop is driven otherwise than computed; "" where not, or nothing can be driven."""
+    from codegen.sweep.region import confirm_with, region
+    from codegen.tuning.fail_safe import tuned_parameters
+
+    linear = region(made.config)
+    if made.software is None or linear is None:
+        return ""
+    parameters = tuned_parameters(made.software, made.config)
+    return confirm_with(linear, made.software, made.config, parameters).disagreement
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:

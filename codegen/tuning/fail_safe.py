@@ -145,6 +145,20 @@ def _outcome(rate: float, results: Sequence[Driven], sound: Sequence[Driven]) ->
     return RateOutcome(rate, int(own.sum()), own.size, int(others.sum()), others.size, round(largest, 1))
 
 
+def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
+    """Return the build's parameters with what was tuned after it, from a tuned configuration."""
+    tracking = config.controller.tracking
+    assert tracking.schedule is not None  # the configuration is tuned
+    parameters = software.parameters(fail_safe_rate=math.radians(config.controller.fail_safe.rate_deg_s))
+    if tracking.schedule.lead_s is not None:
+        parameters.lead_time = tracking.schedule.lead_s
+    if tracking.schedule.response_gain_s is not None:
+        parameters.response_gain = tracking.schedule.response_gain_s
+    parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
+    parameters.trim_share = tracking.trim_max_percent / 100.0
+    return parameters
+
+
 @dataclass(frozen=True)
 class _Drives:
     """The cells, and how they are driven. Cars are the rows of the family, the configured one first."""
@@ -177,7 +191,7 @@ class _Drives:
         """All cars in all cells, with everything lost and this rate, or with nothing lost where it is None."""
         period = self.config.controller.sampling_time_s
         lost_from, samples = round(LOSS_TIME / period), round(DURATION / period)
-        parameters, lanes = self._parameters(), self.lanes
+        parameters, lanes = tuned_parameters(self.software, self.config), self.lanes
         if rate_deg_s is not None:
             parameters.fail_safe_rate = math.radians(rate_deg_s)
             noise = np.zeros((samples, 3, self.lanes.cars.shape[0]))
@@ -188,19 +202,6 @@ class _Drives:
         held = (np.abs(sideslip) <= SPIN_SIDESLIP) | (np.abs(slip) <= SPIN_REAR_SLIP)
         largest = np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
         return ~held.all(axis=0).reshape(self.cars, -1), largest.reshape(self.cars, -1)
-
-    def _parameters(self) -> Any:
-        """The build's, with what was tuned after it."""
-        tracking = self.config.controller.tracking
-        assert tracking.schedule is not None  # the configuration is tuned
-        parameters = self.software.parameters()
-        if tracking.schedule.lead_s is not None:
-            parameters.lead_time = tracking.schedule.lead_s
-        if tracking.schedule.response_gain_s is not None:
-            parameters.response_gain = tracking.schedule.response_gain_s
-        parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
-        parameters.trim_share = tracking.trim_max_percent / 100.0
-        return parameters
 
     def _profile(self, driver: Driver) -> FloatArray:
         """The inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""
