@@ -260,15 +260,16 @@ def _print_fail_safe(found: FailSafeRate) -> None:
     from codegen.report.summary import table
 
     first, *_ = found.outcomes
+    others = max(one.family_runs for one in found.outcomes)
     console.say(
-        f"everything lost, {first.runs} drives of the configured car and {first.family_runs} of others at each rate: "
-        "the fewest spins"
+        f"everything lost, {first.runs} drives of the configured car at each rate, and {others} of others at those with the "
+        "fewest spins"
     )
     rows = [
         (
             f"{one.rate_deg_s:g}" + (" *" if one.rate_deg_s == found.rate_deg_s else ""),
             str(one.spins),
-            str(one.family_spins),
+            "-" if one.family_spins is None else str(one.family_spins),
             f"{one.sideslip_max_deg:.1f}",
         )
         for one in sorted(found.outcomes, key=lambda outcome: outcome.rate_deg_s)
