@@ -24,10 +24,11 @@ NAMES = {
     "campaign": "campaign",
     "minimal-error": "minimal_error",
     "signal-faults": "signal_faults",
+    "stability": "stability",
 }
 """What the user calls a benchmark -> its module."""
 
-ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults")
+ON_REQUEST = ("can", "cortex-m", "newcomer", "agreement", "minimal-error", "signal-faults", "stability")
 """Only where named: they need what not every machine has, or measure no time."""
 
 READING = "Times: median (smallest–largest). Times faster: time of the peer over ours, median over pairs taken side by side."

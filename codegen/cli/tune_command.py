@@ -81,7 +81,7 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
-    notes = [text for text in (*chosen.notes, critical_speed_note(config)) if text]
+    notes = [text for text in (*chosen.notes, critical_speed_note(config), _stability_note(tuned)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
         responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
@@ -111,6 +111,18 @@ def _check_same_origin(reference_map: ReferenceMap, config: Config, config_path:
             where=config_path,
             remedy="solve the map again with this file, then tune it",
         )
+
+
+def _stability_note(made: Tuned) -> str:
+    """Return a warning where the tuned loop is driven otherwise than computed; "" where not, or nothing can be driven."""
+    from codegen.sweep.region import confirm_with, region
+    from codegen.tuning.fail_safe import tuned_parameters
+
+    linear = region(made.config)
+    if made.software is None or linear is None:
+        return ""
+    parameters = tuned_parameters(made.software, made.config)
+    return confirm_with(linear, made.software, made.config, parameters).disagreement
 
 
 def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
@@ -248,15 +260,16 @@ def _print_fail_safe(found: FailSafeRate) -> None:
     from codegen.report.summary import table
 
     first, *_ = found.outcomes
+    others = max(one.family_runs for one in found.outcomes)
     console.say(
-        f"everything lost, {first.runs} drives of the configured car and {first.family_runs} of others at each rate: "
-        "the fewest spins"
+        f"everything lost, {first.runs} drives of the configured car at each rate, and {others} of others at those with the "
+        "fewest spins"
     )
     rows = [
         (
             f"{one.rate_deg_s:g}" + (" *" if one.rate_deg_s == found.rate_deg_s else ""),
             str(one.spins),
-            str(one.family_spins),
+            "-" if one.family_spins is None else str(one.family_spins),
             f"{one.sideslip_max_deg:.1f}",
         )
         for one in sorted(found.outcomes, key=lambda outcome: outcome.rate_deg_s)

@@ -54,6 +54,10 @@ NEAR = 0.02
 """A loop whose slowest pole moves by less than this share in a second is neither seen to grow nor to die out."""
 
 
+ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED = "car alone unstable", "reference model unstable", "unexplained"
+"""What explains that a cell is driven otherwise than computed: feedback of bounded authority does not hold such a car."""
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """One controller. Arrays (masses, frictions, speeds).
@@ -137,14 +141,36 @@ class Region:
         return beyond
 
     @property
+    def disagreeing(self) -> BoolArray:
+        """Cells where the drive says otherwise than the linearisation, of the loop or of its gain margin."""
+        cells: BoolArray = self.contradicted | self.margin_contradicted
+        return cells
+
+    @property
+    def disagreeing_from(self) -> float | None:
+        """The lowest speed of such a cell, km/h; None where there is none."""
+        found = np.flatnonzero(self.disagreeing.any(axis=(0, 1)))
+        return self.speeds_km_h[int(found[0])] if found.size else None
+
+    @property
+    def explanations(self) -> dict[str, int]:
+        """Disagreeing cells by what explains them, the first that does."""
+        cells = self.disagreeing
+        model = np.array(self.speeds_km_h) >= self.critical_speed_km_h
+        return {
+            ALONE_UNSTABLE: int((cells & ~self.without).sum()),
+            MODEL_UNSTABLE: int((cells & self.without & model).sum()),
+            UNEXPLAINED: int((cells & ~self.beyond_linear).sum()),
+        }
+
+    @property
     def disagreement(self) -> str:
         """A warning where computed and driven stability disagree, with what explains it and what to do; "" where not."""
-        cells = self.contradicted | self.margin_contradicted
-        if not cells.any():
+        cells, first = self.disagreeing, self.disagreeing_from
+        if first is None:
             return ""
         counts = (self.contradicted.sum(), cells.size, self.margin_contradicted.sum(), self.margin_sample.sum())
-        first = self.speeds_km_h[int(np.flatnonzero(cells.any(axis=(0, 1)))[0])]
-        unexplained = int((cells & ~self.beyond_linear).sum())
+        unexplained = self.explanations[UNEXPLAINED]
         why = "the car alone or the reference model is unstable there, and feedback of bounded authority does not hold it"
         why += f" (but for {unexplained} unexplained)" if unexplained else ""
         return (
@@ -232,19 +258,34 @@ def confirm(linear: Region, files: Mapping[str, bytes], manifest: Mapping[str, A
         BuildError: the C does not compile.
     """
     config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
-    software = compile_batch(files, manifest, config, isa=isa)
+    return confirm_with(linear, compile_batch(files, manifest, config, isa=isa), config)
+
+
+def confirm_with(linear: Region, software: BatchSoftware, config: Config, parameters: Any | None = None) -> Region:
+    """The same of a compiled build, with the parameters of a controller that was tuned after it.
+
+    Args:
+        config: with the controller that `linear` is of.
+        parameters: of that controller; None takes the build's.
+    """
     mass, friction, speed = (values.ravel() for values in _grid(config))
-    driven = _is_stable(software, config, mass, friction, speed, np.ones(mass.size))
+    driven = _is_stable(software, config, parameters, mass, friction, speed, np.ones(mass.size))
     sample = linear.margin_sample.ravel()
     margin = np.full((len(MARGIN_SHARES), mass.size), np.nan)
     for row, gain in zip(margin, _gains_about(linear.gain_limit.ravel()[sample]), strict=True):
-        row[sample] = _is_stable(software, config, mass[sample], friction[sample], speed[sample], gain)
+        row[sample] = _is_stable(software, config, parameters, mass[sample], friction[sample], speed[sample], gain)
     shape = linear.stable.shape
     return replace(linear, driven=driven.reshape(shape), margin_driven=margin.reshape(-1, *shape))
 
 
 def _is_stable(
-    software: BatchSoftware, config: Config, mass: FloatArray, friction: FloatArray, speed: FloatArray, gain: FloatArray
+    software: BatchSoftware,
+    config: Config,
+    parameters: Any | None,
+    mass: FloatArray,
+    friction: FloatArray,
+    speed: FloatArray,
+    gain: FloatArray,
 ) -> BoolArray:
     """(n,) whether the loop swings less late than early and never grew, each with its gain multiplied."""
     lanes = Lanes(
@@ -259,7 +300,7 @@ def _is_stable(
         controlled=np.full(mass.size, fill_value=True),
         noise=None,
     )
-    yaw_rate = software.run(_pulse(config), lanes, columns=("yaw_rate_rad_s",))[0]
+    yaw_rate = software.run(_pulse(config), lanes, parameters, columns=("yaw_rate_rad_s",))[0]
     time = np.arange(yaw_rate.shape[0]) * config.controller.sampling_time_s
 
     def swing(window: tuple[float, float]) -> FloatArray:

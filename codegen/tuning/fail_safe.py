@@ -73,21 +73,22 @@ class RateOutcome:
     Attributes:
         rate_deg_s: of the fail-safe.
         spins, runs: of the configured car with all drivers. A spin of the car that has lost nothing is not counted.
-        family_spins, family_runs: of the cars that differ from it in mass, tyres or lag.
+        family_spins, family_runs: of the cars that differ from it in mass, tyres or lag; None and 0 where they were not driven,
+            because the configured car spins more often than with another rate.
         sideslip_max_deg: largest of the configured car, after the loss.
     """
 
     rate_deg_s: float
     spins: int
     runs: int
-    family_spins: int
+    family_spins: int | None
     family_runs: int
     sideslip_max_deg: float
 
     @property
-    def cost(self) -> tuple[int, int, float]:
+    def cost(self) -> tuple[float, float, float]:
         """What is least with the best rate, in order: spins of the configured car, of the others, and the sideslip angle."""
-        return self.spins, self.family_spins, self.sideslip_max_deg
+        return self.spins, math.inf if self.family_spins is None else self.family_spins, self.sideslip_max_deg
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,8 @@ def tune_fail_safe(
 ) -> FailSafeRate:
     """Find the rate with the fewest spins; the configured one stays where no other is better.
 
+    The configured car is driven with every rate, the others only with those that it spins least with.
+
     Args:
         reference_map: solved for the car of the configuration.
         config: with the tuned controller.
@@ -114,19 +117,34 @@ def tune_fail_safe(
         progress: called with (done, in all).
         rates_deg_s: candidates beside the configured rate.
     """
-    drives = _Drives.of(reference_map, config, software)
     configured = config.controller.fail_safe.rate_deg_s
     candidates = (configured, *(rate for rate in rates_deg_s if rate != configured))
-    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *candidates) for driver in DRIVERS]
+    family, _ = family_of(config)
+    own = _Drives.of(reference_map, config, software, family[:1])
+    outcomes = []
+    for rate, spins, sideslip in _spins(own, candidates, progress):
+        outcomes.append(RateOutcome(rate, int(spins.sum()), spins.size, None, 0, round(sideslip, 1)))
+    fewest = min(outcome.spins for outcome in outcomes)
+    at = {outcome.rate_deg_s: k for k, outcome in enumerate(outcomes)}
+    others = _Drives.of(reference_map, config, software, family[1:])
+    for rate, spins, _ in _spins(others, [one.rate_deg_s for one in outcomes if one.spins == fewest], progress):
+        outcomes[at[rate]] = replace(outcomes[at[rate]], family_spins=int(spins.sum()), family_runs=spins.size)
+    return FailSafeRate(best(outcomes).rate_deg_s, tuple(outcomes))
+
+
+def _spins(
+    drives: _Drives, rates: Sequence[float], progress: Callable[[int, int], None] | None
+) -> list[tuple[float, BoolArray, float]]:
+    """For each rate the spins (drivers, runs) that the loss causes, and the largest sideslip angle in deg."""
+    jobs: list[tuple[float | None, Driver]] = [(rate, driver) for rate in (None, *rates) for driver in DRIVERS]
     found = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C runs without the interpreter's lock
         for done, result in enumerate(pool.map(lambda job: drives.drive(*job), jobs), start=1):
             found.append(result)
             if progress is not None:
                 progress(done, len(jobs))
-    sound, *each = (found[k : k + len(DRIVERS)] for k in range(0, len(found), len(DRIVERS)))
-    outcomes = tuple(_outcome(rate, results, sound) for rate, results in zip(candidates, each, strict=True))
-    return FailSafeRate(best(outcomes).rate_deg_s, outcomes)
+    spins, sideslip = (np.array(values).reshape(-1, len(DRIVERS), drives.runs) for values in zip(*found, strict=True))
+    return [(rate, spins[k] & ~spins[0], float(sideslip[k].max())) for k, rate in enumerate(rates, start=1)]
 
 
 def best(outcomes: Sequence[RateOutcome]) -> RateOutcome:
@@ -134,73 +152,68 @@ def best(outcomes: Sequence[RateOutcome]) -> RateOutcome:
     return min(outcomes, key=lambda outcome: outcome.cost)
 
 
-Driven = tuple[BoolArray, FloatArray]
-"""Spins (cars, cells), and the largest sideslip angle after the loss (cars, cells) in deg."""
-
-
-def _outcome(rate: float, results: Sequence[Driven], sound: Sequence[Driven]) -> RateOutcome:
-    spins = np.array([lost & ~whole for (lost, _), (whole, _) in zip(results, sound, strict=True)])  # (drivers, cars, cells)
-    own, others = spins[:, 0], spins[:, 1:]
-    largest = max(float(sideslip[0].max()) for _, sideslip in results)
-    return RateOutcome(rate, int(own.sum()), own.size, int(others.sum()), others.size, round(largest, 1))
+def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
+    """Return the build's parameters with what was tuned after it, from a tuned configuration."""
+    tracking = config.controller.tracking
+    assert tracking.schedule is not None  # the configuration is tuned
+    parameters = software.parameters(fail_safe_rate=math.radians(config.controller.fail_safe.rate_deg_s))
+    if tracking.schedule.lead_s is not None:
+        parameters.lead_time = tracking.schedule.lead_s
+    if tracking.schedule.response_gain_s is not None:
+        parameters.response_gain = tracking.schedule.response_gain_s
+    parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
+    parameters.trim_share = tracking.trim_max_percent / 100.0
+    return parameters
 
 
 @dataclass(frozen=True)
 class _Drives:
-    """The cells, and how they are driven. Cars are the rows of the family, the configured one first."""
+    """The cells, and how they are driven."""
 
     software: BatchSoftware
     config: Config
-    cars: int
     lanes: Lanes
 
     @classmethod
-    def of(cls, reference_map: ReferenceMap, config: Config, software: BatchSoftware) -> _Drives:
-        """The cells of a car on its map."""
+    def of(cls, reference_map: ReferenceMap, config: Config, software: BatchSoftware, cars: FloatArray) -> _Drives:
+        """The cells of cars, rows of PLANT_PARAMETERS, on the map."""
         assert reference_map.case is not None  # a solved map has one
         axis, angles = breakpoints(config)
         speed: FloatArray = axis[-1] * np.array(SPEED_SHARES)
         speed = speed[speed >= max(float(axis[0]), config.controller.enable_speed_km_h * KM_H)]
         edge = turns_of(config, config.case(reference_map.case)).edge(speed, float(angles[-1])).front_angle
         angle: FloatArray = np.outer(np.minimum(edge, angles[-1]), ANGLE_SHARES)
-        family, _ = family_of(config)
-        cars = len(family)
         lanes = Lanes(
-            np.repeat(family, angle.size, axis=0),
-            speed_factor=np.tile(np.repeat(speed, len(ANGLE_SHARES)), cars),
-            wheel_factor=np.tile(angle.ravel(), cars) * config.steering.ratio,
+            np.repeat(cars, angle.size, axis=0),
+            speed_factor=np.tile(np.repeat(speed, len(ANGLE_SHARES)), len(cars)),
+            wheel_factor=np.tile(angle.ravel(), len(cars)) * config.steering.ratio,
             delay_samples=config.tuning.delay_samples,
         )
-        return cls(software, config, cars, lanes)
+        return cls(software, config, lanes)
 
-    def drive(self, rate_deg_s: float | None, driver: Driver) -> Driven:
-        """All cars in all cells, with everything lost and this rate, or with nothing lost where it is None."""
+    @property
+    def runs(self) -> int:
+        """Cars times cells."""
+        return len(self.lanes.cars)
+
+    def drive(self, rate_deg_s: float | None, driver: Driver) -> tuple[BoolArray, FloatArray]:
+        """All cars in all cells, with everything lost and this rate, or with nothing lost where it is None.
+
+        Returns:
+            (runs,) whether each spins, and (runs,) its largest sideslip angle after the loss, in deg.
+        """
         period = self.config.controller.sampling_time_s
         lost_from, samples = round(LOSS_TIME / period), round(DURATION / period)
-        parameters, lanes = self._parameters(), self.lanes
+        parameters, lanes = tuned_parameters(self.software, self.config), self.lanes
         if rate_deg_s is not None:
             parameters.fail_safe_rate = math.radians(rate_deg_s)
-            noise = np.zeros((samples, 3, self.lanes.cars.shape[0]))
+            noise = np.zeros((samples, 3, self.runs))
             noise[lost_from:] = math.nan
             lanes = replace(lanes, noise=noise)
         sideslip, slip = self.software.run(self._profile(driver), lanes, parameters, ("sideslip_rad", "slip_rear_rad"))
         # Written so that a car beyond all numbers has spun.
         held = (np.abs(sideslip) <= SPIN_SIDESLIP) | (np.abs(slip) <= SPIN_REAR_SLIP)
-        largest = np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
-        return ~held.all(axis=0).reshape(self.cars, -1), largest.reshape(self.cars, -1)
-
-    def _parameters(self) -> Any:
-        """The build's, with what was tuned after it."""
-        tracking = self.config.controller.tracking
-        assert tracking.schedule is not None  # the configuration is tuned
-        parameters = self.software.parameters()
-        if tracking.schedule.lead_s is not None:
-            parameters.lead_time = tracking.schedule.lead_s
-        if tracking.schedule.response_gain_s is not None:
-            parameters.response_gain = tracking.schedule.response_gain_s
-        parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
-        parameters.trim_share = tracking.trim_max_percent / 100.0
-        return parameters
+        return ~held.all(axis=0), np.degrees(np.nan_to_num(np.abs(sideslip[lost_from:]), nan=math.pi).max(axis=0))
 
     def _profile(self, driver: Driver) -> FloatArray:
         """The inputs (steps, 6), INPUT_COLUMNS, of a front angle of 1 rad / steering ratio at 1 m/s."""

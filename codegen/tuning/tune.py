@@ -13,6 +13,7 @@ from codegen.design.tune import Design, design
 from codegen.refmap.extend import extend
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
+from codegen.sil.batch import BatchSoftware
 from codegen.tuning.fail_safe import FailSafeRate, tune_fail_safe
 from codegen.tuning.transient import Response, compile_controller, tune_response, with_response
 
@@ -32,6 +33,8 @@ class Tuned:
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
         excess: of the reference model over the map where that is more than the trim was; None where it was enough.
         fail_safe: rate of the fail-safe, and the candidates; None for a map that was not solved.
+        software: the build that was driven, without what was tuned on it (`fail_safe.tuned_parameters` has that); None for a
+            map that was not solved.
     """
 
     config: Config
@@ -39,6 +42,7 @@ class Tuned:
     responses: tuple[Response, ...]
     excess: Excess | None
     fail_safe: FailSafeRate | None
+    software: BatchSoftware | None
 
     @property
     def trim_is_enough(self) -> bool:
@@ -63,7 +67,7 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
     if not reference_map.solved:
         config, excess = _with_trim(reference_map, config, where)
-        return Tuned(config, made, (), excess, None)
+        return Tuned(config, made, (), excess, None, None)
     if asks_for_more(reference_map, config):
         trim_time = min(config.controller.tracking.trim_time_s, TRIM_TIME_MAX_S)
         config = with_tracking(config, {"trim_time_s": trim_time}, where)
@@ -73,7 +77,7 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     config, excess = _with_trim(reference_map, config, where)
     fail_safe = tune_fail_safe(reference_map, config, software, progress)
     config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
-    return Tuned(config, made, responses, excess, fail_safe)
+    return Tuned(config, made, responses, excess, fail_safe, software)
 
 
 def _with_trim(reference_map: ReferenceMap, config: Config, where: object) -> tuple[Config, Excess | None]:

@@ -85,6 +85,7 @@ class SuiteResult:
         third_party: each subject on the third party's plant.
         instructions: of a step of the subject under test in the worst case; None where they were not counted.
         requirements: figures asked beside figures measured.
+        actuator_lag_s: of the configured car.
     """
 
     tested: str
@@ -103,6 +104,7 @@ class SuiteResult:
     third_party: Mapping[str, tuple[CellResult, ...]] = field(default_factory=dict)
     instructions: int | None = None
     requirements: tuple[Requirement, ...] = ()
+    actuator_lag_s: float = 0.05
 
     @property
     def passed(self) -> bool:
@@ -129,6 +131,7 @@ class SuiteResult:
             instructions=outside.instructions,
             timing=self.timing.get(self.tested, {}),
             path_errors=self._beside_feedforward(),
+            actuator_lag_s=self.actuator_lag_s,
         )
         return replace(full, requirements=requirements(measured))
 
@@ -153,6 +156,7 @@ class SuiteResult:
             "design_set": self.design_set,
             "structure_set": STRUCTURE_SET,
             "instructions": self.instructions,
+            "actuator_lag_s": self.actuator_lag_s,
             "requirements": [row.to_dict() for row in self.requirements],
             "summaries": [summary.to_dict() for summary in self.summaries()],
             "c1": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.c1.items()},
@@ -226,6 +230,7 @@ def run_suite(
         sine={subject.name: sine_tracking(subject, points) for subject in subjects},
         path_errors={subject.name: path_errors(subject) for subject in subjects},
         timing={subject.name: timing_errors(subject) for subject in subjects if subject.controlled},
+        actuator_lag_s=config.rear_actuator.lag_s,
     )
     return measured.with_outside(Outside() if outside is None else outside)
 

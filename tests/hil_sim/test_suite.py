@@ -191,6 +191,9 @@ def test_a_good_controller_passes_every_row() -> None:
     rows = requirements(good())
     assert all(row.passed for row in rows)
     assert [row.asked for row in rows[:3]] == ["at most 2 %", "at most 0.6 s", "at most 0.38 s"]
+    slow = requirements(replace(good(), actuator_lag_s=0.1))
+    assert [row.asked for row in slow[:3]] == ["at most 2 %", "at most 0.7 s", "at most 0.48 s"]
+    assert {row.limit for row in slow if row.figure == "settling time to 2 %" and "C1" not in row.subject_matter} == {1.2}
     # 3 lags of C1, 3 plants of 4 rows and 1 error to the map, 2 of the slow actuator, 3 margins,
     # 2 of the third party, 11 of slippery roads, 2 timings, 2 paths, 1 count.
     assert len(rows) == 9 + 12 + 1 + 2 + 3 + 2 + 11 + 2 + 2 + 1

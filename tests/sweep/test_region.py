@@ -1,13 +1,26 @@
 """The region of stability: the linearisation against drives of the generated C."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from codegen.report.html.blocks import Text
 from codegen.report.html.robust import region_blocks
-from codegen.sweep.region import FRICTIONS, MASSES_PERCENT, SPEEDS_KM_H, Region, confirm, region
+from codegen.sil.batch import BatchSoftware
+from codegen.sweep.region import (
+    ALONE_UNSTABLE,
+    FRICTIONS,
+    MASSES_PERCENT,
+    MODEL_UNSTABLE,
+    SPEEDS_KM_H,
+    UNEXPLAINED,
+    Region,
+    _is_stable,
+    confirm,
+    region,
+)
 from tests import builds
 
 SHAPE = (len(MASSES_PERCENT), len(FRICTIONS), len(SPEEDS_KM_H))
@@ -76,9 +89,34 @@ def test_a_linearisation_with_other_gains_or_margins_is_contradicted(linear: Reg
     told = disagreeing.disagreement
     # The paper's car is stable by itself and its law has no reference model: nothing explains them.
     assert f"{cells} of {linear.stable.size} cells" in told and f"{cells} unexplained" in told and f"below {first:g}" in told
+    assert disagreeing.explanations == {ALONE_UNSTABLE: 0, MODEL_UNSTABLE: 0, UNEXPLAINED: cells}
+    assert replace(disagreeing, critical_speed_km_h=first).explanations[MODEL_UNSTABLE] == cells
+    assert replace(disagreeing, without=~disagreeing.without).explanations[ALONE_UNSTABLE] == cells
+    assert disagreeing.disagreeing_from == first and wrong.explanations[ALONE_UNSTABLE] == 0
     assert "unexplained" not in replace(disagreeing, critical_speed_km_h=first).disagreement
     blocks = list(region_blocks({"other": disagreeing}))
     assert [block.text for block in blocks if isinstance(block, Text) and block.kind == "notice"] == [f"other: {told}."]
+
+
+class _Planted:
+    """A batch that answers with planted swings: amplitudes at whole seconds, in rad/s."""
+
+    def __init__(self, *swings: list[float]) -> None:
+        self.swings = swings
+
+    def run(self, profile: np.ndarray, *_: object, **__: object) -> np.ndarray:
+        samples = profile.shape[0] // round(builds.CONFIG.controller.sampling_time_s / builds.CONFIG.plant.sampling_time_s)
+        time = np.arange(samples) * builds.CONFIG.controller.sampling_time_s
+        rows = [np.interp(time, np.arange(len(swing)), swing) * np.sin(20.0 * time) for swing in self.swings]
+        return np.array(rows).T[np.newaxis]
+
+
+def test_a_swing_that_grows_and_then_ends_is_unstable_and_one_that_dies_is_not() -> None:
+    dies, grows = [1e-2 * 0.5**k for k in range(11)], [1e-4 * 2.0**k for k in range(11)]
+    ends = [1e-3, 1e-3, 3e-3, 1e-2, 1e-1, 1e-2, *[0.0] * 5]
+    planted = cast(BatchSoftware, _Planted(dies, grows, ends))
+    ones = np.ones(3)
+    assert list(_is_stable(planted, builds.CONFIG, None, 0.0 * ones, ones, 30.0 * ones, ones)) == [True, False, False]
 
 
 def test_kinds_without_feedback_are_reported_as_the_car_alone(linear: Region) -> None:

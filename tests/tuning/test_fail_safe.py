@@ -69,7 +69,10 @@ def test_each_rate_spins_as_often_as_when_driven_alone_and_wrong_ones_lose(monke
     for one in found.outcomes:
         assert one.spins == sum(spins_alone(one.rate_deg_s, driver) for driver in DRIVERS)
     assert found.rate_deg_s == 2.5
-    assert done == [(step, 4 * len(DRIVERS)) for step in range(1, 4 * len(DRIVERS) + 1)]
+    each = len(DRIVERS)
+    assert done == [(step, total) for total in (4 * each, 2 * each) for step in range(1, total + 1)]
+    assert [one.family_runs > 0 for one in found.outcomes] == [False, False, True]
+    assert [one.family_spins is None for one in found.outcomes] == [True, True, False]
 
 
 def test_a_spin_counts_before_the_sideslip_angle_and_the_configured_rate_stays_among_equals() -> None:
@@ -78,3 +81,4 @@ def test_a_spin_counts_before_the_sideslip_angle_and_the_configured_rate_stays_a
     assert best([calm, RateOutcome(5.0, 0, 9, 2, 9, 9.5)]).rate_deg_s == 5.0
     assert best([calm, RateOutcome(5.0, 0, 9, 3, 9, 8.9)]).rate_deg_s == 5.0
     assert best([calm, replace(calm, rate_deg_s=1.0)]) == calm
+    assert best([RateOutcome(1.0, 0, 9, None, 0, 1.0), calm]) == calm
