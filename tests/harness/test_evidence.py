@@ -2,7 +2,9 @@
 
 import json
 import os
+import select
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -188,6 +190,29 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert run("pass", "assert False", quick=True).verdict is Verdict.PASSED
     finally:
         shutil.rmtree(folder)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
+def test_a_folder_of_tests_ends_with_its_run(tmp_path: Path) -> None:
+    """A run is killed while its test waits; the test holds a pipe open until its process ends."""
+    os.mkfifo(pipe := tmp_path / "pipe")
+    (tmp_path / "test_sample.py").write_text(
+        f"import pathlib, signal\n\ndef test():\n    with pathlib.Path({str(pipe)!r}).open('wb', 0) as stream:\n"
+        "        stream.write(b'.')\n        signal.pause()\n"
+    )
+    code = f"""
+from pathlib import Path
+from tests.evidence.pytest_part import Effort, Part, run
+Part.folder = Path({str(tmp_path)!r})
+run(Part("sample", "", (), worker_count=0), Effort(), Part.folder / "passed")
+"""
+    with (
+        subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.DEVNULL) as process,
+        pipe.open("rb", 0) as end,
+    ):
+        assert end.read(1) == b"."
+        process.kill()
+        assert select.select([end], [], [], 60.0)[0] and not end.read(1), "the test goes on"
 
 
 def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) -> None:
