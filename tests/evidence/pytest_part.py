@@ -30,7 +30,7 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     command += ["-n", str(part.worker_count), str(part.folder)]
     environment = os.environ | {PROGRESS_VARIABLE: str(passed)}
     environment.pop("PYTEST_XDIST_WORKER", None)  # this pytest is no worker, even where a worker runs the part
-    done = subprocess.run(command, cwd=ROOT, env=environment, check=False, preexec_fn=_end_with_parent)
+    done = subprocess.run(command, cwd=ROOT, env=environment, check=False, preexec_fn=end_with_parent)
     if not result.is_file():
         return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))
     failed, missing = _read(result)
@@ -46,7 +46,7 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     return Outcome(part.shows, figure, Verdict.PASSED, (), figures)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Have the kernel kill this process when its parent ends, in whatever way."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
