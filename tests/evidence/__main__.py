@@ -99,9 +99,11 @@ def _check(parts: Sequence[Part], records: Path) -> int:
             continue
         if record.matches:
             match_count += 1
-        elif not part.is_optional:
+        elif record.runs or not part.is_optional:
             causes = "; ".join(f"{form} run: {record.fault(form)}" for form in FORMS)
-            wrong.append(f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1")
+            wrong.append(
+                f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1" + " or delete it" * part.is_optional
+            )
     known = {part.name for part in PARTS} | {part.name for part in parts}
     wrong += [f"{path}: there is no such part; delete it" for path in sorted(records.glob("*.json")) if path.stem not in known]
     print("\n".join(wrong) or f"{match_count} records match what is there")

@@ -5,10 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.evidence.pytest_part import PROGRESS_VARIABLE
+from tests.evidence.pytest_part import PROGRESS_VARIABLE, end_with_parent
 
 PASSED = Path(os.environ[PROGRESS_VARIABLE]) if PROGRESS_VARIABLE in os.environ else None
 """File of the ids of the tests that have passed."""
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    end_with_parent()  # by itself a worker goes on for up to 15 s
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

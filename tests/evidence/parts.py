@@ -124,7 +124,13 @@ def hash_of(files: Iterable[Path], root: Path = ROOT) -> str:
 
 
 C = ("generated/4ws2*/include/*", "generated/4ws2*/src/*")
-GENERATOR = ("templates/**/*", "codegen/emit/**/*", "codegen/refmap/**/*", "codegen/vehicle/**/*")
+CONFIG = ("codegen/config.py", "codegen/*sections.py", "codegen/presets/*")
+"""The configuration. It reaches the committed C through `generated` alone, so the parts about that C leave it out."""
+MAPS = ("codegen/refmap/**/*", "codegen/vehicle/**/*", *CONFIG)
+GENERATOR = ("templates/**/*", "codegen/emit/**/*", *MAPS)
+TUNING = ("codegen/design/*", "codegen/tuning/*")
+COMMANDS = ("codegen/*.py", "codegen/[!e]*/**/*", "codegen/ex*/**/*", "hil_sim/**/*")
+"""What the commands run, without `codegen/emit`: `make test` compares the output of that byte by byte."""
 SIL = ("codegen/sil/*", "codegen/verify/law/*")
 VERIFY = ("codegen/verify/**/*", "templates/verify/*")
 FUZZING = ("templates/verify/*", "codegen/verify/fuzzing/*", "codegen/verify/sanitizers/*")
@@ -143,10 +149,10 @@ TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make proj
 IPOPT = "the optimum is that of IPOPT and of a search by brute force, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns end as they should"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
-BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*")
-DRIVEN = ("codegen/design/*", "codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*")
+BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
+DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
 FIRMWARE = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
-PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*")
+PAGES = ("codegen/report/**/*", "codegen/explore/**/*", "templates/report/*", "templates/explore/*", *TUNING, *CONFIG)
 HERE = "tests.evidence"
 PARTS = (
     Part("builds", ALL_CHECKS, ("generated/4ws2*/manifest.json", *C), f"{HERE}.builds", VERIFY),
@@ -167,7 +173,7 @@ PARTS = (
     Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", tools=("frama-c",), is_optional=True),
     Part("kinds", KINDS, GENERATOR, runs=SIL),
     Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
-    Part("ipopt", IPOPT, ("codegen/refmap/**/*", "codegen/vehicle/**/*")),
+    Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),
     Part("drives", DRIVES, DRIVEN, runs=SIL),
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
@@ -176,7 +182,7 @@ PARTS = (
     Part(
         "guide",
         "the commands of README and guide run, and print what stands there",
-        ("README.md", "docs/*.md", "codegen/cli/*"),
+        ("README.md", "docs/*.md", *COMMANDS),
         tools=FIRMWARE,
     ),
     Part(

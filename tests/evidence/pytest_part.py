@@ -1,6 +1,11 @@
-"""A part that is a folder of pytest files: run by pytest in a process of its own, resumed where it was killed."""
+"""A part that is a folder of pytest files: run by pytest in a process of its own, resumed where it was killed.
 
+That process ends with the one that started it, so that a second run does not meet the tests of a first that was killed.
+"""
+
+import ctypes
 import os
+import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -12,6 +17,9 @@ from tests.evidence.parts import ROOT, Part
 PROGRESS_VARIABLE = "ARS_EVIDENCE_PASSED"
 """Environment variable with the file of the tests that have passed; `tests/evidence/conftest.py` reads and extends it."""
 
+PR_SET_PDEATHSIG = 1
+"""From the kernel's linux/prctl.h."""
+
 
 def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     """Run the tests of a part except those that passed in an earlier run of the same code: `passed` is their file."""
@@ -22,7 +30,7 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
     command += ["-n", str(part.worker_count), str(part.folder)]
     environment = os.environ | {PROGRESS_VARIABLE: str(passed)}
     environment.pop("PYTEST_XDIST_WORKER", None)  # this pytest is no worker, even where a worker runs the part
-    done = subprocess.run(command, cwd=ROOT, env=environment, check=False)
+    done = subprocess.run(command, cwd=ROOT, env=environment, check=False, preexec_fn=end_with_parent)
     if not result.is_file():
         return Outcome(part.shows, "no result", Verdict.FAILED, (f"pytest ended with exit code {done.returncode}",))
     failed, missing = _read(result)
@@ -36,6 +44,12 @@ def run(part: Part, effort: Effort, passed: Path) -> Outcome:
         reasons = tuple(sorted(set(missing))) or ("no test was run",)
         return Outcome(part.shows, figure, Verdict.NOT_RUN, reasons, figures)
     return Outcome(part.shows, figure, Verdict.PASSED, (), figures)
+
+
+def end_with_parent() -> None:
+    """Have the kernel kill this process when its parent ends, in whatever way."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _read(result: Path) -> tuple[list[str], list[str]]:

@@ -2,7 +2,9 @@
 
 import json
 import os
+import select
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -70,8 +72,12 @@ def test_bad_input_is_an_error_of_one_line(part: Make, tmp_path: Path, words: li
 
 
 def test_the_check_counts_records_that_are_there(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["--check"], [part(is_optional=True)], tmp_path) == 0
+    sample = part(is_optional=True)
+    assert command.main(["--check"], [sample], tmp_path) == 0
     assert capsys.readouterr().out == "0 records match what is there\n"
+    assert command.main([], [sample], tmp_path) == command.main(["--check"], [sample], tmp_path) == 0
+    (tmp_path / "subject.c").write_text("int b;\n", encoding="ascii")
+    assert command.main(["--check"], [sample], tmp_path) == 1, "an optional one is there, and out of date"
 
 
 def test_the_check_names_the_cause(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -190,6 +196,29 @@ def test_a_folder_of_tests_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         shutil.rmtree(folder)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux ends a process with its parent")
+def test_a_folder_of_tests_ends_with_its_run(tmp_path: Path) -> None:
+    """A run is killed while its test waits; the test holds a pipe open until its process ends."""
+    os.mkfifo(pipe := tmp_path / "pipe")
+    (tmp_path / "test_sample.py").write_text(
+        f"import pathlib, signal\n\ndef test():\n    with pathlib.Path({str(pipe)!r}).open('wb', 0) as stream:\n"
+        "        stream.write(b'.')\n        signal.pause()\n"
+    )
+    code = f"""
+from pathlib import Path
+from tests.evidence.pytest_part import Effort, Part, run
+Part.folder = Path({str(tmp_path)!r})
+run(Part("sample", "", (), worker_count=0), Effort(), Part.folder / "passed")
+"""
+    with (
+        subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.DEVNULL) as process,
+        pipe.open("rb", 0) as end,
+    ):
+        assert end.read(1) == b"."
+        process.kill()
+        assert select.select([end], [], [], 60.0)[0] and not end.read(1), "the test goes on"
+
+
 def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) -> None:
     written = {
         "tests/evidence/a/test_a.py": "import tests.b.one\n\ndef test():\n    from tests import c\n",
@@ -206,9 +235,13 @@ def test_the_code_of_a_part_is_what_it_imports_from_the_tests(tmp_path: Path) ->
 
 
 def test_each_part_is_there() -> None:
-    """Its patterns name files, and a record names the part."""
+    """Its patterns name files, a record names the part, and no module of the project is left out."""
+    left = matching(["codegen/**/*.py", "hil_sim/**/*.py"])
     for part in PARTS:
         for pattern in (*part.subject, *part.own):
-            assert any(path.is_file() for path in ROOT.glob(pattern)), pattern
+            found = matching([pattern])
+            assert found, pattern
+            left -= found
         record = ROOT / "docs" / "evidence" / f"{part.name}.json"
         assert part.is_optional or json.loads(record.read_text(encoding="utf-8"))["part"] == part.name
+    assert not left

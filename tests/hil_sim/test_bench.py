@@ -18,11 +18,13 @@ from hil_sim import bench, manoeuvres, session
 from hil_sim.bench import run_in_lock_step, run_in_process, run_in_real_time
 from hil_sim.bus import Bus, BusAddress
 from hil_sim.clocks import Clocks
+from hil_sim.codec import Codec, RearSteerCommand
+from hil_sim.e2e import protect
 from hil_sim.ecu_process import EcuThread
 from hil_sim.faults import Fault
 from hil_sim.frames import Frame
 from hil_sim.metrics import column
-from hil_sim.plant_node import PlantNode
+from hil_sim.plant_node import PlantNode, Received
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import Scenario, find
 from hil_sim.sensors import SensorModel
@@ -177,11 +179,14 @@ def test_it_returns_to_zero_where_configured(software: Software) -> None:
 
 
 def test_a_restarted_node_counts_from_zero(software: Software) -> None:
-    node, counters = PlantNode(software.config, short(2.0, Fault("plant-restart", 0.3, 0.1))), []
-    for cycle in range(42):
+    node, counters = PlantNode(software.config, short(2.0, Fault("plant-restart", 0.33, 0.1))), []
+    command, angle = software.config.can.rear_steer_command, Codec(software.config.can).encode(RearSteerCommand(0.0, 0.0))
+    for cycle in range(45):
         counters.append([frame.data[1] & 0xF for frame in node.outgoing(cycle)])
+        node.receive(Frame(command.id, protect(command.e2e_data_id, (cycle + 7 * (cycle > 40)) % 15, angle)))
         node.finish(cycle)
-    assert counters[29:] == [[14, 14], *[[]] * 10, [0, 0], [1, 1]]
+    assert counters[32:] == [[2, 2], *[[]] * 10, [0, 0], [1, 1]]
+    assert node.received == Received(commands=35, refused=0, cycles_without=10, lost=0)  # its receiver begins anew too
 
 
 def frames_of_each_task(clocks: Clocks, cycles: int, seed: int = 0) -> list[int]:

@@ -58,11 +58,11 @@ def test_own_recording_comes_out_as_it_went_in(software: Software) -> None:
 def test_values_between_rows_are_linear_and_flags_are_held() -> None:
     text = (
         "\ufeffnote,time_s,speed_m_s,steering_wheel_angle_rad,friction,friction_estimate,yaw_moment_n_m,inhibit\r\n"
-        "a,100.0,10,0.0,0.9,,0,0\r\n"
-        'b,100.1,20,1.0,0.5,nan,100,1\r\n"c, d",100.3,20,1.0,0.5,0.6,100,0\r\n\r\n'
+        "a,3.0,10,0.0,0.9,,0,0\r\n"
+        'b,3.1,20,1.0,0.5,nan,100,1\r\n"c, d",3.3,20,1.0,0.5,0.6,100,0\r\n\r\n'
     )
     speed, wheel, friction, estimate, moment, inhibit = find(written(text)).inputs(CONFIG).T
-    # Rows at 0, 0.1 and 0.3 s; the last one is held for as long as rows are apart, at most 0.1 s.
+    # Rows at 0, a little over 0.1 (3.1 - 3.0) and 0.3 s; the last one is held for as long as rows are apart, at most 0.1 s.
     assert (speed[50], wheel[50], friction[50], moment[50]) == pytest.approx((15.0, 0.5, 0.7, 50.0))
     assert speed[300:].tolist() == [20.0] * 100
     assert inhibit.tolist() == [0.0] * 100 + [1.0] * 200 + [0.0] * 100

@@ -88,6 +88,15 @@ def test_the_road_can_give_the_peak(car: Path) -> None:
     assert any("the road's is taken" in note for note in made.notes)
 
 
+def test_neither_side_has_a_curvature_factor_above_1(car: Path, tmp_path: Path) -> None:
+    text = (DATA / "mf52.tir").read_text(encoding="utf-8")
+    (tmp_path / "steep.tir").write_text(text.replace("pey1 = 0.35", "pey1 = 1.0"), encoding="utf-8")
+    for axle in import_tyres([tmp_path / "steep.tir"], car).axles:
+        # E (1 + 0.3) is above 1 there, E (1 - 0.3) is not.
+        other = 0.7 * (1.0 - 0.6 * (axle.load / 4600.0 - 1.0))
+        assert axle.values["curvature_factor_e"] == pytest.approx(0.5 * (1.0 + other), rel=1e-8)  # nine digits
+
+
 def test_two_files_are_front_and_rear_and_only_their_keys_change(run: Run, car: Path, tmp_path: Path) -> None:
     before = car.read_text(encoding="utf-8")
     new, again = tmp_path / "new.toml", tmp_path / "again.toml"

@@ -5,7 +5,7 @@ The evidence tier places more maps, with narrow bounds.
 
 import functools
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap, from_arrays
 from codegen.refmap.place import Maker, Target
 from codegen.refmap.place_error import Ruler
-from codegen.refmap.place_ground import Ground, ground_of
+from codegen.refmap.place_ground import Gap, Ground, ground_of
 from codegen.refmap.solve import solve_case
 from codegen.refmap.total import Rule
 from tests.refmap.cars import PAPER, changed, paper_map, paper_total
@@ -51,6 +51,9 @@ def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
         speed[3] = 0.5 * (speed[2] + speed[3])
     found = replace(total, speed=speed, front_angle=front_angle, **table)
     measured = Ruler(ground(), (speed, front_angle), np.float32).error(found)
+    unsure = replace(ground(), layers=(replace(ground().layers[0], gap=Gap(0.1, 0.2, 0.3)),))
+    wider = Ruler(unsure, (speed, front_angle), np.float32).error(found)
+    assert np.subtract(astuple(wider), astuple(measured)) == pytest.approx([0.1, 0.1, 0.2, 0.2, 0.3])
     seen = largest_error(found, truth_of(PAPER, "4ws-2"), 3)
     assert (measured.yaw_rate_whole > math.radians(4.6)) == (fault != "none")
     assert 0.9 * measured.yaw_rate_whole < seen < measured.yaw_rate_whole + ROUNDING

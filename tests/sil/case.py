@@ -5,15 +5,23 @@ import functools
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
+
+import numpy as np
 
 from codegen import config as configuration
 from codegen.config import Config, Kind
+from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder, render_manifest
 from codegen.refmap import map as refmap
 from codegen.refmap.extend import TotalMap, extend
+from codegen.refmap.place import Placed, Request
+from codegen.refmap.place_error import MeasuredError
+from codegen.refmap.storage import Scales, raw_of, values_of
+from codegen.refmap.total import GripTable
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject
@@ -141,15 +149,40 @@ def made_case(name: str, made: Folder, total: TotalMap, config: Config, scratch:
 
 
 def named(name: str, scratch: Path, compiler: Compiler) -> Case:
-    """Return the case of a name, not yet compiled: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`."""
+    """Return the case of a name, not yet compiled: a committed build, else "KIND PRECISION" or "KIND MAP" of `tests.builds`.
+
+    A map may be stored otherwise: "KIND MAP with int16", "KIND MAP with grip".
+    """
     if name in COMMITTED:
         return committed(COMMITTED[name], scratch, compiler)
-    kind, _, which = name.partition(" ")
+    plain, _, feature = name.partition(" with ")
+    kind, _, which = plain.partition(" ")
     config = builds.CONFIGS[kind]  # type: ignore[index]
     precision: Any = which if which in builds.PRECISIONS else "single"
     reference_map = builds.paper_map() if which in builds.PRECISIONS else builds.MAPS[which]()
     total = extend(reference_map, config)
-    return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
+    if not feature:
+        return made_case(name, builds.render(reference_map, config, precision), total, config, scratch, compiler)
+    total = _with_int16(total) if feature == "int16" else _with_grip(total)
+    placed = Placed(total, "uneven", 0, MeasuredError(), (0.0, 0.0), "table", (0.0, 1.0), (0.0, 1.0), 1)
+    options = BuildOptions("sample", request=Request(1.0, None, "float", ""))
+    with mock.patch("codegen.emit.build.choose", return_value=placed):
+        folder = build(reference_map, config, options, BuildInputs("sample.npz", "0" * 64, "preset"))
+    return made_case(name, folder, total, config, scratch, compiler)
+
+
+def _with_int16(total: TotalMap) -> TotalMap:
+    """Return a map as the int16 tables of a build in single precision hold it."""
+    scales = Scales.of(float(total.yaw_rate.max()), float(np.abs(total.rear_angle).max()), np.float32)
+    stored = {name: values_of(raw_of(getattr(total, name), scale), scale) for name, scale in vars(scales).items()}
+    return replace(total, scales=scales, **stored)
+
+
+def _with_grip(total: TotalMap) -> TotalMap:
+    """Return a map of which grip leaves any share of the cap beside any other."""
+    rng, axes = np.random.default_rng(5), (np.array([0.0, 5.0, 21.0, 50.0]), np.array([0.0, 0.05, 0.1, 0.7]))
+    *layers, own = (replace(one, grip=GripTable(*axes, rng.uniform(0.2, 1.0, (4, 4)))) for one in total.stack)
+    return replace(own, layers=tuple(layers))
 
 
 def compiled(name: str, make: Callable[[Path, Compiler], Case]) -> Case:

@@ -88,6 +88,7 @@ def _answered(name: str, make: Callable[[Case], Any], check: Callable[[Case, Any
 
 STRICT = {"inputs": {"missing_samples_max": 0, "recovery_samples": 1}}
 SLOW = {"rear_rate_max": 0.03, "limiter": {"rear_rate_max": 0.02}, "inputs": checks_kinds.OPEN}
+SMALL = {"rear_angle_max": 0.02}
 DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
     "pi": {
         "as built": {},
@@ -98,7 +99,7 @@ DRIVES: dict[Kind, dict[str, dict[str, Any]]] = {
         "a limiter that acts": {"limiter": {"rear_rate_max": 0.2, "opposite_phase_max": [0.03, 0.01]}},
     },
     "tracking": {**checks_tracking.MODEL_CHANGES, "strict supervision": STRICT},
-    "feedforward": {"as built": {}, "slow": SLOW},
+    "feedforward": {"as built": {}, "slow": SLOW, "small angle": {**SMALL, "limiter": {**SMALL, "opposite_phase_max": [0.02]}}},
     "proportional": {"as built": {}, "slow": SLOW},
 }
 """Parameters that bring out each limit of a law."""
