@@ -80,6 +80,7 @@ MEANINGS = {
     "sensors.front_angle": "the same, at the road wheels",
     "sensors.yaw_rate": "the same, of the gyroscope",
     "sensors.rear_angle": "the same, of the actuator",
+    "sensors.lateral_acceleration": "the same, of the accelerometer",
     "controller.enable_speed_km_h": "control begins; in reverse it never does",
     "controller.tracking.grip_recovery_m_s3": "how fast it is forgotten in a turn",
     "controller.tracking.grip_recovery_idle_m_s3": "the same where less than half of that grip is asked for",

@@ -70,7 +70,7 @@ def check_signalling_nan(built: Built) -> None:
 
 def check_fail_safe(built: Built) -> None:
     """Without anything the rear angle goes to zero at its rate, however fast the car is."""
-    step = math.radians(CONFIG.controller.fail_safe.rate_deg_s) * PERIOD
+    step = math.radians(config_of(built).controller.fail_safe.rate_deg_s) * PERIOD
     for start in (0.02, -0.02):
         controller = built.software.controller(start)
         controller.step(built.turn(speed=30.0))

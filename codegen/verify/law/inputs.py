@@ -77,7 +77,8 @@ class SecondInputs:
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
-            self.yaw_rate.value = self.expected
+            self.yaw_rate.value = self._within(self.expected if self._witness() is None else self._witness(), p("yaw_rate_max"))
+            self.happened.add("yaw rate from the " + ("angles" if self._witness() is None else "lateral acceleration"))
         if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
             self.front_angle.value = self._within(rear + self.yaw_rate.value / gain, p("front_angle_max"))
         quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED
@@ -103,12 +104,12 @@ class SecondInputs:
         p, yaw_rate = self.parameter, self.yaw_rate.value
         confirmed = self._agrees(gain * (measured - rear) - yaw_rate, yaw_rate)
         apart, step = abs(yaw_rate - self.expected), p("front_angle_step")
-        if not self.front_angle.is_measured:
+        if not (self.front_angle.is_measured and self.yaw_rate.is_measured):
             self.least_of_front = self.real(2.0) * p("yaw_rate_max")
         else:
             changed = measured != self.front_angle.value and not math.isnan(measured)
             self.least_of_front = apart if changed else min(self.least_of_front, apart)
-            witness = self._witness() if self.yaw_rate.is_measured else None
+            witness = self._witness()
             is_told = witness is not None and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
             if is_told and apart - self.least_of_front > p("yaw_rate_frozen"):
                 step = self.real(-1.0)
@@ -137,20 +138,16 @@ class SecondInputs:
         room, right = p("yaw_rate_noise") - abs(gain * self.front_angle.value), measured - self.offset
         if room <= 0.0 or self.speed.value < 5.0:
             return self._within(right, p("yaw_rate_max"))
-        beyond = right - self.expected
+        turn = self.expected if self.lateral is None else self.lateral
+        beyond = right - turn
         self.offset = self._within(self.offset + p("yaw_rate_offset_share") * beyond, p("yaw_rate_offset_max"))
-        return self._within(self.expected + (beyond - self._within(beyond, room)), p("yaw_rate_max"))
+        return self._within(turn + (beyond - self._within(beyond, room)), p("yaw_rate_max"))
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)
         witness = self._witness()
-        if witness is not None and not self.yaw_rate.is_measured:
-            turn = witness
-            self.happened.add("yaw rate from the lateral acceleration")
-        else:
-            turn = gain * (self.front_angle.value - rear)
-            turn = self.expected + p("expected_share") * (turn - self.expected)
-        self.expected = self._within(turn, p("yaw_rate_max"))
+        turn = gain * (self.front_angle.value - rear)
+        self.expected = self._within(self.expected + p("expected_share") * (turn - self.expected), p("yaw_rate_max"))
         apart = abs(measured - self.expected)
         grip = p("lateral_acceleration_max") + speed * p("yaw_rate_tolerance")
         is_possible = bool(abs(measured) <= p("yaw_rate_max") and abs(speed * measured) <= grip)
@@ -165,7 +162,7 @@ class SecondInputs:
             is_frozen = is_frozen or self.against + against >= self.p.recovery_samples
         self.against = self.against + 1 if against and not is_frozen else 0
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
-        confirmed = self._agrees(measured - self.expected, self.expected)
+        confirmed = self._agrees(measured - self.yaw_rate.value, self.yaw_rate.value)
         was_measured = self.yaw_rate.is_measured
         taken = self._take("yaw_rate", measured, is_possible, confirmed, step)
         if is_possible and was_measured and self.yaw_rate.is_measured:

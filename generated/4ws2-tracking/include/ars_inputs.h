@@ -93,7 +93,7 @@ typedef struct {
     ars_signal_t speed;
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
-    float expected_yaw_rate; /* rad/s, of the linear car with these angles; while none is measured, of the lateral acceleration */
+    float expected_yaw_rate; /* rad/s, of the linear car with these angles */
     float least;             /* rad/s, how near the yaw rate was to it since that changed last */
     float least_of_front;    /* rad/s, the same since the front angle changed last */
     float yaw_rate_offset;   /* rad/s, learned on straights */

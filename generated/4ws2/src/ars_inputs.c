@@ -280,18 +280,21 @@ ARS_SECTION_CODE static bool take_front_angle(
     ars_signal_t *const signal = &self->front_angle;
     const float yaw_rate = self->yaw_rate.value;
     const bool is_there = is_within(measured, parameters->front_angle_max);
+    bool is_still = false;
     bool is_gap = false;
 
-    if (signal->source != ARS_SIGNAL_MEASURED) {
+    if ((signal->source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)) {
+        const float apart = magnitude(yaw_rate - self->expected_yaw_rate);
+
+        is_still = is_frozen(signal, parameters, measured, apart, &self->least_of_front);
+    } else {
         self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
+    }
+    if (signal->source != ARS_SIGNAL_MEASURED) {
         prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
     } else {
-        const float apart = magnitude(yaw_rate - self->expected_yaw_rate);
-        const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least_of_front);
-
         is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
         if (is_there && is_still && lateral->is_there && self->lateral_is_proven
-            && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
@@ -312,7 +315,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
 
     if (signal->source != ARS_SIGNAL_MEASURED) {
         self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
-        prove(signal, parameters, measured, is_there, agrees(parameters, measured, self->expected_yaw_rate));
+        prove(signal, parameters, measured, is_there, agrees(parameters, measured, signal->value));
     } else if (is_there) {
         const float apart = magnitude(measured - self->expected_yaw_rate);
         const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least);
@@ -338,20 +341,21 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     return is_gap;
 }
 
-/* Where the front wheels are straight, what the sensor shows beyond what the rear wheels make is its offset, and differences as small
- * as its noise are none. */
+/* Where the front wheels are straight, what the sensor shows beyond the lateral acceleration's turn, or the rear wheels', is its offset,
+ * and differences as small as its noise are none. */
 ARS_SECTION_CODE static float without_offset(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn, const lateral_t *lateral)
 {
     const float room = parameters->yaw_rate_noise - magnitude(front_turn);
+    const float turn = lateral->is_there ? lateral->yaw_rate : self->expected_yaw_rate;
     float yaw_rate = self->yaw_rate.value - self->yaw_rate_offset;
 
     if ((room > 0.0f) && (self->speed.value >= lateral_speed_least)) {
-        const float beyond = yaw_rate - self->expected_yaw_rate;
+        const float beyond = yaw_rate - turn;
         const float learned = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * beyond);
 
         self->yaw_rate_offset = bounded(learned, parameters->yaw_rate_offset_max);
-        yaw_rate = self->expected_yaw_rate + toward_zero(beyond, room);
+        yaw_rate = turn + toward_zero(beyond, room);
     }
     return bounded(yaw_rate, parameters->yaw_rate_max);
 }
@@ -368,12 +372,8 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     float turn = gain * (measured->front_angle - rear);
 
     has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
-    if (lateral.is_there && self->lateral_is_proven && (self->yaw_rate.source != ARS_SIGNAL_MEASURED)) {
-        turn = lateral.yaw_rate;
-    } else {
-        turn = gain * (self->front_angle.value - rear);
-        turn = self->expected_yaw_rate + (parameters->expected_share * (turn - self->expected_yaw_rate));
-    }
+    turn = gain * (self->front_angle.value - rear);
+    turn = self->expected_yaw_rate + (parameters->expected_share * (turn - self->expected_yaw_rate));
     self->expected_yaw_rate = bounded(turn, parameters->yaw_rate_max);
     has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, &lateral) || has_gap;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
@@ -381,7 +381,8 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         self->yaw_rate.source = ARS_SIGNAL_LOST;
     }
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
-        self->yaw_rate.value = self->expected_yaw_rate;
+        turn = (lateral.is_there && self->lateral_is_proven) ? lateral.yaw_rate : self->expected_yaw_rate;
+        self->yaw_rate.value = bounded(turn, parameters->yaw_rate_max);
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
         self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
@@ -390,9 +391,10 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     take_friction(self, parameters, measured->friction);
     believed->speed = self->speed.value;
     believed->front_angle = self->front_angle.value;
-    believed->yaw_rate
-        = (self->yaw_rate.source == ARS_SIGNAL_MEASURED) ? without_offset(self, parameters, gain * self->front_angle.value)
-                                                                     : self->yaw_rate.value;
+    believed->yaw_rate = self->yaw_rate.value;
+    if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
+        believed->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
+    }
     believed->rear_angle = rear;
     believed->friction = self->friction;
     believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
