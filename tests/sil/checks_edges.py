@@ -37,12 +37,14 @@ def check_init_sets_everything(built: Built) -> None:
     parameters = software.parameters()
     firsts: dict[str, Callable[[Any], Any]] = {
         "controller": lambda state: software.function("controller_init")(state, 0.02),
+        "law": lambda state: software.function("law_init")(state, 0.02),
         "limiter": lambda state: software.function("limiter_init")(state, 0.02),
         "e2e_receiver": software.function("e2e_receiver_init"),
         "task": lambda state: software.function("task_init")(state, parameters),
     }
     if law_of(config_of(built)).uses_reference_model:
         firsts["reference_model"] = lambda state: software.function("reference_model_start")(state, 20.0, 0.1, 0.02)
+        firsts["grip"] = software.function("grip_init")
     for name, first in firsts.items():
         left = []
         for byte in DIRT:
@@ -69,6 +71,9 @@ def check_state_after_init(built: Built) -> None:
     """The state that the header describes: the angle, a standby, no count, no reference, no speed yet."""
     nowhere = built.software.controller(math.nan).state
     assert nowhere.rear_angle == nowhere.limiter.rear_angle == 0.0, "no number counts as zero"
+    most = float(built.real(config_of(built).rear_actuator.angle_max))
+    for side in (1.0, -1.0):
+        assert built.software.controller(side * 0.9).state.rear_angle == side * most, "beyond the actuator's limit"
     state = built.software.controller(0.02).state
     assert state.rear_angle == float(built.real(0.02)) == state.limiter.rear_angle
     assert (state.yaw_rate_reference, state.status, state.enabled) == (0.0, Status.STANDBY, False)

@@ -7,7 +7,7 @@ import numpy as np
 
 from codegen.sil.software import Measurement, Status
 from tests.builds import CONFIG, SPEED, Built
-from tests.sil.checks_kinds import OPEN, STILL, parameters_of
+from tests.sil.checks_kinds import OPEN, STILL, config_of, parameters_of
 
 PERIOD = CONFIG.controller.sampling_time_s
 RUNNING = (Status.TRACKING, Status.LIMITED)

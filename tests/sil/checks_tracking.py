@@ -126,6 +126,30 @@ def check_tracking_at_the_end_of_its_range(built: Built) -> None:
             assert command.status is status, (side, integral)
 
 
+def check_tracking_at_the_end_of_its_rate(built: Built) -> None:
+    """A demand that the rate just allows is not limited, one unit in the last place beyond is."""
+    for side in BOTH:
+        controller = _running(built, rear_rate_max=0.5, rear_angle_error_max=1.0)
+        step = float(built.real(0.5) * built.real(config_of(built).controller.sampling_time_s))
+        for demand, status in ((step, Status.TRACKING), (built.next(step, 1.0), Status.LIMITED)):
+            controller.init(0.0)
+            controller.step(Measurement(SPEED, 0.0, 0.0))
+            controller.state.law.integral = side * demand
+            command = controller.step(Measurement(SPEED, 0.0, 0.0, inhibit=True))
+            assert command.rear_angle == side * step
+            assert command.status is status, (side, demand)
+
+
+def check_tracking_reached_in_a_small_turn(built: Built) -> None:
+    """What was reached is the lateral acceleration to either side, however small it is."""
+    for side in BOTH:
+        controller = _running(built)
+        assert controller.state.grip.reached == 0.0
+        turn = Measurement(SPEED, side * 0.001, side * 0.01)
+        controller.step(turn)
+        assert controller.state.grip.reached == float(built.real(SPEED) * built.real(0.01))
+
+
 def check_tracking_least_grip(built: Built) -> None:
     """On a road that gives nothing the grip goes down to the least friction that is believed, and no further."""
     for side in BOTH:

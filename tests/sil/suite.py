@@ -191,7 +191,7 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "checksum": lambda _: _of_built(checks_lookup.check_map_functions),
     "controller": _controller,
     "law": _controller,
-    "grip": lambda kind: [*_drives(kind), *_of_built(*_in(checks_tracking))],
+    "grip": lambda kind: [*_drives(kind), *_of_built(*_in(checks_tracking)), *_inits(kind)],
     "parameters": lambda _: [
         *_of_built(*_in(checks_parameters), checks_lookup.check_map_functions),
         *_of_calibration(checks_calibration.check_parameters_judge_the_map_too),

@@ -1,7 +1,7 @@
 /*
  * Control law, kind "tracking": feedforward of the optimum, reference model, scheduled feedback.
  *
- * One part of the controller (ars_controller.h), which decides when the law runs and what happens else.
+ * One part of the controller (ars_controller.h), which decides when the law runs and what happens otherwise.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *

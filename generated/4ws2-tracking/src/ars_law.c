@@ -202,7 +202,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     float feedback;
     float demand;
     ars_law_output_t output;
-    bool limited;
+    bool limited = false;
 
     output.yaw_rate_reference = reference;
     if (phase == ARS_LAW_STARTS) {
@@ -217,7 +217,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
         feedback = range.high;
         limited = true;
     } else if (feedback > range.low) {
-        limited = false;
+        /* within the range */
     } else {
         limited = feedback < range.low;
         feedback = range.low;

@@ -94,8 +94,8 @@ ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Checksum of all that the controller computes with and no compiler sees: CRC-32 over the map, ars_parameters_default
- * in memory. Takes about 85276 table look-ups of four bits.
+ * Return the CRC-32 over the map and ars_parameters_default in memory. Takes about
+ * 85276 table look-ups of four bits.
  */
 uint32_t ars_calibration_checksum(void);
 
