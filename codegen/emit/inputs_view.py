@@ -86,9 +86,9 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             10.0,
         ),
         Parameter(
-            "yaw_rate_noise",
-            math.radians(inputs.yaw_rate_noise_deg_s),
-            "rad/s, no more than which counts for nothing on a straight",
+            "straight_yaw_rate",
+            math.radians(inputs.straight_yaw_rate_deg_s),
+            "rad/s that the front wheels make at most on a straight",
             0.0,
             1.0,
         ),

@@ -302,35 +302,38 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
 
 
 def check_offset_of_the_yaw_rate(built: Built) -> None:
-    """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then it is taken off."""
-    settings = {"yaw_rate_offset_share": 0.125, "yaw_rate_offset_max": 0.25, "yaw_rate_noise": 0.0625, "yaw_rate_step": 40.0}
-    for side in (1.0, -1.0):
-        for speed, shown, wanted in ((16.0, 0.125, 0.125), (16.0, 0.5, 0.25), (built.next(5.0, 0.0), 0.125, 0.0)):
+    """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then taken off. What
+    is a turn by the rear angle or by the lateral acceleration is none."""
+    settings = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_max": 0.5}
+    settings |= {"yaw_rate_offset_share": 0.125, "yaw_rate_offset_max": 0.25, "straight_yaw_rate": 0.0625}
+    slow = built.next(5.0, 0.0)
+    cases = (  # front and rear as rad/s of the linear car
+        *(
+            (16.0, 0.0, 0.0, math.nan, 0.125, 0.125),
+            (16.0, 0.0, 0.0, math.nan, 0.5, 0.25),
+            (slow, 0.0, 0.0, math.nan, 0.125, 0.0),
+        ),
+        *(
+            (16.0, 0.0, -0.0625, math.nan, 0.25, 0.1875),
+            (16.0, 0.0, 0.0, 1.0, 0.125, 0.0625),
+            (16.0, 0.0, 0.0, 200.0, 0.125, 0.125),
+        ),
+        *((16.0, 0.0, 0.0, 3.0, 0.125, 0.0625), (16.0, 0.0, 0.0, 2.0, 0.125, 0.0)),
+        *((16.0, 0.0625, 0.0, -1.0, 0.25, 0.1875), (16.0, built.next(0.0625, 1.0), 0.0, -1.0, 0.25, 0.0)),
+    )
+    for speed, front, rear, lateral, shown, wanted in cases:
+        for side in (1.0, -1.0):
             controller = built.software.controller(0.0, parameters_of(built, {"inputs": settings}))
-            inputs, straight = controller.state.inputs, Measurement(speed, 0.0, side * shown, 0.0)
+            inputs = controller.state.inputs
+            angles = (side * front / 8.0, side * shown, side * rear / 8.0)
+            straight = Measurement(speed, *angles, lateral_acceleration=side * lateral)
+            beyond = shown - (front - rear)
+            beyond = min(beyond, abs(shown - lateral / 16.0)) if abs(lateral) < 100.0 else beyond
+            first = 0.125 * beyond if wanted else 0.0
             controller.step(straight)
-            assert inputs.yaw_rate_offset == (0.125 * side * shown if speed > 5.0 else 0.0)
+            assert inputs.yaw_rate_offset == side * first, (front, rear, lateral)
             controller.run([straight] * 400)
             assert abs(inputs.yaw_rate_offset - side * wanted) <= 8.0 * built.eps * wanted  # half a unit over 8 samples
-            turn = replace(straight, front_angle=0.03, yaw_rate=0.3)
-            turning = [replace(turn, yaw_rate=0.3 + 1e-6 * (sample % 2)) for sample in range(100)]
-            controller.run(turning)
-            learned = inputs.yaw_rate_offset
-            controller.run(turning)
-            assert inputs.yaw_rate_offset == learned, "a turn tells nothing of it"
-            controller.step(turn)
-            assert abs(controller.state.sample.yaw_rate - (0.3 - learned)) <= built.eps
-
-
-def check_noise_of_the_yaw_rate(built: Built) -> None:
-    """What is no further from the linear car's turn counts for nothing, as far as the front wheels' turn leaves room for it."""
-    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_noise": 0.25}
-    exact |= {"yaw_rate_offset_max": 0.0}
-    for front, rear, shown, wanted in (
-        *((0.0, 0.0, 0.25, 0.0), (0.0, 0.0, 0.3125, 0.0625), (0.0, 0.0, -0.3125, -0.0625), (0.125, 0.0, 0.25, 0.125)),
-        *((0.125, 0.0, 0.3125, 0.1875), (0.25, 0.0, 0.3125, 0.3125), (-0.125, 0.0, -0.3125, -0.1875)),
-        *((0.5, 0.0, 0.4375, 0.4375), (0.0, -0.125, 0.4375, 0.1875), (0.5, 0.5, 0.4375, 0.4375)),
-    ):
-        controller = built.software.controller(0.0, parameters_of(built, {"inputs": exact}))
-        controller.step(Measurement(16.0, front / 8.0, shown, rear / 8.0))
-        assert controller.state.sample.yaw_rate == wanted, (front, rear, shown)
+            assert controller.state.sample.yaw_rate == float(built.real(side * shown) - built.real(inputs.yaw_rate_offset))
+            controller.step(replace(straight, front_angle=side * 0.5, yaw_rate=-side * 0.4))
+            assert abs(controller.state.sample.yaw_rate) <= 0.5

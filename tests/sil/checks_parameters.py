@@ -98,7 +98,7 @@ def _configured_inputs(config: Config) -> dict[str, Any]:
         "yaw_rate_frozen": math.radians(inputs.yaw_rate_frozen_deg_s),
         "speed_agreement": inputs.speed_agreement_km_h / 3.6,
         "yaw_rate_agreement": math.radians(inputs.yaw_rate_agreement_deg_s),
-        "yaw_rate_noise": math.radians(inputs.yaw_rate_noise_deg_s),
+        "straight_yaw_rate": math.radians(inputs.straight_yaw_rate_deg_s),
         "yaw_rate_offset_max": math.radians(inputs.yaw_rate_offset_max_deg_s),
         "yaw_rate_offset_share": period / inputs.yaw_rate_offset_time_s,
         "speed_fall": inputs.speed_fall_m_s2 * period,

@@ -135,13 +135,13 @@ class SecondInputs:
 
     def _without_offset(self, gain: Any) -> Any:
         p, measured = self.parameter, self.yaw_rate.value
-        room, right = p("yaw_rate_noise") - abs(gain * self.front_angle.value), measured - self.offset
-        if room <= 0.0 or self.speed.value < 5.0:
-            return self._within(right, p("yaw_rate_max"))
-        turn = self.expected if self.lateral is None else self.lateral
-        beyond = right - turn
-        self.offset = self._within(self.offset + p("yaw_rate_offset_share") * beyond, p("yaw_rate_offset_max"))
-        return self._within(turn + (beyond - self._within(beyond, room)), p("yaw_rate_max"))
+        if abs(gain * self.front_angle.value) <= p("straight_yaw_rate") and self.speed.value >= 5.0:
+            shown = measured - self.expected
+            if self.lateral is not None:
+                shown = self._within(shown, abs(measured - self.lateral))
+            change = p("yaw_rate_offset_share") * (shown - self.offset)
+            self.offset = self._within(self.offset + change, p("yaw_rate_offset_max"))
+        return self._within(measured - self.offset, p("yaw_rate_max"))
 
     def _take_yaw_rate(self, measured: Any, gain: Any, rear: Any) -> bool:
         p, speed = self.parameter, abs(self.speed.value)

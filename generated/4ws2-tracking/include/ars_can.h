@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xBA58FB0Eu
+#define ARS_CAN_BUILD 0x6B85ADFDu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

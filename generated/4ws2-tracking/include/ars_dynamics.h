@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xBA58FB0Eu
+#define ARS_DYNAMICS_BUILD 0x6B85ADFDu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

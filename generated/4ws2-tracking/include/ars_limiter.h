@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xBA58FB0Eu
+#define ARS_LIMITER_BUILD 0x6B85ADFDu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

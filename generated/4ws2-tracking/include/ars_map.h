@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xBA58FB0Eu
+#define ARS_MAP_BUILD 0x6B85ADFDu
 
 /* Breakpoints of the table. */
 enum {

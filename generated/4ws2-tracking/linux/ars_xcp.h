@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0xBA58FB0Eu
+#define ARS_XCP_BUILD 0x6B85ADFDu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

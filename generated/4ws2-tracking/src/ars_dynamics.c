@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xBA58FB0Eu
+#if ARS_DYNAMICS_BUILD != 0x6B85ADFDu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x4CEFD4D1u
+#define ARS_CAN_BUILD 0x9D0649BBu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x4CEFD4D1u
+#define ARS_DYNAMICS_BUILD 0x9D0649BBu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x4CEFD4D1u
+#define ARS_INPUTS_BUILD 0x9D0649BBu
 
 /* One sample of what the vehicle measures. */
 typedef struct {
@@ -56,7 +56,7 @@ typedef struct {
     float yaw_rate_frozen;              /* rad/s that yaw rate and front angle may move apart while one of them stays to the bit */
     float speed_agreement;              /* m/s, within which a speed that was wrong counts again */
     float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
-    float yaw_rate_noise;               /* rad/s, no more than which counts for nothing on a straight */
+    float straight_yaw_rate;            /* rad/s that the front wheels make at most on a straight */
     float yaw_rate_offset_max;          /* rad/s that is learned at most */
     float yaw_rate_offset_share;        /* of what is left of it, in a sample */
     float speed_fall;                   /* m/s that a lost speed falls in a sample */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x4CEFD4D1u
+#define ARS_LIMITER_BUILD 0x9D0649BBu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

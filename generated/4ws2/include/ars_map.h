@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x4CEFD4D1u
+#define ARS_MAP_BUILD 0x9D0649BBu
 
 /* Breakpoints of the table. */
 enum {

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x4CEFD4D1u
+#define ARS_XCP_BUILD 0x9D0649BBu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x4CEFD4D1u
+#if ARS_CAN_BUILD != 0x9D0649BBu
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x4CEFD4D1u
+#if ARS_CHECKSUM_BUILD != 0x9D0649BBu
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x4CEFD4D1u
+#if ARS_INPUTS_BUILD != 0x9D0649BBu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -153,7 +153,7 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->yaw_rate_frozen, 0.001f, 20.0f)
         && is_between(parameters->speed_agreement, 0.001f, 200.0f)
         && is_between(parameters->yaw_rate_agreement, 0.001f, 10.0f)
-        && is_between(parameters->yaw_rate_noise, 0.0f, 1.0f)
+        && is_between(parameters->straight_yaw_rate, 0.0f, 1.0f)
         && is_between(parameters->yaw_rate_offset_max, 0.0f, 1.0f)
         && is_between(parameters->yaw_rate_offset_share, 1.0e-06f, 1.0f)
         && is_between(parameters->speed_fall, 0.0f, 1.0f)
@@ -341,23 +341,23 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     return is_gap;
 }
 
-/* Where the front wheels are straight, what the sensor shows beyond the lateral acceleration's turn, or the rear wheels', is its offset,
- * and differences as small as its noise are none. */
+/* While the front wheels are straight, what the sensor shows beyond the linear car's turn is learned as its offset; of a turn that the
+ * lateral acceleration shows too no more than is beyond that. */
 ARS_SECTION_CODE static float without_offset(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn, const lateral_t *lateral)
 {
-    const float room = parameters->yaw_rate_noise - magnitude(front_turn);
-    const float turn = lateral->is_there ? lateral->yaw_rate : self->expected_yaw_rate;
-    float yaw_rate = self->yaw_rate.value - self->yaw_rate_offset;
+    if (is_within(front_turn, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)) {
+        float shown = self->yaw_rate.value - self->expected_yaw_rate;
 
-    if ((room > 0.0f) && (self->speed.value >= lateral_speed_least)) {
-        const float beyond = yaw_rate - turn;
-        const float learned = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * beyond);
+        if (lateral->is_there) {
+            const float largest = magnitude(self->yaw_rate.value - lateral->yaw_rate);
 
-        self->yaw_rate_offset = bounded(learned, parameters->yaw_rate_offset_max);
-        yaw_rate = turn + toward_zero(beyond, room);
+            shown = bounded(shown, largest);
+        }
+        shown = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * (shown - self->yaw_rate_offset));
+        self->yaw_rate_offset = bounded(shown, parameters->yaw_rate_offset_max);
     }
-    return bounded(yaw_rate, parameters->yaw_rate_max);
+    return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
 }
 
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(
