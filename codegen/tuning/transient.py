@@ -36,7 +36,7 @@ OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
-OVERSHOOT_PRICE_S = 0.02
+OVERSHOOT_PRICE_S = 0.012
 """s of t90 that a percent of overshoot of the worst of these is worth."""
 
 SHARES = (0.25, 0.5, 1.0)
@@ -60,7 +60,7 @@ DISTANCE_PRICE_S = 0.005
 apart, what is interpolated is neither."""
 TIERS = (1e6, 1e4, 1e2, 1.0)
 """Weights that put one key of the choice before the next one, in the sum over the speeds."""
-STEPS = ((0.015, 0.04), (0.0075, 0.02))
+STEPS = ((0.015, 0.04), (0.0075, 0.02), (0.00375, 0.01))
 """s, s. Then each speed's best pair and its eight neighbours, at these distances. Speeds with an even number move first, those
 between them second: what is driven half way between two speeds then depends on one that moves."""
 
@@ -227,7 +227,7 @@ class _Search:
         share = after / steady
         outside = np.abs(share - 1.0) > SETTLED_SHARE
         settling = period * (outside.shape[0] - np.argmax(outside[::-1], axis=0)) * outside.any(axis=0)
-        rise = period * np.argmax(share >= RISEN_SHARE, axis=0)
+        rise = period * _crossing(share, RISEN_SHARE)
         spins = ((np.abs(sideslip) > SPIN_SIDESLIP) & (np.abs(slip) > SPIN_REAR_SLIP)).any(axis=0) | ~(steady > 0.0)
         each = np.where(spins, np.inf, np.stack([100.0 * (share.max(axis=0) - 1.0), settling, rise]))
         each = each.reshape(3, -1, len(SHARES))
@@ -279,6 +279,18 @@ class _Search:
         both = self.limits == DEVIATION_OVERSHOOT_PERCENT
         rows = np.concatenate([pairs.T, figures[[0, 1, 4], 0], figures[:1, both].max(axis=1, initial=0.0)])
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
+
+
+def _crossing(share: FloatArray, level: float) -> FloatArray:
+    """Samples (n,) after which courses (samples, n) first reach a level, with the straight line between two: a finer figure
+    than whole samples lets small differences between pairs count."""
+    after = np.maximum(np.argmax(share >= level, axis=0), 1)
+    column = np.arange(share.shape[1])
+    below, above = share[after - 1, column], share[after, column]
+    rising = above > below
+    part = np.where(rising, (level - below) / np.where(rising, above - below, 1.0), 1.0)
+    result: FloatArray = after - 1 + np.clip(part, 0.0, 1.0)
+    return result
 
 
 def family_of(config: Config) -> tuple[FloatArray, FloatArray]:

@@ -37,7 +37,7 @@ def figures(*rows: dict[str, float], other: float = 2.0) -> np.ndarray:
             id="the larger angles before all",
         ),
         pytest.param({"rise": 0.5}, {"rise": 0.2, "other": 16.0}, id="the limit of other cars before the rise time"),
-        pytest.param({"rise": 0.5}, {"rise": 0.4, "other": 8.0}, id="overshoot of other cars has its price"),
+        pytest.param({"rise": 0.5}, {"rise": 0.4, "other": 14.0}, id="overshoot of other cars has its price"),
         pytest.param({"rise": 0.4}, {"rise": 0.3, "settling": np.inf, "overshoot": np.inf}, id="no spin"),
     ],
 )

@@ -35,7 +35,9 @@ def test_a_report_of_a_build_that_is_driven_with_faults(run: Run, here: Path) ->
 def test_baselines_of_a_scenario(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through frames too, whose quantisation is in the figures of the baselines then."""
     found, small = candidate.tuned, configuration.parse({"tuning": SMALL_TUNING}, "test").tuning
-    monkeypatch.setattr(candidate, "tuned", lambda config, *more: found(config.model_copy(update={"tuning": small}), *more))
+    monkeypatch.setattr(
+        candidate, "tuned", lambda solved, config, *more: found(solved, config.model_copy(update={"tuning": small}), *more)
+    )
     sil = ("sil", "--build", BUILD, "--csv", "run.csv")
     alone = answer_of(run, *sil)["metrics"]
     record = Path("run.csv").read_bytes()
