@@ -51,7 +51,7 @@ class Inputs(Section):
     yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 1.7
     straight_yaw_rate_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.3
     yaw_rate_offset_max_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.5
-    yaw_rate_offset_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.2
+    yaw_rate_offset_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.0
     speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2")] = 0.5
     friction_recovery_1_s: Annotated[float, Range(0.001, 10.0, "1/s")] = 0.1
 

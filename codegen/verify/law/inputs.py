@@ -52,7 +52,7 @@ class SecondInputs:
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
         self.expected = self.least = self.least_of_front = self.offset = zero
         self.lateral: Any = None  # rad/s that the lateral acceleration shows; None: it shows nothing
-        self.lateral_is_proven = False
+        self.lateral_is_known = self.lateral_is_proven = False
         self.against = 0  # samples of a yaw rate to the other side than the other signals
         self.friction = real(FRICTION_UNKNOWN)
         self.happened: set[str] = set()
@@ -73,6 +73,7 @@ class SecondInputs:
         gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
         shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
         self.lateral = m.lateral_acceleration / speed if shows else None
+        self.lateral_is_known |= self.lateral is not None
         taken += [self._take_front_angle(m.front_angle, gain, rear), self._take_yaw_rate(m.yaw_rate, gain, rear)]
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
@@ -135,7 +136,8 @@ class SecondInputs:
 
     def _without_offset(self, gain: Any) -> Any:
         p, measured = self.parameter, self.yaw_rate.value
-        if abs(gain * self.front_angle.value) <= p("straight_yaw_rate") and self.speed.value >= 5.0:
+        is_straight = abs(gain * self.front_angle.value) <= p("straight_yaw_rate") and self.speed.value >= 5.0
+        if is_straight and (self.lateral is not None or not self.lateral_is_known):
             shown = measured - self.expected
             if self.lateral is not None:
                 shown = self._within(shown, abs(measured - self.lateral))

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x6B85ADFDu
+#define ARS_CAN_BUILD 0xA6C97FA6u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

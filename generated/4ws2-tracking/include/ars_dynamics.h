@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x6B85ADFDu
+#define ARS_DYNAMICS_BUILD 0xA6C97FA6u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x6B85ADFDu
+#define ARS_INPUTS_BUILD 0xA6C97FA6u
 
 /* One sample of what the vehicle measures. */
 typedef struct {
@@ -98,6 +98,7 @@ typedef struct {
     float least_of_front;    /* rad/s, the same since the front angle changed last */
     float yaw_rate_offset;   /* rad/s, learned on straights */
     float friction;          /* last estimate, on its way to none since there was one */
+    bool lateral_is_known;   /* a lateral acceleration has been measured */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;
 

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x6B85ADFDu
+#define ARS_LIMITER_BUILD 0xA6C97FA6u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

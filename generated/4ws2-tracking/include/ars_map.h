@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x6B85ADFDu
+#define ARS_MAP_BUILD 0xA6C97FA6u
 
 /* Breakpoints of the table. */
 enum {

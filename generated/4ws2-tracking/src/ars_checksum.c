@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x6B85ADFDu
+#if ARS_CHECKSUM_BUILD != 0xA6C97FA6u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

@@ -181,6 +181,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->least_of_front = 0.0f;
     self->yaw_rate_offset = 0.0f;
     self->friction = friction_unknown;
+    self->lateral_is_known = false;
     self->lateral_is_proven = false;
 }
 
@@ -346,7 +347,8 @@ ARS_SECTION_CODE static bool take_yaw_rate(
 ARS_SECTION_CODE static float without_offset(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn, const lateral_t *lateral)
 {
-    if (is_within(front_turn, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)) {
+    if (is_within(front_turn, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
+        && (lateral->is_there || !self->lateral_is_known)) {
         float shown = self->yaw_rate.value - self->expected_yaw_rate;
 
         if (lateral->is_there) {
@@ -371,6 +373,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
     float turn = gain * (measured->front_angle - rear);
 
+    self->lateral_is_known = self->lateral_is_known || lateral.is_there;
     has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
     turn = gain * (self->front_angle.value - rear);
     turn = self->expected_yaw_rate + (parameters->expected_share * (turn - self->expected_yaw_rate));
