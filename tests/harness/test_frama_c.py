@@ -42,6 +42,6 @@ def test_the_report_of_frama_c_is_read(tmp_path: Path, monkeypatch: pytest.Monke
     place = f"4ws2/src/ars_can.c:{line}: possible: float_to_int: \\is_finite(scaled)"
     assert outcome.figures["4ws2"]["alarms"] == [f"{place} in to_code(): `const int32_t whole = (int32_t)scaled;`"]
     assert outcome.figure.startswith("1 alarms, 1 of them argued to be false; 2 of ")
-    # The controller and the limiter both define clamp(), and one is reached.
-    assert outcome.findings.count("4ws2: clamp() is not analysed") == 1
+    # Controller, law and limiter define clamp() each, and one is reached.
+    assert outcome.findings.count("4ws2: clamp() is not analysed") == 2
     assert "4ws2: to_code() is not analysed" not in outcome.findings

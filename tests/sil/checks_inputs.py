@@ -338,7 +338,7 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
             learned = inputs.yaw_rate_offset
             controller.step(replace(straight, lateral_acceleration=math.nan, yaw_rate=side * (shown + 0.125)))
             assert (inputs.yaw_rate_offset == learned) == (
-                not math.isnan(lateral) and abs(lateral) < 100.0 or wanted in (0.0, 0.25)
+                (not math.isnan(lateral) and abs(lateral) < 100.0) or wanted in (0.0, 0.25)
             )
             controller.step(replace(straight, front_angle=side * 0.5, yaw_rate=-side * 0.4))
             assert abs(controller.state.sample.yaw_rate) <= 0.5

@@ -17,7 +17,7 @@ from codegen.verify.proof.source import CannotJudge, Program, Unit
 from tests.verify import builds
 
 PI = builds.made("pi", "uneven")
-UNITS = ("ars_e2e", "ars_map", "ars_calibration")
+UNITS = ("ars_checksum", "ars_e2e", "ars_map", "ars_calibration")
 """Units that are proved in a second; the limiter and the controller take minutes."""
 ROW = "yaw_rate_table[ARS_MAP_SPEED_POINTS][ARS_MAP_FRONT_ANGLE_POINTS] = {\n    /* 0 km/h */\n    {\n        "
 COUNTER = "*counter = (*counter < counter_max) ? (uint8_t)(*counter + 1u) : 0u;"

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0xA6C97FA6u
+#define ARS_CAN_BUILD 0xA146E65Eu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xA6C97FA6u
+#define ARS_DYNAMICS_BUILD 0xA146E65Eu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xA6C97FA6u
+#define ARS_INPUTS_BUILD 0xA146E65Eu
 
 /* One sample of what the vehicle measures. */
 typedef struct {

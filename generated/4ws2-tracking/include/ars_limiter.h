@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xA6C97FA6u
+#define ARS_LIMITER_BUILD 0xA146E65Eu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xA6C97FA6u
+#define ARS_MAP_BUILD 0xA146E65Eu
 
 /* Breakpoints of the table. */
 enum {

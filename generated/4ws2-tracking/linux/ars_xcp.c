@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0xA6C97FA6u
+#if ARS_XCP_BUILD != 0xA146E65Eu
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

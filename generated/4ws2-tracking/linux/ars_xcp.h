@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0xA6C97FA6u
+#define ARS_XCP_BUILD 0xA146E65Eu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

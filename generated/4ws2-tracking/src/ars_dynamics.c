@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xA6C97FA6u
+#if ARS_DYNAMICS_BUILD != 0xA146E65Eu
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

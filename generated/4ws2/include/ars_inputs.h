@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x9D0649BBu
+#define ARS_INPUTS_BUILD 0x0FCAAA14u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

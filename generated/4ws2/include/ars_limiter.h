@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x9D0649BBu
+#define ARS_LIMITER_BUILD 0x0FCAAA14u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

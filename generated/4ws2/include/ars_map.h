@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x9D0649BBu
+#define ARS_MAP_BUILD 0x0FCAAA14u
 
 /* Breakpoints of the table. */
 enum {

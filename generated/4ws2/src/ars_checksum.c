@@ -8,8 +8,13 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x9D0649BBu
+#if ARS_CHECKSUM_BUILD != 0x0FCAAA14u
 #error "ars_checksum.h and this source come from different builds"
+#endif
+
+/* A number counts by its bits, NaN too; a compiler that may assume there is none could take others. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
 /* A number and its bits. */

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x9D0649BBu
+#if ARS_INPUTS_BUILD != 0x0FCAAA14u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -32,7 +32,13 @@ FINDINGS_MAX = 3
 """Wrong inputs reported for a claim."""
 
 SEVERAL = "takes several numbers that vary: the proof and the tests cover it"
+CONTINUES = "continues a CRC: judged through the CRC of one number; tests compare that of the whole calibration"
 OTHERS: Mapping[str, str] = {
+    **{f"checksum: {name}": CONTINUES for name in ("crc_step", "@_checksum_whole")},
+    "map: @_map_crc": CONTINUES,
+    "parameters: @_parameters_crc": CONTINUES,
+    "reference_model: @_reference_model_crc": CONTINUES,
+    "selftest: with_the_rest": CONTINUES,
     "can: error_of": "takes a product and its factors: judged through to_code, for every value of each coding",
     "can: goes_outward": "takes a product and its factors: judged through to_code, for every value of each coding",
     "reference_model: curve_at": "judged through both curves, for every argument",
@@ -59,7 +65,7 @@ FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contrac
 GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
 # Addresses are for the sanitizers of `codegen verify`: here they would take most of the time.
 UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
-LINKED = ("parameters", "law", "controller", "map")
+LINKED = ("parameters", "law", "controller", "map", "reference_model")
 """Units whose helpers call other units or read the calibration."""
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
