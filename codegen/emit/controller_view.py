@@ -29,6 +29,7 @@ INPUT_NUMBERS = (
     "least",
     "least_of_front",
     "yaw_rate_offset",
+    "beyond_linear",
     "friction",
 )
 """Numbers of the state of the inputs."""

@@ -96,7 +96,11 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "yaw_rate_offset_max", math.radians(inputs.yaw_rate_offset_max_deg_s), "rad/s that is learned at most", 0.0, 1.0
         ),
         Parameter(
-            "yaw_rate_offset_share", period / inputs.yaw_rate_offset_time_s, "of what is left of it, in a sample", 1e-6, 1.0
+            "yaw_rate_offset_share",
+            period / inputs.yaw_rate_offset_time_s,
+            "of what is left of it, and of what stands for the yaw rate, in a sample",
+            1e-6,
+            1.0,
         ),
         Parameter("speed_fall", inputs.speed_fall_m_s2 * period, "m/s that a lost speed falls in a sample", 0.0, 1.0),
         Parameter(

@@ -235,12 +235,12 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
     cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
     for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
         for is_proven in (True, False):
-            controller, turn = _witnessed(built, speed_step=200.0)
+            controller, turn = _witnessed(built, speed_step=200.0, yaw_rate_offset_share=0.125)
             controller.state.inputs.lateral_is_proven = is_proven
             controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
             wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
-            # Of the lag is left the rounding of its steps, each half a unit, over its 15 samples.
-            assert abs(controller.state.sample.yaw_rate - wanted) <= 20.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
+            # Of the lags is left the rounding of their steps, each half a unit, over 15 samples and over 8.
+            assert abs(controller.state.sample.yaw_rate - wanted) <= 30.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
 
 
 def check_lateral_acceleration_is_refuted(built: Built) -> None:

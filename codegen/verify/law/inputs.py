@@ -50,7 +50,7 @@ class SecondInputs:
         self.real = real
         zero = real(0.0)
         self.speed, self.front_angle, self.yaw_rate = (Signal(zero, good=None if is_trusted else 0) for _ in range(3))
-        self.expected = self.least = self.least_of_front = self.offset = zero
+        self.expected = self.least = self.least_of_front = self.offset = self.beyond = zero
         self.lateral: Any = None  # rad/s that the lateral acceleration shows; None: it shows nothing
         self.lateral_is_known = self.lateral_is_proven = False
         self.against = 0  # samples of a yaw rate to the other side than the other signals
@@ -78,8 +78,12 @@ class SecondInputs:
         if self.front_angle.source is self.yaw_rate.source is Source.WRONG:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
-            self.yaw_rate.value = self._within(self.expected if self._witness() is None else self._witness(), p("yaw_rate_max"))
-            self.happened.add("yaw rate from the " + ("angles" if self._witness() is None else "lateral acceleration"))
+            beyond = self.real(0.0) if self._witness() is None else self._witness() - self.expected
+            self.beyond += p("yaw_rate_offset_share") * (beyond - self.beyond)
+            self.beyond = self._within(self.beyond, p("yaw_rate_max"))
+            self.yaw_rate.value = self._within(self.expected + self.beyond, p("yaw_rate_max"))
+        else:
+            self.beyond = self.real(0.0)
         if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
             self.front_angle.value = self._within(rear + self.yaw_rate.value / gain, p("front_angle_max"))
         quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED

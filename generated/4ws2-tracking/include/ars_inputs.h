@@ -58,7 +58,7 @@ typedef struct {
     float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
     float straight_yaw_rate;            /* rad/s that the front wheels make at most on a straight */
     float yaw_rate_offset_max;          /* rad/s that is learned at most */
-    float yaw_rate_offset_share;        /* of what is left of it, in a sample */
+    float yaw_rate_offset_share;        /* of what is left of it, and of what stands for the yaw rate, in a sample */
     float speed_fall;                   /* m/s that a lost speed falls in a sample */
     float friction_recovery;            /* that a lost estimate rises in a sample */
     uint16_t missing_samples_max;       /* missing samples less others of a signal, before it is replaced */
@@ -97,6 +97,7 @@ typedef struct {
     float least;             /* rad/s, how near the yaw rate was to it since that changed last */
     float least_of_front;    /* rad/s, the same since the front angle changed last */
     float yaw_rate_offset;   /* rad/s, learned on straights */
+    float beyond_linear;     /* rad/s, of the lateral acceleration's turn beyond that of the linear car, while that stands for a yaw rate */
     float friction;          /* last estimate, on its way to none since there was one */
     bool lateral_is_known;   /* a lateral acceleration has been measured */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */

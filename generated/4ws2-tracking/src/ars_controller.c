@@ -175,6 +175,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->inputs.least * self->inputs.least;
     squares += self->inputs.least_of_front * self->inputs.least_of_front;
     squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
+    squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
     squares += self->inputs.friction * self->inputs.friction;
     squares += self->limiter.rear_angle * self->limiter.rear_angle;
     squares += self->limiter.speed * self->limiter.speed;

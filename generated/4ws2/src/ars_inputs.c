@@ -180,6 +180,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->least = 0.0f;
     self->least_of_front = 0.0f;
     self->yaw_rate_offset = 0.0f;
+    self->beyond_linear = 0.0f;
     self->friction = friction_unknown;
     self->lateral_is_known = false;
     self->lateral_is_proven = false;
@@ -362,6 +363,19 @@ ARS_SECTION_CODE static float without_offset(
     return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
 }
 
+/* For the yaw rate: fast the linear car's, slowly that of a lateral acceleration. Fed back at once, that one swings. */
+ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
+{
+    float beyond = 0.0f;
+
+    if (lateral->is_there && self->lateral_is_proven) {
+        beyond = lateral->yaw_rate - self->expected_yaw_rate;
+    }
+    beyond = self->beyond_linear + (parameters->yaw_rate_offset_share * (beyond - self->beyond_linear));
+    self->beyond_linear = bounded(beyond, parameters->yaw_rate_max);
+    self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
+}
+
 ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
     ars_measurement_t *believed)
@@ -384,8 +398,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         self->yaw_rate.source = ARS_SIGNAL_LOST;
     }
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
-        turn = (lateral.is_there && self->lateral_is_proven) ? lateral.yaw_rate : self->expected_yaw_rate;
-        self->yaw_rate.value = bounded(turn, parameters->yaw_rate_max);
+        stand_in(self, parameters, &lateral);
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
         self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
@@ -396,6 +409,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     believed->front_angle = self->front_angle.value;
     believed->yaw_rate = self->yaw_rate.value;
     if (self->yaw_rate.source == ARS_SIGNAL_MEASURED) {
+        self->beyond_linear = 0.0f;
         believed->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
     }
     believed->rear_angle = rear;
