@@ -38,12 +38,12 @@ def test_random_steps_reach_every_status_and_hold_every_kind_of_number() -> None
     """The tour at their start reaches every status alone, and returns to control from both ways into the fail-safe."""
     batch = program().batches["controller"]
     rows = Source(Ground.of(TRACKING.manifest), np.uint32, np.random.default_rng(0)).steps(batch, 4_000)
-    for place in range(1, 7):
+    for place in range(1, 8):
         numbers = rows[:, place].view(np.float32)
         assert np.isinf(numbers).any()
         assert (np.isnan(numbers) & (rows[:, place] & 0x400000 == 0)).any()  # a signalling one
         assert ((np.abs(numbers) < np.finfo(np.float32).tiny) & (numbers != 0.0)).any()
-    assert set(rows[:, 7].tolist()) == {0, 1}
+    assert set(rows[:, 8].tolist()) == {0, 1}
     tour = rows[: int(np.flatnonzero(rows[:, 0])[1])]
     status = column("controller", host().run(batch, tour), "command.status")
     assert set(status.tolist()) == set(Status)
@@ -92,12 +92,12 @@ def test_drawn_samples_go_everywhere() -> None:
     ground = Ground.of(TRACKING.manifest)
     inputs = ground.config.controller.inputs
     without_gaps = drawn(ground, 4_000)[0]
-    speed, front_angle, _, rear_angle, friction, inhibit = without_gaps.T
+    speed, front_angle, _, rear_angle, friction, lateral_acceleration, inhibit = without_gaps.T
     speed_max = inputs.speed_max_km_h / 3.6
     assert np.histogram(speed, bins=10, range=(0.0, speed_max))[0].min() > 0
     assert speed.min() < 0.0 < np.abs(speed).max() <= speed_max
     assert np.abs(front_angle).max() <= np.float32(math.radians(inputs.front_angle_max_deg))
-    assert all(0.1 < np.isnan(optional).mean() < 0.9 for optional in (rear_angle, friction))
+    assert all(0.1 < np.isnan(optional).mean() < 0.9 for optional in (rear_angle, friction, lateral_acceleration))
     assert set(inhibit.tolist()) == {0.0, 1.0}
     for values, corners in ((speed, ground.speed), (np.abs(front_angle), ground.front_angle)):
         inside = corners[corners < 0.99 * corners.max()].astype(np.float32)  # in the precision of the C

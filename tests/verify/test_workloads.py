@@ -27,7 +27,7 @@ def counter() -> Counter:
 
 
 def cycles(*faults: Fault) -> Rows:
-    rows = [[15.0, 0.07, 0.3, 0.01, 0.8, 0.0, float(index == 0), float(fault), 0.0] for index, fault in enumerate(faults)]
+    rows = [[15.0, 0.07, 0.3, 0.01, 0.8, 4.5, 0.0, float(index == 0), float(fault), 0.0] for index, fault in enumerate(faults)]
     return np.array(rows, dtype=np.float32)
 
 
@@ -87,9 +87,9 @@ def test_long_ways_are_as_long_as_their_limits() -> None:
 
 
 def test_each_history_leads_to_a_state_of_its_own() -> None:
-    good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
+    good = np.array([[15.0, 0.02, 0.1, np.nan, np.nan, np.nan, 0.0, 0.0]], dtype=np.float32)
     runs = [
-        builds.compiled("pi").controller().run(measurements_of(np.concatenate([history, good])[:, :6]))
+        builds.compiled("pi").controller().run(measurements_of(np.concatenate([history, good])[:, :7]))
         for history in histories(GROUND)
     ]
     expected = [Status.STANDBY, Status.TRACKING, *3 * [Status.DEGRADED], Status.FAIL_SAFE]
