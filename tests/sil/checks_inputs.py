@@ -301,6 +301,15 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), case
 
 
+def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
+    """What spoke against a yaw rate before it jumped does not speak for it behind the jump."""
+    controller, turn = _witnessed(built, yaw_rate_step=0.5)
+    needed = controller.parameters.inputs.recovery_samples
+    controller.run([replace(turn, yaw_rate=-0.001)] * (needed - 2) + [replace(turn, yaw_rate=-1.0)])
+    signal = controller.state.inputs.yaw_rate
+    assert (signal.source, signal.good) == (WRONG, 0)
+
+
 def check_offset_of_the_yaw_rate(built: Built) -> None:
     """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then taken off. What
     is a turn by the rear angle or by the lateral acceleration is none."""

@@ -331,10 +331,13 @@ ARS_SECTION_CODE static bool take_yaw_rate(
         is_gap = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
         if (is_still || (signal->good >= parameters->recovery_samples)) {
             signal->source = ARS_SIGNAL_WRONG;
-            signal->good = 0u;
         }
-        if (lateral->is_there && (signal->source == ARS_SIGNAL_MEASURED)) {
+        if (signal->source != ARS_SIGNAL_MEASURED) {
+            signal->good = 0u;
+        } else if (lateral->is_there) {
             prove_lateral(self, parameters, lateral);
+        } else {
+            /* nothing more to ask */
         }
     } else {
         signal->good = 0u;
