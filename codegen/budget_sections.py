@@ -32,8 +32,8 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "proportional": {"step_instructions_max": 710, "task_instructions_max": 1_700},
     "feedforward": {"step_instructions_max": 710 + SECOND_TABLE, "task_instructions_max": 1_700 + SECOND_TABLE},
     "tracking": {
-        "step_instructions_max": 1_300,
-        "task_instructions_max": 2_400,
+        "step_instructions_max": 1_330,
+        "task_instructions_max": 2_430,
         "task_stack_bytes_max": 320,
         "state_bytes_max": 184,
     },
