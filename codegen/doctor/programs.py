@@ -39,7 +39,6 @@ PROGRAMS = (
     Program(("candump",), "can-utils", "to look at a bus by hand", ()),
     Program(("ip",), "iproute2", "to make a vcan0", ("-Version",)),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "the tests of reports, in a browser"),
-    Program(("frama-c",), "frama-c-base", "a second opinion in make evidence", ("-version",)),
 )
 
 

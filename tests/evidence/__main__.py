@@ -63,8 +63,7 @@ def main(arguments: Sequence[str] | None = None, parts: Sequence[Part] = PARTS, 
             print(f"{begin}: {finding}")
         if len(outcome.findings) > FINDINGS_SHOWN:
             print(f"{part.name}: and {len(outcome.findings) - FINDINGS_SHOWN} more, in its record")
-    is_bad = any(missing[part.name] and not part.is_optional for part in chosen)
-    return 1 if is_bad or any(_is_bad(part, outcome) for part, outcome, _ in rows) else 0
+    return 1 if any(missing.values()) or any(outcome.verdict is not Verdict.PASSED for _, outcome, _ in rows) else 0
 
 
 class _Parser(argparse.ArgumentParser):
@@ -99,19 +98,13 @@ def _check(parts: Sequence[Part], records: Path) -> int:
             continue
         if record.matches:
             match_count += 1
-        elif record.runs or not part.is_optional:
+        else:
             causes = "; ".join(f"{form} run: {record.fault(form)}" for form in FORMS)
-            wrong.append(
-                f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1" + " or delete it" * part.is_optional
-            )
+            wrong.append(f"{part.name}: {causes}; run: make evidence PART={part.name} QUICK=1")
     known = {part.name for part in PARTS} | {part.name for part in parts}
     wrong += [f"{path}: there is no such part; delete it" for path in sorted(records.glob("*.json")) if path.stem not in known]
     print("\n".join(wrong) or f"{match_count} records match what is there")
     return 1 if wrong else 0
-
-
-def _is_bad(part: Part, outcome: Outcome) -> bool:
-    return outcome.verdict is Verdict.FAILED or (outcome.verdict is Verdict.NOT_RUN and not part.is_optional)
 
 
 def run_part(part: Part, effort: Effort) -> tuple[Outcome, float]:

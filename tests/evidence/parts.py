@@ -25,7 +25,6 @@ PACKAGES = {
     "llvm-profdata-19": "llvm-19",
     "llvm-cov-19": "llvm-19",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
-    "frama-c": "frama-c-base",
 }
 """Debian's packages with a program, where their names differ."""
 
@@ -44,7 +43,6 @@ class Part:
         runs: patterns of code outside `tests` that it runs, beside its subject.
         worker_count: processes that share the tests of a folder; 0 for none beside pytest itself.
         tools: programs that it needs beside a C compiler.
-        is_optional: whether the part may be missing, because few have its tool.
     """
 
     name: str
@@ -54,7 +52,6 @@ class Part:
     runs: tuple[str, ...] = ()
     worker_count: int = 2
     tools: tuple[str, ...] = ()
-    is_optional: bool = False
 
     @property
     def own(self) -> tuple[str, ...]:
@@ -170,7 +167,6 @@ PARTS = (
     Part("mcdc", MCDC, C, f"{HERE}.coverage.mcdc", SIL, tools=("clang-19", "llvm-profdata-19", "llvm-cov-19")),
     Part("exhaustive", HELPERS, C, f"{HERE}.exhaustive.exhaustive", ("codegen/verify/sanitizers/*",)),
     Part("libfuzzer", FUZZED, C, f"{HERE}.libfuzzer.libfuzzer", FUZZING, tools=("clang-19",)),
-    Part("frama-c", "Frama-C finds no undefined behaviour", C, f"{HERE}.frama_c.frama_c", tools=("frama-c",), is_optional=True),
     Part("kinds", KINDS, GENERATOR, runs=SIL),
     Part("toolchains", TOOLCHAINS, (*GENERATOR, "codegen/export/**/*"), runs=SIL, tools=("cmake", *FIRMWARE)),
     Part("ipopt", IPOPT, (*MAPS, "codegen/design/*")),

@@ -38,7 +38,7 @@ def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     )
     monkeypatch.setattr(command, "SCRATCH", tmp_path / "scratch")
 
-    def make(result: Outcome | Exception = PASSED, is_optional: bool = False) -> Part:
+    def make(result: Outcome | Exception = PASSED) -> Part:
         def run(folders: Sequence[Path], effort: Effort, progress: Progress) -> Outcome:
             if isinstance(result, Exception):
                 raise result
@@ -47,7 +47,7 @@ def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
         module = ModuleType("evidence_sample")
         module.run = run  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        return Part("sample", "it works", ("*.c",), module.__name__, is_optional=is_optional)
+        return Part("sample", "it works", ("*.c",), module.__name__)
 
     return make
 
@@ -72,12 +72,8 @@ def test_bad_input_is_an_error_of_one_line(part: Make, tmp_path: Path, words: li
 
 
 def test_the_check_counts_records_that_are_there(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sample = part(is_optional=True)
-    assert command.main(["--check"], [sample], tmp_path) == 0
+    assert command.main(["--check"], [], tmp_path) == 0
     assert capsys.readouterr().out == "0 records match what is there\n"
-    assert command.main([], [sample], tmp_path) == command.main(["--check"], [sample], tmp_path) == 0
-    (tmp_path / "subject.c").write_text("int b;\n", encoding="ascii")
-    assert command.main(["--check"], [sample], tmp_path) == 1, "an optional one is there, and out of date"
 
 
 def test_the_check_names_the_cause(part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,15 +120,14 @@ def test_the_page_shows_the_run_that_is_current(part: Make, tmp_path: Path, monk
 def test_a_failed_run_is_recorded_and_a_missing_tool_is_not(
     part: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    missing = MissingTool("it is not installed", where="frama-c", remedy="apt install frama-c-base")
+    missing = MissingTool("it is not installed", where="cbmc", remedy="apt install cbmc")
     assert command.main([], [part(missing)], tmp_path) == 1
-    assert capsys.readouterr().out == "sample: not run: frama-c: it is not installed; apt install frama-c-base\n"
-    assert command.main([], [part(missing, is_optional=True)], tmp_path) == 0
+    assert capsys.readouterr().out == "sample: not run: cbmc: it is not installed; apt install cbmc\n"
     lacking = replace(part(AssertionError("it ran")), tools=("no-such-gcov", "sh", "no-such-clang"))
     capsys.readouterr()
-    assert (command.main([], [lacking], tmp_path), command.main([], [replace(lacking, is_optional=True)], tmp_path)) == (1, 0)
+    assert command.main([], [lacking], tmp_path) == 1
     first, second = (f"sample: not run: {name} is not installed: apt install {name}\n" for name in lacking.tools[::2])
-    assert capsys.readouterr().out == 2 * (first + second)
+    assert capsys.readouterr().out == first + second
     assert not list(tmp_path.glob("*.json"))
     failed = part(Outcome("it works", "2 of 3", Verdict.FAILED, ("the third is wrong",)))
     assert command.main([], [failed], tmp_path) == 1
@@ -243,5 +238,5 @@ def test_each_part_is_there() -> None:
             assert found, pattern
             left -= found
         record = ROOT / "docs" / "evidence" / f"{part.name}.json"
-        assert part.is_optional or json.loads(record.read_text(encoding="utf-8"))["part"] == part.name
+        assert json.loads(record.read_text(encoding="utf-8"))["part"] == part.name
     assert not left
