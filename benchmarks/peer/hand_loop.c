@@ -146,13 +146,15 @@ static void runge_kutta_4(hand_state_t *state, const hand_input_t *input, double
 static ars_command_t control(ars_controller_t *controller, const hand_state_t *state, const hand_input_t *input)
 {
     ars_measurement_t measurement;
+    double lateral_acceleration;
 
+    (void)derivative(state, input, 0.0, &lateral_acceleration);
     measurement.speed = (float)input->speed;
     measurement.front_angle = (float)(state->steering_wheel_angle / steering_ratio);
     measurement.yaw_rate = (float)state->yaw_rate;
     measurement.rear_angle = (float)state->rear_angle;
     measurement.friction = (float)input->friction_estimate;
-    measurement.lateral_acceleration = (float)NAN;
+    measurement.lateral_acceleration = (float)lateral_acceleration;
     measurement.inhibit = (input->inhibit > 0.0) || (input->inhibit < 0.0);
     return ars_controller_step(controller, &ars_parameters_default, &measurement);
 }

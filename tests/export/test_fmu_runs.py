@@ -65,7 +65,8 @@ def test_plant_and_controller_wired_together_are_the_loop(version: Version, kind
         driver = {name: value for name, value in fmus.loop_inputs(row).items() if name in plant.variables}
         plant.set({name: value for name, value in driver.items() if name != "inhibit"})
         moved = dict(zip(MOTION, plant.row(MOTION), strict=True))
-        controller.set({name: {**driver, **moved}[name] for name in MEASURED})
+        measured = {name: {**driver, **moved}[name] for name in (*MEASURED, "lateral_acceleration_m_s2")}
+        controller.set({**measured, "lateral_acceleration_available": True})
         controller.step(SAMPLE)  # the command of a sample acts from the time of the sample
         command = dict(zip(COMMANDS, controller.row(COMMANDS), strict=True))
         plant.set({"rear_angle_command_rad": command["rear_angle_command_rad"]})

@@ -28,8 +28,9 @@ def test_a_committed_map_is_what_its_configuration_gives(name: str) -> None:
     assert committed.config is not None and committed.layers == ()
     tuned = {"schedule": None, "lead_max_deg": preset("recommended").controller.tracking.lead_max_deg}
     tracking = committed.config.controller.tracking.model_copy(update=tuned)
-    controller = committed.config.controller.model_copy(update={"tracking": tracking})
     expected = PAPER if name == "4ws2" else preset("recommended")
+    update = {"tracking": tracking, "fail_safe": expected.controller.fail_safe}  # of both `codegen tune` determines the rest
+    controller = committed.config.controller.model_copy(update=update)
     assert committed.config.model_copy(update={"controller": controller}) == expected
     if name == "4ws2":
         assert committed.meta == fresh.meta | {"tools": committed.meta["tools"]}

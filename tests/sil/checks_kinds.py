@@ -46,10 +46,10 @@ def model_of(built: Built, parameters: Any, start: float) -> SecondController:
 OPEN: dict[str, Any] = {
     **{"speed_step": 200.0, "front_angle_step": 3.0, "yaw_rate_step": 40.0},
     **{"yaw_rate_frozen": 20.0, "yaw_rate_tolerance": 20.0, "lateral_acceleration_max": 100.0},
-    "straight_yaw_rate": 0.0,
+    "yaw_rate_offset_max": 0.0,
 }
 """Inputs that believe whatever is in its range as it is, for checks of what stands behind them."""
-STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0, "straight_yaw_rate": 0.0}}
+STILL: dict[str, Any] = {"inputs": {"yaw_rate_frozen": 20.0, "yaw_rate_offset_max": 0.0}}
 """Inputs for which a sample that comes again and again is no fault, nor an offset."""
 WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
 """Ranges of a limiter that takes every input that a controller may."""

@@ -169,13 +169,15 @@ def stepped(scenario: FloatArray, noise: FloatArray) -> FloatArray:
     controller, lib = software.controller(), software.compiled.lib
     plant, acting, output = (software.ffi.new(f"plant_{name}_t *") for name in ("state", "input", "output"))
     found = []
-    for sample, added in enumerate(noise):
-        steps = scenario[sample * STEPS : (sample + 1) * STEPS]
+    for index, added in enumerate(noise):
+        steps = scenario[index * STEPS : (index + 1) * STEPS]
         speed, wheel, friction, _, moment, _ = steps[0]
         acting[0] = (speed, wheel, 0.0, friction, moment)
         lib.plant_output(plant, acting, output)
         measured = np.array([speed, output.front_angle, plant.yaw_rate]) + added
-        command = controller.step(Measurement(measured[0], measured[1], measured[2], plant.rear_angle)).rear_angle
+        lateral = output.lateral_acceleration
+        sample = Measurement(*measured.tolist(), plant.rear_angle, lateral_acceleration=lateral)
+        command = controller.step(sample).rear_angle
         found.append((plant.yaw_rate, command))
         for speed, wheel, friction, _, moment, _ in steps:
             acting[0] = (speed, wheel, command, friction, moment)

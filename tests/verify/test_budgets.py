@@ -77,7 +77,7 @@ DEEP = (
 )
 MEMORY = (
     r"cycle: \d{3} bytes of stack, budgets\.task_stack_bytes_max is 250; deepest in ars_task_10ms > .*ars_limiter_step",
-    r"ars_controller_t: 1\d\d bytes, budgets\.state_bytes_max is 64",
+    r"ars_controller_t: 2\d\d bytes, budgets\.state_bytes_max is 64",
     r"all objects: [\d,]+ bytes of flash, budgets\.flash_bytes_max is 4,000",
     r"src/ars_calibration\.c:\d+: 12 bytes of RAM of its own \(ars_map_other_table\); state is the caller's, and maps .*",
     r"src/ars_limiter\.c:LINE: 200 bytes of RAM of its own \(planted_buffer\); state is the caller's, and maps lie in flash",
