@@ -115,7 +115,8 @@ class SecondInputs:
             changed = measured != self.front_angle.value and not math.isnan(measured)
             self.least_of_front = apart if changed else min(self.least_of_front, apart)
             witness = self._witness()
-            is_told = witness is not None and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
+            is_less = bool(yaw_rate * self.expected < self.real(0.5) * (self.expected * self.expected))
+            is_told = witness is not None and is_less and bool(abs(witness - yaw_rate) <= p("yaw_rate_agreement"))
             if is_told and apart - self.least_of_front > p("yaw_rate_frozen"):
                 step = self.real(-1.0)
                 self.happened.add("front angle frozen")

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xA146E65Eu
+#define ARS_DYNAMICS_BUILD 0xF9817D52u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

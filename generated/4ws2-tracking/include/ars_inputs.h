@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xA146E65Eu
+#define ARS_INPUTS_BUILD 0xF9817D52u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

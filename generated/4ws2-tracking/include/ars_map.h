@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xA146E65Eu
+#define ARS_MAP_BUILD 0xF9817D52u
 
 /* Breakpoints of the table. */
 enum {

@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xA146E65Eu
+#define ARS_REFERENCE_MODEL_BUILD 0xF9817D52u
 
 /* Where the model is. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {

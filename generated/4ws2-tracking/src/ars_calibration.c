@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xA146E65Eu
+#if ARS_CONTROLLER_BUILD != 0xF9817D52u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA146E65Eu
+#if ARS_MAP_BUILD != 0xF9817D52u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -37,15 +37,15 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
     },
     .lead_time = {
-        0.0125f, 0.0125f, 0.0125f, 0.0388f, 0.0388f, 0.0388f, 0.0275f, 0.0312f,
-        0.0312f, 0.0312f, 0.0312f, 0.0312f, 0.0312f, 0.0312f
+        0.0125f, 0.0125f, 0.0125f, 0.0388f, 0.0388f, 0.0388f, 0.0488f, 0.115f,
+        0.115f, 0.115f, 0.115f, 0.115f, 0.115f, 0.115f
     },
     .response_gain = {
-        0.0f, 0.0f, 0.0f, 0.03f, 0.04f, 0.04f, 0.02f, 0.0f,
-        0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f
+        0.0f, 0.0f, 0.0f, 0.03f, 0.04f, 0.04f, 0.06f, 0.1f,
+        0.1f, 0.1f, 0.1f, 0.1f, 0.1f, 0.1f
     },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.015707964f,
+    .lead_angle_max = 0.045378562f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.01f,
     .trim_rate = 1.0f,
@@ -101,9 +101,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "A146E65E";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "F9817D52";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x977C59B6u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x531DD34Fu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xA146E65Eu
+#if ARS_CHECKSUM_BUILD != 0xF9817D52u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

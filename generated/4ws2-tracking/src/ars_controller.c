@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xA146E65Eu
+#if ARS_CONTROLLER_BUILD != 0xF9817D52u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

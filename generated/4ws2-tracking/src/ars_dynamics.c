@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xA146E65Eu
+#if ARS_DYNAMICS_BUILD != 0xF9817D52u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xA146E65Eu
+#if ARS_LAW_BUILD != 0xF9817D52u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xA146E65Eu
+#if ARS_MAP_BUILD != 0xF9817D52u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -275,7 +275,7 @@ ARS_SECTION_CODE static bool take_speed(
 }
 
 /* turn: rad/s that the front angle would make in the linear car. A car that leaves the linear range moves away from a front angle
- * that is held still, so yaw rate and lateral acceleration have to agree that it froze. */
+ * that is held still, so yaw rate and lateral acceleration have to agree that it turns by less than half of that. */
 ARS_SECTION_CODE static bool take_front_angle(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn, const lateral_t *lateral)
 {
@@ -289,6 +289,8 @@ ARS_SECTION_CODE static bool take_front_angle(
         const float apart = magnitude(yaw_rate - self->expected_yaw_rate);
 
         is_still = is_frozen(signal, parameters, measured, apart, &self->least_of_front);
+        is_still = is_still
+            && ((yaw_rate * self->expected_yaw_rate) < (0.5f * (self->expected_yaw_rate * self->expected_yaw_rate)));
     } else {
         self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
     }
