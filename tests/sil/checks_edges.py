@@ -81,6 +81,11 @@ def check_state_after_init(built: Built) -> None:
         signal = getattr(state.inputs, name)
         assert (signal.value, signal.missing, signal.good, signal.source) == (0.0, 0, 10_000, 1), "the first one is believed"
     assert (state.inputs.expected_yaw_rate, state.inputs.least, state.inputs.friction) == (0.0, 0.0, 2.0)
+    inputs = state.inputs
+    assert (inputs.least_of_front, inputs.yaw_rate_offset, inputs.beyond_linear, state.sample.lateral_acceleration) == (
+        0.0,
+    ) * 4
+    assert not (inputs.lateral_is_known or inputs.lateral_is_proven)
     assert state.initialised == INITIALISED
     held = state.sample
     assert (held.speed, held.front_angle, held.yaw_rate, held.friction, held.inhibit) == (0.0, 0.0, 0.0, 0.0, True)

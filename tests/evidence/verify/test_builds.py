@@ -80,9 +80,9 @@ def test_nothing_is_found(check: str, name: str) -> None:
     assert outcome.findings == ()
     assert outcome.verdict is Verdict.PASSED
     if check == "budgets":
-        # 1500 instructions are a third of a percent of 10 ms at 100 MHz and two cycles each.
+        # 1650 instructions are a third of a percent of 10 ms at 100 MHz and two cycles each.
         step = outcome.figures["functions"]["controller_step"]["instructions_with_limiter"]["max"]
-        assert step <= (1_500 if "tracking" in subject.kind else 750)
+        assert step <= (1_650 if "tracking" in subject.kind else 900)
 
 
 @pytest.mark.long
