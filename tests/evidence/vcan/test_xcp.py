@@ -1,5 +1,6 @@
 """XCP on SocketCAN: pyxcp is the master of the native ECU in the loop. The reference is the same task in this process."""
 
+import functools
 import logging
 import math
 import os
@@ -168,8 +169,14 @@ def simulate(software: Software, gain: float | None = None) -> tuple[list[Frame]
         frames.append(Frame(*task.run()))
         node.receive(frames[-1])
         node.finish(cycle)
-        states.append({name: getattr(task.state.controller, name) for name in MEASURED})
+        controller = task.state.controller
+        states.append({name: _field(controller, path.split(".controller.")[1]) for name, (path, _) in MEASURED.items()})
     return frames, states
+
+
+def _field(struct: Any, path: str) -> Any:
+    """Return a field of a struct, in one of its structs where the path has a point."""
+    return functools.reduce(getattr, path.split("."), struct)
 
 
 def drive(interface: str, software: Software, before: Callable[[int], None] = lambda cycle: None) -> list[Frame]:
