@@ -255,7 +255,7 @@ def load(path: Path) -> Config:
 def preset_text(name: Preset = "paper") -> str:
     """The commented text of a preset `ars.toml`."""
     folder = resources.files("codegen").joinpath("presets")
-    parts = (f"{name}-header", "car", f"{name}-controller", "inputs", "bench", "budgets")
+    parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 

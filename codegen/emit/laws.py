@@ -227,6 +227,7 @@ LAWS = {
                 Field("real", "integral", "rad, of rear angle"),
                 Field("real", "front_angle", "rad, of the last sample"),
                 Field("real", "front_rate", "rad/s, smoothed"),
+                Field("real", "previous_model_yaw_rate", "rad/s, one sample ago"),
                 Field("uint16_t", "missed_samples", "that were predicted since the last good one"),
                 Field("real", "yaw_rate", "rad/s, of the last sample"),
             ),

@@ -36,7 +36,10 @@ OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
-OVERSHOOT_PRICE_S = 0.012
+STATIC_OVERSHOOT_FACTOR = 0.75
+"""The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
+that follow late leave the beginning of a step to the front wheels."""
+OVERSHOOT_PRICE_S = 0.005
 """s of t90 that a percent of overshoot of the worst of these is worth."""
 
 SHARES = (0.25, 0.5, 1.0)
@@ -170,7 +173,7 @@ def with_response(config: Config, schedule: Schedule, found: Sequence[Response])
 class _Search:
     """The cells, and how they are driven and judged.
 
-    Figures are (5, cars, speeds), rows as FIGURES. Those of the configured car, the first, include the speeds half way to the
+    `limits` are those of the overshoot in percent, (cars, speeds). Figures are (5, cars, speeds), rows as FIGURES. Those of the configured car, the first, include the speeds half way to the
     neighbours, but for the rise time.
     """
 
@@ -203,7 +206,13 @@ class _Search:
             * config.steering.ratio,
             delay_samples=config.tuning.delay_samples,
         )
-        return cls(software, schedule, speeds, limits, unit_step(config, STEER_TIME, DURATION), lanes)
+        over_speed = np.repeat(limits[:, np.newaxis], count, axis=1)
+        search = cls(software, schedule, speeds, over_speed, unit_step(config, STEER_TIME, DURATION), lanes)
+        static = search.drive(np.zeros((count, 2)))[FIGURES.index("overshoot")]
+        least = STATIC_OVERSHOOT_FACTOR * np.where(np.isfinite(static), static, 0.0)  # a car that spins raises no limit
+        other_lag = limits == LAG_OVERSHOOT_PERCENT
+        over_speed[other_lag] = np.maximum(over_speed, least)[other_lag]
+        return search
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
         """Figures (n, 5, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""
@@ -267,7 +276,7 @@ class _Search:
         at_aim = (overshoot[:, 0] <= OVERSHOOT_PERCENT) & (settling[:, 0] <= SETTLING_S)
         excess = np.maximum(overshoot[:, 0] / OVERSHOOT_MAX_PERCENT, settling[:, 0] / SETTLING_MAX_S)
         larger = np.maximum(overshoot_larger[:, 0] / OVERSHOOT_MAX_PERCENT, settling_larger[:, 0] / SETTLING_MAX_S)
-        others = (overshoot[:, 1:] / self.limits[1:, np.newaxis]).max(axis=1)
+        others = (overshoot[:, 1:] / self.limits[1:]).max(axis=1)
         # In steps of a hundredth: what is missing by less is no reason to be slow.
         larger, own, others = (np.round(np.maximum(values, 1.0), 2) for values in (larger, excess, others))
         own[at_aim] = 0.0
@@ -276,7 +285,7 @@ class _Search:
 
     def responses(self, pairs: FloatArray, figures: FloatArray) -> tuple[Response, ...]:
         """What a pair (speeds, 2) at each speed gives."""
-        both = self.limits == DEVIATION_OVERSHOOT_PERCENT
+        both = self.limits[:, 0] == DEVIATION_OVERSHOOT_PERCENT
         rows = np.concatenate([pairs.T, figures[[0, 1, 4], 0], figures[:1, both].max(axis=1, initial=0.0)])
         return tuple(Response(speed, *(round(float(value), 4) for value in rows[:, k])) for k, speed in enumerate(self.speeds))
 

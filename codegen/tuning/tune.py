@@ -65,27 +65,28 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     """
     made = design(config, progress)
     config = with_tracking(config, {"schedule": made.schedule.model_dump(mode="json")}, where)
+    config, excess = _with_trim(reference_map, config, where)
     if not reference_map.solved:
-        config, excess = _with_trim(reference_map, config, where)
         return Tuned(config, made, (), excess, None, None)
-    if asks_for_more(reference_map, config):
-        trim_time = min(config.controller.tracking.trim_time_s, TRIM_TIME_MAX_S)
-        config = with_tracking(config, {"trim_time_s": trim_time}, where)
     software = compile_controller(reference_map, config)
     responses = tune_response(reference_map, config, made.schedule, software, progress)
     config = with_tracking(config, with_response(config, made.schedule, responses), where)
-    config, excess = _with_trim(reference_map, config, where)
     fail_safe = tune_fail_safe(reference_map, config, software, progress)
     config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
     return Tuned(config, made, responses, excess, fail_safe, software)
 
 
 def _with_trim(reference_map: ReferenceMap, config: Config, where: object) -> tuple[Config, Excess | None]:
-    """Return the configuration with the trim that the map needs, and the excess where that is more than it had."""
+    """Return the configuration with the trim that the map needs, and the excess where that is more than it had.
+
+    Call it before the step responses: the trim is part of them.
+    """
     if not asks_for_more(reference_map, config):
         return config, None
+    tracking = config.controller.tracking
+    config = with_tracking(config, {"trim_time_s": min(tracking.trim_time_s, TRIM_TIME_MAX_S)}, where)
     excess = model_excess(reference_map, extend(reference_map, config, config.steering.front_angle_stop), config)
-    if excess.percent <= config.controller.tracking.trim_max_percent:
+    if excess.percent <= tracking.trim_max_percent:
         return config, None
     return with_tracking(config, {"trim_max_percent": min(float(excess.trim_percent), TRIM_MAX_PERCENT)}, where), excess
 

@@ -52,6 +52,8 @@ class SecondTracking(SecondController):
         self.friction_per_grip = real(road.friction / road.lateral_acceleration_cap * (1.0 + 4.0 * float(np.finfo(real).eps)))
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
+        self.previous_model_yaw_rate = self.state[1]
+        self.response_samples = real((config.rear_actuator.lag_s + config.controller.sampling_time_s) / config.controller.sampling_time_s)
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
         self.happened: set[str] = set()
@@ -65,6 +67,7 @@ class SecondTracking(SecondController):
         zero = self.real(0.0)
         self.last_front, self.front_rate, self.last_yaw_rate, self.trim = m.front_angle, zero, m.yaw_rate, zero
         self.state = self.car_state(m.speed, m.yaw_rate)
+        self.previous_model_yaw_rate = self.state[1]
         self.starting = True
 
     def stand_by(self) -> None:
@@ -83,7 +86,9 @@ class SecondTracking(SecondController):
         seen, estimated = self.grip * self.friction_per_grip, self.friction(m)
         friction = min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
-        rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - self.state[1])
+        own = self.state[1]
+        expected = own + self.response_samples * (own - self.previous_model_yaw_rate)
+        rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction)
         self.note("lead at its bound", abs(lead) == most)
@@ -121,6 +126,7 @@ class SecondTracking(SecondController):
         inputs = (m.speed, m.front_angle, sample.rear_angle, sample.friction)
         with np.errstate(all="ignore"):
             after = self.car.step(self.state, [np.asarray(value, dtype=self.real) for value in inputs])
+        self.previous_model_yaw_rate = self.state[1]
         self.state = tuple(self.real(value) for value in after)
         return reference, limited
 

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xF9817D52u
+#define ARS_DYNAMICS_BUILD 0x569994E4u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

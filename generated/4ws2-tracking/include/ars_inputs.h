@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xF9817D52u
+#define ARS_INPUTS_BUILD 0x569994E4u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

@@ -18,13 +18,13 @@
 #include "ars_parameters.h"
 #include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xF9817D52u
+#if ARS_INPUTS_BUILD != 0x569994E4u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xF9817D52u
+#if ARS_PARAMETERS_BUILD != 0x569994E4u
 #error "ars_parameters.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xF9817D52u
+#if ARS_REFERENCE_MODEL_BUILD != 0x569994E4u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -32,7 +32,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0xF9817D52u
+#define ARS_LAW_BUILD 0x569994E4u
 
 /* What the law does in a sample. */
 typedef enum {
@@ -48,6 +48,7 @@ typedef struct {
     float integral;                     /* rad, of rear angle */
     float front_angle;                  /* rad, of the last sample */
     float front_rate;                   /* rad/s, smoothed */
+    float previous_model_yaw_rate;      /* rad/s, one sample ago */
     uint16_t missed_samples;            /* that were predicted since the last good one */
     float yaw_rate;                     /* rad/s, of the last sample */
     bool is_limited;                    /* a limit acted in the last sample */

@@ -2,7 +2,7 @@
  * Yaw-rate reference map: the largest safe yaw rate over speed and front steering angle.
  *
  * Total: every pair of numbers has a finite answer. The table reaches from standstill to 33.33 m/s (120 km/h) and from zero to
- * 0.6109 rad (35 deg); beyond it the edge holds, and no answer asks for more than 5.611 m/s^2 of lateral
+ * 0.6109 rad (35 deg); beyond it the edge holds, and no answer asks for more than 5.073 m/s^2 of lateral
  * acceleration. Nothing here keeps a state or calls a library.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: front angle and yaw rate are positive to the left.
@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xF9817D52u
+#define ARS_MAP_BUILD 0x569994E4u
 
 /* Breakpoints of the table. */
 enum {
@@ -40,7 +40,7 @@ typedef struct {
  *
  * speed:       m/s; NaN and what is below zero count as 0. Beyond the last breakpoint the last row holds, capped.
  * front_angle: rad at the road wheel; NaN counts as 0. Beyond the last breakpoint the last column holds.
- * Returns rad/s with the sign of front_angle; at most 5.611 m/s^2 / speed.
+ * Returns rad/s with the sign of front_angle; at most 5.073 m/s^2 / speed.
  */
 float ars_map_yaw_rate(float speed, float front_angle);
 

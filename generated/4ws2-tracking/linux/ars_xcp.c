@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0xF9817D52u
+#if ARS_XCP_BUILD != 0x569994E4u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xF9817D52u
+#if ARS_CONTROLLER_BUILD != 0x569994E4u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -159,6 +159,7 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
     squares += self->law.integral * self->law.integral;
     squares += self->law.front_angle * self->law.front_angle;
     squares += self->law.front_rate * self->law.front_rate;
+    squares += self->law.previous_model_yaw_rate * self->law.previous_model_yaw_rate;
     squares += self->law.yaw_rate * self->law.yaw_rate;
     squares += self->rear_angle * self->rear_angle;
     squares += self->yaw_rate_reference * self->yaw_rate_reference;

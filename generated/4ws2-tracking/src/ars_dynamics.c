@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0xF9817D52u
+#if ARS_DYNAMICS_BUILD != 0x569994E4u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

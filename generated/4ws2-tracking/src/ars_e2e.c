@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0xF9817D52u
+#if ARS_E2E_BUILD != 0x569994E4u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

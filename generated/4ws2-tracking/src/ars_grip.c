@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_GRIP_BUILD != 0xF9817D52u
+#if ARS_GRIP_BUILD != 0x569994E4u
 #error "ars_grip.h and this source come from different builds"
 #endif
 
@@ -18,8 +18,8 @@
 #endif
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
-ARS_SECTION_CONST static const float grip_max = 5.611226f; /* m/s^2: what the map allows on its road */
-ARS_SECTION_CONST static const float friction_per_grip = 0.16039282f; /* s^2/m */
+ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2: what the map allows on its road */
+ARS_SECTION_CONST static const float friction_per_grip = 0.17741716f; /* s^2/m */
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {

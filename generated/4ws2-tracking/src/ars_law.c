@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xF9817D52u
+#if ARS_LAW_BUILD != 0x569994E4u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xF9817D52u
+#if ARS_MAP_BUILD != 0x569994E4u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -52,6 +52,9 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 
 /* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
 ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
+
+/* Samples until the rear wheels act on a command: the lag of the actuator and the delay of the computation. */
+ARS_SECTION_CONST static const float response_samples = 6.0f;
 
 typedef struct {
     float proportional;
@@ -113,16 +116,19 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
     self->missed_samples = 0u;
     self->yaw_rate = 0.0f;
     self->is_limited = false;
+    self->previous_model_yaw_rate = 0.0f;
 }
 
 /* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise.
- * Its rear angle is that of the steady turn. On the way there it steers against what the model still lacks in yaw rate. */
+ * Its rear angle is that of the steady turn. On the way there it steers against what the model will still lack in yaw rate
+ * when the rear wheels act. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
     float friction, ars_law_phase_t phase)
 {
     ars_map_reference_t reference;
     float lead;
+    float expected_yaw_rate;
 
     if (phase == ARS_LAW_PREDICTS) {
         self->missed_samples++;
@@ -136,7 +142,8 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     }
     lead = clamp(gains->lead_time * self->front_rate, -parameters->lead_angle_max, parameters->lead_angle_max);
     reference = ars_map_reference(sample->speed, sample->front_angle + lead, friction);
-    reference.rear_angle -= gains->response * (reference.yaw_rate - self->model.yaw_rate);
+    expected_yaw_rate = self->model.yaw_rate + (response_samples * (self->model.yaw_rate - self->previous_model_yaw_rate));
+    reference.rear_angle -= gains->response * (reference.yaw_rate - expected_yaw_rate);
     reference.rear_angle = clamp(reference.rear_angle, -parameters->rear_angle_max, parameters->rear_angle_max);
     return reference;
 }
@@ -149,6 +156,7 @@ ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t 
     self->yaw_rate = sample->yaw_rate;
     self->trim = 0.0f;
     ars_reference_model_start(&self->model, sample->speed, sample->yaw_rate, rear_angle);
+    self->previous_model_yaw_rate = self->model.yaw_rate;
 }
 
 /* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
@@ -246,6 +254,7 @@ ARS_SECTION_CODE static ars_law_output_t track(
     self->integral = integral;
     self->yaw_rate = sample->yaw_rate;
     self->is_limited = limited;
+    self->previous_model_yaw_rate = self->model.yaw_rate;
     ars_reference_model_step(&self->model, &input);
     return output;
 }

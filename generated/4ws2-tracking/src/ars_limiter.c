@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xF9817D52u
+#if ARS_LIMITER_BUILD != 0x569994E4u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

@@ -11,10 +11,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xF9817D52u
+#if ARS_CHECKSUM_BUILD != 0x569994E4u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xF9817D52u
+#if ARS_MAP_BUILD != 0x569994E4u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,8 +32,8 @@ typedef struct {
 /* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
  * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
  * asks for. */
-ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
-ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.07279f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 5.6364336f;
 ARS_SECTION_CONST static const float map_friction = 0.9f;
 
 /* The linear car, for the steering that goes with a capped yaw rate: m, s^2/m, m, rad s^2/m, rad, rad. */
