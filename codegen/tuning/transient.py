@@ -33,10 +33,10 @@ OVERSHOOT_PERCENT, SETTLING_S = 1.3, 1.05
 """Aims for the configured car."""
 OVERSHOOT_MAX_PERCENT, SETTLING_MAX_S = 4.3, 1.09
 """Its limits where it cannot have both, a little inside those of `codegen sil --suite cars`."""
-DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 16.0
+DEVIATION_OVERSHOOT_PERCENT, REAR_AXLE_OVERSHOOT_PERCENT, LAG_OVERSHOOT_PERCENT = 3.0, 15.0, 5.0
 """Limits of overshoot in the family: mass or tyres of both axles, tyres of the rear axle alone, or the lag differ."""
 LAG_FACTORS = (0.4, 2.0)
-STATIC_OVERSHOOT_FACTOR = 0.75
+STATIC_OVERSHOOT_FACTOR = 0.6
 """The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
 that follow late leave the beginning of a step to the front wheels."""
 OVERSHOOT_PRICE_S = 0.005

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x569994E4u
+#define ARS_INPUTS_BUILD 0xEC915E68u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

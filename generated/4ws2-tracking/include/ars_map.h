@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x569994E4u
+#define ARS_MAP_BUILD 0xEC915E68u
 
 /* Breakpoints of the table. */
 enum {

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x569994E4u
+#if ARS_XCP_BUILD != 0xEC915E68u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x569994E4u
+#if ARS_CONTROLLER_BUILD != 0xEC915E68u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x569994E4u
+#if ARS_MAP_BUILD != 0xEC915E68u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -37,15 +37,15 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
     },
     .lead_time = {
-        0.0138f, 0.0138f, 0.0138f, 0.0325f, 0.0475f, 0.0575f, 0.0525f, 0.0562f,
-        0.0562f, 0.0562f, 0.0562f, 0.0562f, 0.0562f, 0.0562f
+        0.0138f, 0.0138f, 0.0138f, 0.04f, 0.0475f, 0.0575f, 0.0525f, 0.0688f,
+        0.0688f, 0.0688f, 0.0688f, 0.0688f, 0.0688f, 0.0688f
     },
     .response_gain = {
-        0.05f, 0.05f, 0.05f, 0.1f, 0.08f, 0.11f, 0.09f, 0.09f,
-        0.09f, 0.09f, 0.09f, 0.09f, 0.09f, 0.09f
+        0.05f, 0.05f, 0.05f, 0.06f, 0.08f, 0.08f, 0.08f, 0.1f,
+        0.1f, 0.1f, 0.1f, 0.1f, 0.1f, 0.1f
     },
     .lead_smoothing = 0.48658288f,
-    .lead_angle_max = 0.022689281f,
+    .lead_angle_max = 0.027925268f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.02f,
     .trim_rate = 3.3333333f,
@@ -101,9 +101,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "569994E4";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "EC915E68";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE32D53CDu;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE686AA24u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

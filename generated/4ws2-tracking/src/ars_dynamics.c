@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x569994E4u
+#if ARS_DYNAMICS_BUILD != 0xEC915E68u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

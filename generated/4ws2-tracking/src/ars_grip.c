@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_GRIP_BUILD != 0x569994E4u
+#if ARS_GRIP_BUILD != 0xEC915E68u
 #error "ars_grip.h and this source come from different builds"
 #endif
 

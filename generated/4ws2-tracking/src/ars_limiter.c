@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x569994E4u
+#if ARS_LIMITER_BUILD != 0xEC915E68u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
