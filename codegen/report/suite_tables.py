@@ -156,7 +156,7 @@ def _car_row(car: CarResult) -> tuple[str, ...]:
     return (
         f"car {car.number}",
         *(_placed(getattr(summary, name), digits) for _, name, digits in _CAR_FIGURES),
-        _placed(car.slip_percent, 1),
+        _placed(summary.slip_percent, 1),
         str(len(summary.spins)) if summary.spins else NONE,
         NONE if margins is None else f"{margins.gain_margin_db:.1f} / {margins.phase_margin_deg:.0f}",
     )

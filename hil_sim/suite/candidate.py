@@ -110,9 +110,7 @@ class LineUp:
     @property
     def build(self) -> Build:
         """The C under test."""
-        build = self.tested.around
-        assert isinstance(build, Build)
-        return build
+        return self.tested.around
 
 
 def _same_controller(one: Config, other: Config) -> bool:

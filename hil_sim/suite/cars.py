@@ -10,25 +10,20 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from codegen.config import KM_H, Config
+from codegen.config import Config
 from codegen.errors import CodegenError
 from codegen.refmap.solve import solve_case
-from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
-from codegen.tuning.transient import unit_step
-from codegen.vehicle.plant_car import plant_parameters
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.metrics.step import slip_bounds, step_metrics
 from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import RECOMMENDED_CASE, Steps
-from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, cells, front_angle
+from hil_sim.suite.cells import cells
+from hil_sim.suite.conditions import NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.random_cars import random_cars
 from hil_sim.suite.requirements import Requirement, all_passed, car_requirements
-from hil_sim.suite.runs import CellResult, judge
-from hil_sim.suite.subjects import DELAY_SAMPLES, around, tuned
-from hil_sim.suite.summary import Extreme, Summary, summarise
+from hil_sim.suite.runs import run_table
+from hil_sim.suite.subjects import of_config, tuned
+from hil_sim.suite.summary import Summary, summarise
 
 TYRE_MODEL = "magic-formula"
 """Of the maps: only such a map keeps the slip bounds of the plant."""
@@ -47,7 +42,6 @@ class CarResult:
         mass_kg, wheelbase_m, understeer_deg_per_g, rear_angle_max_deg, actuator_lag_s: what it is.
         tuned: what `codegen tune` chose, keys of [controller.tracking].
         summary: of its cells; None where it could not be designed.
-        slip_percent: largest steady slip of an axle over its bound.
         margins: over its family.
         requirements: figures asked beside figures measured.
         error: why it could not be solved, tuned or built.
@@ -61,7 +55,6 @@ class CarResult:
     actuator_lag_s: float
     tuned: dict[str, Any]
     summary: Summary | None
-    slip_percent: Extreme | None
     margins: FamilyMargins | None
     requirements: tuple[Requirement, ...]
     error: str = ""
@@ -134,43 +127,12 @@ def examine(number: int, config: Config) -> CarResult:
     try:
         reference_map = solve_case(config, RECOMMENDED_CASE)
         config = tuned(reference_map, config)
-        generated = around(reference_map, config).generated
-        software = compile_batch(generated.files, generated.manifest)
         points = cells(config, config.case(RECOMMENDED_CASE), SPEEDS_KM_H, SHARES)
-        results, slips = drive_cells(software, config, points)
+        results = run_table(of_config("tracking", reference_map, config), [NOMINAL], points)[NOMINAL.name]
         margins = margins_of(config)
     except CodegenError as error:
-        return CarResult(*facts, {}, None, None, None, (), str(error))
+        return CarResult(*facts, {}, None, None, (), str(error))
     summary = summarise("tracking", "random car", results)
-    slip = max(slips, key=lambda extreme: extreme.value, default=None)
     chosen = config.controller.tracking.model_dump(mode="json", exclude={"schedule"})
-    rows = car_requirements(f"car {number}", summary, slip, margins)
-    return CarResult(*facts, chosen, summary, slip, margins, rows)
-
-
-def drive_cells(
-    software: BatchSoftware, config: Config, points: tuple[Cell, ...]
-) -> tuple[tuple[CellResult, ...], tuple[Extreme, ...]]:
-    """Drive the configured car in all cells at once.
-
-    Returns:
-        The figures of each cell, and the steady slip of an axle over its bound, in percent, of each cell without a spin.
-    """
-    speeds, angles = (np.array(values) for values in zip(*((p.speed_km_h * KM_H, front_angle(p)) for p in points), strict=True))
-    lanes = Lanes(
-        np.repeat(plant_parameters(config)[np.newaxis], len(points), axis=0),
-        speed_factor=speeds,
-        wheel_factor=angles * config.steering.ratio,
-        delay_samples=DELAY_SAMPLES,
-    )
-    records = np.moveaxis(software.run(unit_step(config, STEER_TIME, DURATION), lanes), 2, 0).transpose(0, 2, 1)
-    look_up = software.software.function("map_yaw_rate")
-    bounds = slip_bounds(config)
-    results, slips = [], []
-    for cell, record, speed, angle in zip(points, records, speeds, angles, strict=True):
-        results.append(judge(record, cell, "random car", look_up(speed, angle)))
-        if bounds is not None and not results[-1].spun:
-            found = step_metrics(record, STEER_TIME)
-            shares = (found.slip_front_steady_deg / bounds[0], found.slip_rear_steady_deg / bounds[1])
-            slips.append(Extreme(100.0 * math.radians(max(map(abs, shares))), cell))
-    return tuple(results), tuple(slips)
+    rows = car_requirements(f"car {number}", summary, margins)
+    return CarResult(*facts, chosen, summary, margins, rows)

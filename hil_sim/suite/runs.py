@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from codegen.config import KM_H
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.sil.batch import BatchSoftware, Lanes
 from codegen.sil.software import Software
+from codegen.tuning.transient import unit_step
+from codegen.vehicle.plant_car import plant_parameters
 from hil_sim.metrics.run import FloatArray, spin_time
-from hil_sim.metrics.step import step_metrics
-from hil_sim.suite.cells import STEER_TIME, Cell, front_angle
+from hil_sim.metrics.step import StepMetrics, slip_bounds, step_metrics
+from hil_sim.suite.cells import DURATION, STEER_TIME, Cell, front_angle
 from hil_sim.suite.conditions import Condition
 from hil_sim.suite.subjects import DELAY_SAMPLES, Subject
 
@@ -31,6 +38,8 @@ class CellResult:
         map_error_percent: error of that to the map's value at this speed, front angle and estimate of the friction; below
             zero where the car turns less.
         map_overshoot_percent: the same of the peak.
+        slip_percent: steady slip of the axle that is nearer to its bound in the map, of that bound; None for tyres without.
+        sideslip_excess_deg: how far |beta| goes beyond its bound in the map, or beyond its steady value where that is larger.
     """
 
     cell: Cell
@@ -44,6 +53,8 @@ class CellResult:
     yaw_rate_steady_deg_s: float | None
     map_error_percent: float | None
     map_overshoot_percent: float | None
+    slip_percent: float | None = None
+    sideslip_excess_deg: float | None = None
 
     @property
     def spun(self) -> bool:
@@ -69,13 +80,19 @@ def drive(subject: Subject, condition: Condition, cell: Cell, delay_samples: int
 
 
 def judge(
-    record: FloatArray, cell: Cell, condition: str, reference: float | None = None, steer_time: float = STEER_TIME
+    record: FloatArray,
+    cell: Cell,
+    condition: str,
+    reference: float | None = None,
+    steer_time: float = STEER_TIME,
+    car: Config | None = None,
 ) -> CellResult:
     """Figures of a recording (samples, 12), of whatever plant.
 
     Args:
         reference: rad/s, the map's yaw rate; None where there is none.
         steer_time: s, when the driver begins.
+        car: with the bounds on slip and sideslip; None leaves those figures out.
     """
     spun_at = spin_time(record)
     if spun_at is not None:
@@ -93,13 +110,74 @@ def judge(
         yaw_rate_steady_deg_s=found.yaw_rate_steady_deg_s,
         map_error_percent=found.map_error_percent,
         map_overshoot_percent=found.map_overshoot_percent,
+        **_against_bounds(found, car),
     )
+
+
+def _against_bounds(found: StepMetrics, car: Config | None) -> dict[str, float]:
+    if car is None:
+        return {}
+    sideslip = max(abs(found.sideslip_steady_deg), car.limits.sideslip_max_deg)
+    figures = {"sideslip_excess_deg": max(found.sideslip_abs_max_deg - sideslip, 0.0)}
+    bounds = slip_bounds(car)
+    if bounds is not None:
+        shares = found.slip_front_steady_deg / bounds[0], found.slip_rear_steady_deg / bounds[1]
+        figures["slip_percent"] = 100.0 * math.radians(max(map(abs, shares)))
+    return figures
+
+
+def drive_together(
+    software: BatchSoftware, subject: Subject, under: Sequence[Condition], points: Sequence[Cell]
+) -> tuple[tuple[FloatArray, ...], ...]:
+    """Recordings of all cells under each condition, all runs at once; each is that of `drive` but for rounding.
+
+    Args:
+        software: the subject's. Its plant has a relaxation length, or none, like that of every condition.
+    """
+    config, conditions = subject.config, np.repeat(np.array(under, dtype=object), len(points))
+    cars = [plant_parameters(condition.plant(config)) for condition in under]
+    lanes = Lanes(
+        np.repeat(cars, len(points), axis=0),
+        speed_factor=np.tile([cell.speed_km_h * KM_H for cell in points], len(under)),
+        wheel_factor=np.tile([front_angle(cell) * config.steering.ratio for cell in points], len(under)),
+        friction=np.array([condition.friction or config.road.friction for condition in conditions]),
+        friction_estimate=np.array([condition.estimate_or_nan for condition in conditions]),
+        delay_samples=DELAY_SAMPLES,
+        controlled=subject.controlled,
+    )
+    records = software.run(unit_step(config, STEER_TIME, DURATION), lanes, software.parameters(**subject.parameters))
+    each = np.ascontiguousarray(records.transpose(2, 1, 0))
+    return tuple(tuple(each[k * len(points) : (k + 1) * len(points)]) for k in range(len(under)))
+
+
+def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cell]) -> dict[str, tuple[CellResult, ...]]:
+    """Name of the condition to the results of a subject in all cells. Raises BuildError, ConfigError."""
+    found: dict[str, tuple[CellResult, ...]] = {}
+    for chosen in _by_relaxation(under, subject.config):
+        software = subject.around.batch(chosen[0].plant(subject.config))
+        look_up = software.software.function("map_yaw_rate_on_road")
+        for condition, records in zip(chosen, drive_together(software, subject, chosen, points), strict=True):
+            plant, estimate = condition.plant(subject.config), condition.estimate_or_nan
+            found[condition.name] = tuple(
+                judge(record, cell, condition.name, look_up(cell.speed_km_h * KM_H, front_angle(cell), estimate), car=plant)
+                for record, cell in zip(records, points, strict=True)
+            )
+    return {condition.name: found[condition.name] for condition in under}
+
+
+def _by_relaxation(under: Sequence[Condition], config: Config) -> list[list[Condition]]:
+    """Conditions without and with a relaxation length of the tyres: one library has one or the other."""
+    groups: dict[bool, list[Condition]] = {}
+    for condition in under:
+        groups.setdefault(condition.plant(config).plant.relaxation_length_m > 0.0, []).append(condition)
+    return list(groups.values())
 
 
 def run_cell(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> CellResult:
     """Drive and judge."""
     record = drive(subject, condition, cell, delay_samples)
-    return judge(record, cell, condition.name, map_yaw_rate(subject, condition, cell))
+    plant = condition.plant(subject.config)
+    return judge(record, cell, condition.name, map_yaw_rate(subject, condition, cell), car=plant)
 
 
 def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:

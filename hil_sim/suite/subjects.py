@@ -16,12 +16,10 @@ from codegen.emit.folder import read_files, read_manifest, verify_hashes
 from codegen.emit.text import Precision
 from codegen.refmap import map as npz
 from codegen.refmap.map import ReferenceMap
+from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side
 from codegen.tuning.tune import tune
-
-AroundPlant = Callable[[Config], Software]
-"""From the configuration of a plant to the controller under test, compiled together with that plant."""
 
 DELAY_SAMPLES = 1
 """Of computation in all runs: an ECU sends its command one period after it has sampled."""
@@ -48,10 +46,11 @@ class Generated:
 
 @dataclass(frozen=True, eq=False)
 class Build:
-    """Generated C, fetched when first needed, and compiled once for each plant: an `AroundPlant`."""
+    """Generated C, fetched when first needed, and compiled once for each plant."""
 
     fetch: Callable[[], Generated]
     _compiled: dict[str, Software] = field(default_factory=dict)
+    _batches: dict[bool, BatchSoftware] = field(default_factory=dict)
 
     @functools.cached_property
     def generated(self) -> Generated:
@@ -66,6 +65,14 @@ class Build:
             self._compiled[key] = compile_build(found.files, found.manifest, plant, edited=found.edited)
         return self._compiled[key]
 
+    def batch(self, plant: Config) -> BatchSoftware:
+        """Compile for many cars at once, with a relaxation length or without, like a plant. Raises as the call does."""
+        key = plant.plant.relaxation_length_m > 0.0
+        if key not in self._batches:
+            found = self.generated
+            self._batches[key] = compile_batch(found.files, found.manifest, plant, edited=found.edited)
+        return self._batches[key]
+
 
 @dataclass(frozen=True, eq=False)
 class Subject:
@@ -74,14 +81,14 @@ class Subject:
     Attributes:
         name: for tables; unique in a suite.
         config: of the car for which the controller was built; plants are variations of it.
-        around: the compiled controller for the configuration of a plant.
+        around: the controller, to be compiled together with a plant.
         controlled: False for the passive car: the rear wheels stay straight.
         parameters: fields of the C parameter struct that differ from the build's, SI units.
     """
 
     name: str
     config: Config
-    around: AroundPlant
+    around: Build
     controlled: bool = True
     parameters: Mapping[str, float] = field(default_factory=dict)
 

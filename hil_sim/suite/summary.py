@@ -43,6 +43,8 @@ class Summary:
     sideslip_max_deg: Extreme | None
     map_error_percent: Extreme | None
     map_overshoot_percent: Extreme | None
+    slip_percent: Extreme | None
+    sideslip_excess_deg: Extreme | None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -66,6 +68,8 @@ def summarise(subject: str, condition: str, results: Sequence[CellResult]) -> Su
         sideslip_max_deg=extreme(on_road, "sideslip_max_deg"),
         map_error_percent=extreme(on_road, "map_error_percent", functools.partial(max, key=abs)),
         map_overshoot_percent=extreme(on_road, "map_overshoot_percent"),
+        slip_percent=extreme(on_road, "slip_percent"),
+        sideslip_excess_deg=extreme(on_road, "sideslip_excess_deg"),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.path_following import FEEDFORWARD, path_errors
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, Requirement, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_cell, software_of
+from hil_sim.suite.runs import CellResult, drive, map_yaw_rate, run_table
 from hil_sim.suite.sample_timing import TimingError, timing_errors
 from hil_sim.suite.subjects import DELAY_SAMPLES, PASSIVE, Subject, passive_of
 from hil_sim.suite.summary import Summary, summarise
@@ -37,7 +36,7 @@ Results = Mapping[str, Mapping[str, tuple[CellResult, ...]]]
 """Name of the subject to name of the condition to a result for each cell."""
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is driven next, tables done, tables in all."""
+"""Called with what is driven, subjects done, subjects in all."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +131,9 @@ class SuiteResult:
             timing=self.timing.get(self.tested, {}),
             path_errors=self._beside_feedforward(),
             actuator_lag_s=self.actuator_lag_s,
+            results=self.results[self.tested],
+            feedforward=self.results.get(FEEDFORWARD, {}),
+            feedforward_c1=self.c1.get(FEEDFORWARD, {}),
         )
         return replace(full, requirements=requirements(measured))
 
@@ -220,7 +222,7 @@ def run_suite(
         conditions=under,
         design_set=design_set(config),
         results=results,
-        c1={subject.name: {lag.name: run_cell(subject, lag, step) for lag in LAGS} for subject in subjects},
+        c1={subject.name: {name: row[0] for name, row in run_table(subject, LAGS, [step]).items()} for subject in subjects},
         shown=tuple(
             Shown(cell, map_yaw_rate(tested, NOMINAL, cell), {each.name: drive(each, NOMINAL, cell) for each in subjects})
             for cell in (step, *_some(points))
@@ -243,14 +245,13 @@ def _some(points: Sequence[Cell]) -> tuple[Cell, ...]:
 def _all_tables(
     subjects: Sequence[Subject], under: Sequence[Condition], points: Sequence[Cell], progress: Progress | None
 ) -> dict[str, dict[str, tuple[CellResult, ...]]]:
-    results: dict[str, dict[str, tuple[CellResult, ...]]] = {subject.name: {} for subject in subjects}
-    tables = [(subject, condition) for condition in under for subject in subjects]
-    with ThreadPoolExecutor() as pool:  # the C runs without the interpreter's lock
-        for done, (subject, condition) in enumerate(tables):
+    results = {}
+    with ThreadPoolExecutor() as pool:  # compiler and C run without the interpreter's lock
+        tables = [(subject, pool.submit(run_table, subject, under, points)) for subject in subjects]
+        for done, (subject, table) in enumerate(tables):
             if progress is not None:
-                progress(f"{subject.name}, {condition.title}", done, len(tables))
-            software_of(subject, condition)  # compiled before the threads want it
-            results[subject.name][condition.name] = tuple(pool.map(functools.partial(run_cell, subject, condition), points))
+                progress(subject.name, done, len(tables))
+            results[subject.name] = table.result()
     return results
 
 
