@@ -104,9 +104,9 @@ class Config(Section):
     grid: Grid = Grid()
     cases: dict[Annotated[str, AfterValidator(check_name)], Case] = Field(
         default_factory=lambda: {
-            "fws": Case(rear_steering=False, sideslip_weight_per_s2=100.0),
-            "4ws-1": Case(sideslip_weight_per_s2=100.0),
-            "4ws-2": Case(sideslip_weight_per_s2=3000.0),
+            "fws": Case(rear_steering=False, sideslip_weight_per_s2=100.0, tyre_model="magic-formula"),
+            "4ws-1": Case(sideslip_weight_per_s2=100.0, tyre_model="magic-formula"),
+            "4ws-2": Case(sideslip_weight_per_s2=3000.0, tyre_model="magic-formula"),
         }
     )
     steering: Steering = Steering()

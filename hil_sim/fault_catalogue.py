@@ -199,8 +199,8 @@ def _seen(result: BenchResult, after: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> float:
     """How far the command may move in one sample: what its rate limits allow, or without any what the feedback makes of the
     largest error of the run; of a feedforward without a rate limit nothing is known but its range. Where commands are lost on
-    their way, the controller goes on meanwhile, up to its distance from the measured rear angle; where its samples are too, as
-    far as the fail-safe's ramp goes."""
+    their way, the controller goes on meanwhile, up to its distance from the measured rear angle; where its samples are too, it
+    predicts for a few samples, and then goes as far as the fail-safe's ramp does."""
     controller, code = config.controller, math.degrees(config.can.rear_steer_command.rear_angle.factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
     law = law_of(config)
@@ -221,6 +221,7 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
     if any(fault.message == config.can.rear_steer_command.name for fault in case.faults):
         bound += controller.rear_angle_error_max_deg
     silent = sum(fault.duration for fault in case.faults if fault.kind in ("bus-down", "plant-restart"))
+    bound *= 1 + min(round(silent / controller.sampling_time_s), controller.fail_safe.degraded_samples_max)
     # A command is rounded to its code: a step between two of them is off by one code at most.
     return bound + code + controller.fail_safe.rate_deg_s * silent
 

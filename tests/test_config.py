@@ -38,12 +38,13 @@ def differences(left: Config, right: Config) -> set[tuple[str, Any, Any]]:
     return {(key, one.get(key), other.get(key)) for key in one | other if repr(one.get(key)) != repr(other.get(key))}
 
 
-def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_its_controller(tmp_path: Path) -> None:
+def test_the_default_is_the_recommended_preset_and_the_papers_differs_in_controller_and_tyre_model(tmp_path: Path) -> None:
     """The paper limits no rate and has no limiter. A cycle time that is not given is the sampling time."""
     recommended, path = preset("recommended"), tmp_path / "ars.toml"
     roles = recommended.can.messages()
     assert differences(Config(), recommended) == {(f"can.{role}.cycle_time_ms", None, 10.0) for role in roles}
-    assert differences(recommended, preset()) == {
+    tyre_models = {(f"cases.{case}.tyre_model", "magic-formula", None) for case in ("fws", "4ws-1", "4ws-2")}
+    assert differences(recommended, preset()) == tyre_models | {
         ("controller.kind", "tracking", "pi"),
         ("controller.rear_rate_max_deg_s", 25.0, "off"),
         ("limiter.rear_rate_max_deg_s", 30.0, "off"),

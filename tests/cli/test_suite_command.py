@@ -12,7 +12,7 @@ from hil_sim.suite import cars, whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
 from hil_sim.suite.requirements import car_requirements
-from hil_sim.suite.summary import Extreme, summarise
+from hil_sim.suite.summary import summarise
 from hil_sim.suite.tracking import SuiteResult
 from hil_sim.suite.whole import Whole
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
@@ -57,22 +57,20 @@ def test_suite_of_the_recommended_preset(run: Run, suite: Callable[..., list[Can
 
 
 def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult) -> None:
-    wide = tuple(cell_result("tracking", cell, "nominal", sideslip_max_deg=4.25) for cell in CELLS)
+    wide = tuple(cell_result("tracking", cell, "nominal", sideslip_excess_deg=1.25) for cell in CELLS)
     suite(with_table(good, "tracking", "nominal", wide))
     answer = run("sil", "--suite", "tracking")
     assert answer.code == 1
     assert "NOT MET" in answer.out
-    figure = "all cells, as configured: |sideslip| 4.25 deg (at most 3.2 deg)"
+    figure = "all cells, as configured: |sideslip| beyond its bound 1.25 deg (at most 0.2 deg)"
     assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
 
 
 def car(number: int, overshoot: float, error: str = "") -> CarResult:
     summary = summarise("tracking", "x", [cell_result("tracking", CELLS[-1], "x", overshoot_percent=overshoot)])
-    loop, slip = margins(stable=True), Extreme(99.0, CELLS[-1])
-    rows = car_requirements(f"car {number}", summary, slip, loop)
-    return CarResult(
-        number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, None if error else summary, slip, loop, () if error else rows, error
-    )
+    loop = margins(stable=True)
+    rows = car_requirements(f"car {number}", summary, loop)
+    return CarResult(number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, None if error else summary, loop, () if error else rows, error)
 
 
 def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: Path) -> None:

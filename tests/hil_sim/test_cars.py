@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from codegen.sil.batch import compile_batch
 from codegen.vehicle.single_track import SingleTrack
-from hil_sim.suite.cars import SHARES, SPEEDS_KM_H, drive_cells, examine
+from hil_sim.suite.cars import SHARES, SPEEDS_KM_H, examine
 from hil_sim.suite.cells import cells
-from hil_sim.suite.conditions import NOMINAL
+from hil_sim.suite.conditions import CONDITIONS
 from hil_sim.suite.plants import changed
 from hil_sim.suite.random_cars import DEVELOPMENT_SEED, MASS_KG, TEST_SEED, random_cars
-from hil_sim.suite.runs import run_cell
-from hil_sim.suite.subjects import of_config
+from hil_sim.suite.runs import run_cell, run_table
+from hil_sim.suite.subjects import of_config, passive_of
 from tests import builds
 
 
@@ -30,14 +29,17 @@ def test_a_car_is_its_seed_and_number_and_plausible() -> None:
 def test_cells_driven_at_once_are_those_driven_alone() -> None:
     """To a millionth: what differs is the rounding of the batch, see `codegen.sil.batch.DIFFERENCE_MAX`."""
     subject = of_config("tracking", builds.paper_map(), builds.TRACKING_CONFIG)
-    generated = subject.around.generated  # type: ignore[attr-defined]
     points = cells(subject.config, subject.config.case("4ws-2"), SPEEDS_KM_H[::3], SHARES[:2])
-    together, slips = drive_cells(compile_batch(generated.files, generated.manifest), subject.config, points)
-    for one in together:
-        alone = run_cell(subject, NOMINAL, one.cell)
-        names = ("overshoot_percent", "settling_time_s", "sideslip_max_deg", "map_error_percent")
-        assert [getattr(one, name) for name in names] == pytest.approx([getattr(alone, name) for name in names], abs=1e-6)
-    assert [slip.cell for slip in slips] == list(points) and all(20.0 < slip.value < 130.0 for slip in slips)
+    under = [each for each in CONDITIONS if each.name in ("mass-plus-20", "relaxation-300", "friction-60-exact", "friction-60")]
+    names = ("overshoot_percent", "settling_time_s", "sideslip_max_deg", "map_error_percent", "slip_percent")
+    for driven in (subject, passive_of(subject)):
+        tables = run_table(driven, under, points)
+        assert list(tables) == [condition.name for condition in under]
+        for condition in under:
+            alone = run_cell(driven, condition, points[-1])
+            found = tables[condition.name][-1]
+            assert (found.cell, found.condition) == (points[-1], condition.name)
+            assert [getattr(found, name) for name in names] == pytest.approx([getattr(alone, name) for name in names], abs=1e-6)
 
 
 def test_a_car_that_cannot_be_tuned_is_told() -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 from benchmarks.agreement import SAME
 from benchmarks.dense_search import DenseSearch
 from benchmarks.random_cars import random_car, random_cells
-from codegen.config import Config
+from codegen.config import Config, preset
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.evidence import excess_note
 from codegen.emit.folder import Folder
@@ -28,7 +28,7 @@ from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, single_track, t
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.suite.random_cars import DEVELOPMENT_SEED, random_cars
 from tests import shared
-from tests.refmap.cars import CASE, PAPER, changed, nonlinear
+from tests.refmap.cars import CASE, PAPER, changed, nonlinear, paper_map
 
 
 def test_against_a_dense_search() -> None:
@@ -65,15 +65,15 @@ COMMITTED = Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz"
 
 @functools.cache
 def tracking_config() -> Config:
-    """The tuned gains of the committed build."""
+    """The tuned gains of the committed build, whose map has the nonlinear tyre."""
     config = load(COMMITTED).config
     assert config is not None
     return config
 
 
 def tracking(trim_percent: float | None = None) -> Config:
-    """The recommended controller on the paper's car with its tuned gains and the nonlinear tyre; by default its own trim."""
-    config = nonlinear(tracking_config(), "4ws-2")
+    """The recommended controller on the paper's car with its tuned gains; by default its own trim."""
+    config = tracking_config()
     if trim_percent is None:
         return config
     trimmed = {**config.controller.tracking.model_dump(mode="json"), "trim_max_percent": trim_percent}
@@ -87,9 +87,9 @@ def with_car(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
 
 def test_on_linear_tyres_the_default_trim_is_enough() -> None:
     """The reference model exceeds the map by what the last cell makes of its kink alone."""
-    config, linear = tracking_config(), load(COMMITTED)
+    config, linear = tracking_config(), paper_map()
     total = extend(linear, config, config.steering.front_angle_stop)
-    assert model_excess(linear, total, config).percent <= config.controller.tracking.trim_max_percent == 1.0
+    assert model_excess(linear, total, config).percent <= preset("recommended").controller.tracking.trim_max_percent == 1.0
 
 
 @pytest.mark.parametrize("number", range(3))

@@ -34,6 +34,8 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
         "yaw_rate_steady_deg_s": 20.0,
         "map_error_percent": -1.0,
         "map_overshoot_percent": 0.5,
+        "slip_percent": 90.0,
+        "sideslip_excess_deg": 0.1,
     }
     return CellResult(cell=cell, condition=condition, **{**values, **figures})
 
@@ -41,7 +43,7 @@ def cell_result(subject: str, cell: Cell, condition: str, **figures: Any) -> Cel
 def spun(subject: str, cell: Cell, condition: str) -> CellResult:
     """The car spins after a second and a half."""
     names = ("overshoot_percent", "rise_time_s", "settling_time_s", "sideslip_max_deg", "yaw_rate_steady_deg_s")
-    names += ("map_error_percent", "map_overshoot_percent")
+    names += ("map_error_percent", "map_overshoot_percent", "slip_percent", "sideslip_excess_deg")
     return cell_result(subject, cell, condition, spun_at_s=1.5, settled=False, **dict.fromkeys(names))
 
 

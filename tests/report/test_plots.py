@@ -32,7 +32,7 @@ from tests.report.figures import check_layout, line_of, names
 CONFIG = configuration.parse(
     {"grid": {"speed_points": 21, "front_angle_min_deg": 0.5, "front_angle_points": 20}, "controller": {"kind": "pi"}},
     "configuration of the test",
-)
+).with_tyre_model("linear")
 CASES = ("fws", "4ws-1", "4ws-2")
 FOUR_DEGREES = math.radians(4.0)
 INFEASIBLE = "no feasible steady turn"

@@ -24,7 +24,7 @@ from tests import builds
 
 
 def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rise times may differ by a sample: the steady yaw rate is averaged over another second."""
+    """Rise times may differ by two samples: one is counted in whole samples, with the steady yaw rate of another second."""
     monkeypatch.setattr(transient, "RESPONSE_GAINS_S", (0.0, 0.1))
     monkeypatch.setattr(transient, "LEADS_S", LEADS_S[::2])
     schedule = Schedule(speed_km_h=[15.0, 60.0, 100.0], proportional_gain_s=[0.03, 0.06, 0.09], integral_gain=[1.7, 1.2, 0.8])
@@ -41,7 +41,7 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
     subject = of_config("tuned", builds.paper_map(), with_tracking(config, changes, "test"))
     for one in found:
         driven = [run_cell(subject, NOMINAL, cell) for cell in cells(config, config.case("4ws-2"), (one.speed_km_h,), SHARES)]
-        assert max(result.rise_time_s or 9.0 for result in driven) == pytest.approx(one.rise_s, abs=0.011)
+        assert max(result.rise_time_s or 9.0 for result in driven) == pytest.approx(one.rise_s, abs=0.02)
         assert max(result.overshoot_percent or 0.0 for result in driven) <= min(one.overshoot_percent + 0.2, OVERSHOOT_PERCENT)
         assert max(result.settling_time_s or 9.0 for result in driven) <= SETTLING_S + 0.011
     assert not Response(60.0, 0.0, 0.0, 4.6, 0.5, 0.3, 4.0).is_met

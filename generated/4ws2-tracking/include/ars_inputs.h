@@ -7,8 +7,8 @@
  * The speed is held, then falls slowly. The lateral acceleration is optional. It is used once it has agreed with the yaw rate in a turn,
  * and tells a front angle that froze and a yaw rate of the wrong sign.
  *
- * On a straight the offset of the yaw rate is learned, slowly and up to a bound, and what differs from the linear car's turn by no more
- * than the sensor's noise is not passed on.
+ * On a straight the offset of the yaw rate is learned, with a time constant and up to a bound, and subtracted from then on. A steady side
+ * wind looks like an offset where there is no lateral acceleration.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *

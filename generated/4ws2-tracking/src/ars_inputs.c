@@ -221,20 +221,22 @@ ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, f
     return !is_within(turn, agreement + agreement) && is_within(yaw_rate - turn, agreement);
 }
 
-/* The turn that the lateral acceleration shows, and whether it shows one. */
+/* The turn that the lateral acceleration shows. */
 typedef struct {
     float yaw_rate; /* rad/s */
     bool is_there;
+    bool is_evidence; /* there, and it agreed with the yaw rate in the last turn */
 } lateral_t;
 
 ARS_SECTION_CODE static lateral_t turn_of_lateral(
     const ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
-    lateral_t lateral = { 0.0f, false };
+    lateral_t lateral = { 0.0f, false, false };
 
     if ((self->speed.value >= lateral_speed_least) && is_within(measured, parameters->lateral_acceleration_max)) {
         lateral.yaw_rate = measured / self->speed.value;
         lateral.is_there = true;
+        lateral.is_evidence = self->lateral_is_proven;
     }
     return lateral;
 }
@@ -298,7 +300,7 @@ ARS_SECTION_CODE static bool take_front_angle(
         prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
     } else {
         is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
-        if (is_there && is_still && lateral->is_there && self->lateral_is_proven
+        if (is_there && is_still && lateral->is_evidence
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
@@ -324,7 +326,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
         const float apart = magnitude(measured - self->expected_yaw_rate);
         const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least);
 
-        if (((measured * self->expected_yaw_rate) < 0.0f) && lateral->is_there && self->lateral_is_proven
+        if (((measured * self->expected_yaw_rate) < 0.0f) && lateral->is_evidence
             && agrees(parameters, lateral->yaw_rate, self->expected_yaw_rate)) {
             signal->good++;
         } else {
@@ -373,7 +375,7 @@ ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_param
 {
     float beyond = 0.0f;
 
-    if (lateral->is_there && self->lateral_is_proven) {
+    if (lateral->is_evidence) {
         beyond = lateral->yaw_rate - self->expected_yaw_rate;
     }
     beyond = self->beyond_linear + (parameters->yaw_rate_offset_share * (beyond - self->beyond_linear));
