@@ -35,7 +35,7 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
         "step_instructions_max": 1_330,
         "task_instructions_max": 2_430,
         "task_stack_bytes_max": 320,
-        "state_bytes_max": 184,
+        "state_bytes_max": 188,
     },
 }
 """For a map with even breakpoints and one friction."""
