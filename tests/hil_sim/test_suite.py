@@ -260,12 +260,8 @@ def test_with_another_lag_the_overshoot_is_held_against_the_feedforward(own: flo
     others = [result(0.5), result(1.0, overshoot_percent=beside)]
     measured = replace(good(), results={**good().results, "lag-100": rows}, feedforward={"lag-100": others})
     (row,) = [row for row in requirements(measured) if row.passed is False]
-    assert (row.subject_matter, row.measured, row.limit, row.note) == (
-        "all cells, actuator lag 100 ms",
-        own,
-        limit,
-        rows[1].cell.title,
-    )
+    assert (row.subject_matter, row.note) == ("all cells, actuator lag 100 ms", rows[1].cell.title)
+    assert (row.measured, row.limit) == (own, limit)
     step = replace(good(), c1={**good().c1, "lag-100": result(1.0, overshoot_percent=2.9)})
     assert failing(step) == {("C1, actuator lag 100 ms", "overshoot")}
     assert failing(replace(step, feedforward_c1={"lag-100": result(1.0, overshoot_percent=4.0)})) == set()

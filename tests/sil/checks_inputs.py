@@ -240,7 +240,10 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
             controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
             wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
             # Of the lags is left the rounding of their steps, each half a unit, over 15 samples and over 8.
-            assert abs(controller.state.sample.yaw_rate - wanted) <= 30.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
+            sample = controller.state.sample
+            assert abs(sample.yaw_rate - wanted) <= 30.0 * built.eps * abs(wanted), (speed, lateral, is_proven)
+            wanted = lateral if is_taken else speed * sample.yaw_rate
+            assert abs(sample.lateral_acceleration - wanted) <= 4.0 * built.eps * abs(wanted)
 
 
 def check_lateral_acceleration_is_refuted(built: Built) -> None:
@@ -263,7 +266,7 @@ def check_frozen_front_angle(built: Built) -> None:
         controller, turn = _witnessed(built, yaw_rate_frozen=0.01 if case == "half" else 0.1)
         inputs, before, found = controller.state.inputs, turn.yaw_rate, False
         for sample in range(60):
-            share = max(1.0 - 0.02 * sample, 0.51 if case == "half" else 0.0)
+            share = max(1.0 - 0.02 * sample, 0.503 if case == "half" else 0.0)
             yaw_rate = share * turn.yaw_rate
             lateral = turn.lateral_acceleration * (1.0 if case.startswith("lateral") else share)
             lateral = math.nan if case.startswith("no") else lateral
@@ -278,6 +281,20 @@ def check_frozen_front_angle(built: Built) -> None:
                 break
         assert found == (case == "frozen"), case
         assert (inputs.yaw_rate.source, inputs.speed.source) == (0, 0)
+    controller = built.software.controller(0.0, parameters_of(built, {"inputs": {"yaw_rate_frozen": 0.05}}))
+    controller.run([Measurement(16.0, 0.0, 0.005 * k, 0.0, lateral_acceleration=0.08 * k) for k in range(60)])
+    inputs = controller.state.inputs
+    assert (inputs.expected_yaw_rate, inputs.lateral_is_proven, inputs.front_angle.source) == (0.0, True, 0), "no turn to make"
+
+
+def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
+    """How near both were before says nothing of the turn in which the yaw rate comes back."""
+    controller, turn = _witnessed(built, front_angle_step=3.0, yaw_rate_step=40.0, yaw_rate_max=20.0, yaw_rate_frozen=0.05)
+    yaw_rate = 0.12 * _gain(built, 16.0)
+    turn = replace(turn, front_angle=0.12, yaw_rate=yaw_rate, lateral_acceleration=16.0 * yaw_rate)
+    controller.run([turn] * 300 + [replace(turn, yaw_rate=math.nan)] * 20)
+    controller.run([replace(turn, yaw_rate=0.2 * yaw_rate, lateral_acceleration=3.2 * yaw_rate)] * 30)
+    assert (controller.state.inputs.yaw_rate.source, controller.state.inputs.front_angle.source) == (0, 0)
 
 
 def check_yaw_rate_to_the_other_side(built: Built) -> None:
@@ -292,13 +309,16 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         if case.startswith("no lateral"):
             wrong = replace(wrong, lateral_acceleration=math.nan)
         needed = controller.parameters.inputs.recovery_samples
-        controller.run([wrong] * (needed - 1))
-        assert controller.state.inputs.yaw_rate.source == 0, case
-        controller.step(replace(wrong, yaw_rate=math.nan))  # one that is not there begins the count anew
+        for yaw_rate in (math.nan, share * turn.yaw_rate):  # one that is not there, or not wrong, begins the count anew
+            controller.run([wrong] * (needed - 1))
+            assert controller.state.inputs.yaw_rate.source == 0, case
+            controller.step(replace(wrong, yaw_rate=yaw_rate))
         controller.run([wrong] * (needed - 1))
         assert controller.state.inputs.yaw_rate.source == 0, case
         controller.step(wrong)
         assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), case
+        controller.step(replace(held, yaw_rate=share * turn.yaw_rate))
+        assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), "one sample proves nothing"
 
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
@@ -321,6 +341,7 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
             (16.0, 0.0, 0.0, math.nan, 0.125, 0.125),
             (16.0, 0.0, 0.0, math.nan, 0.5, 0.25),
             (slow, 0.0, 0.0, math.nan, 0.125, 0.0),
+            (5.0, 0.0, 0.0, math.nan, 0.125, 0.125),
         ),
         *(
             (16.0, 0.0, -0.0625, math.nan, 0.25, 0.1875),

@@ -42,7 +42,7 @@ def check_tracking_state_after_init(built: Built) -> None:
     """At rest, at the given angle; nothing is known of the road but the map."""
     state = built.software.controller(0.02).state
     held = float(built.real(0.02))
-    for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate"):
+    for name in ("trim", "integral", "front_angle", "front_rate", "missed_samples", "yaw_rate", "previous_model_yaw_rate"):
         assert getattr(state.law, name) == 0.0, name
     assert (state.law.model.yaw_rate, state.law.model.rear_angle) == (0.0, held)
     assert state.grip.reached == 0.0
