@@ -312,7 +312,7 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         for yaw_rate in (math.nan, share * turn.yaw_rate):  # one that is not there, or not wrong, begins the count anew
             controller.run([wrong] * (needed - 1))
             assert controller.state.inputs.yaw_rate.source == 0, case
-            controller.step(replace(wrong, yaw_rate=yaw_rate))
+            controller.step(replace(wrong, yaw_rate=yaw_rate, lateral_acceleration=math.nan))
         controller.run([wrong] * (needed - 1))
         assert controller.state.inputs.yaw_rate.source == 0, case
         controller.step(wrong)
