@@ -173,8 +173,8 @@ def with_response(config: Config, schedule: Schedule, found: Sequence[Response])
 class _Search:
     """The cells, and how they are driven and judged.
 
-    `limits` are those of the overshoot in percent, (cars, speeds). Figures are (5, cars, speeds), rows as FIGURES. Those of the configured car, the first, include the speeds half way to the
-    neighbours, but for the rise time.
+    `limits` are those of the overshoot in percent, (cars, speeds). Figures are (5, cars, speeds), rows as FIGURES. Those of the
+    configured car, the first, include the speeds half way to the neighbours, but for the rise time.
     """
 
     software: BatchSoftware

@@ -53,7 +53,9 @@ class SecondTracking(SecondController):
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
         self.previous_model_yaw_rate = self.state[1]
-        self.response_samples = real((config.rear_actuator.lag_s + config.controller.sampling_time_s) / config.controller.sampling_time_s)
+        self.response_samples = real(
+            (config.rear_actuator.lag_s + config.controller.sampling_time_s) / config.controller.sampling_time_s
+        )
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
         self.happened: set[str] = set()
