@@ -221,9 +221,10 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
     if any(fault.message == config.can.rear_steer_command.name for fault in case.faults):
         bound += controller.rear_angle_error_max_deg
     silent = sum(fault.duration for fault in case.faults if fault.kind in ("bus-down", "plant-restart"))
-    bound *= 1 + min(round(silent / controller.sampling_time_s), controller.fail_safe.degraded_samples_max)
+    predicted = min(round(silent / controller.sampling_time_s), controller.fail_safe.degraded_samples_max)
+    ramp = controller.fail_safe.rate_deg_s * (silent - predicted * controller.sampling_time_s)
     # A command is rounded to its code: a step between two of them is off by one code at most.
-    return bound + code + controller.fail_safe.rate_deg_s * silent
+    return bound * (1 + predicted) + ramp + code
 
 
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -210,9 +210,8 @@ class _Search:
         search = cls(software, schedule, speeds, over_speed, unit_step(config, STEER_TIME, DURATION), lanes)
         static = search.drive(np.zeros((count, 2)))[FIGURES.index("overshoot")]
         least = STATIC_OVERSHOOT_FACTOR * np.where(np.isfinite(static), static, 0.0)  # a car that spins raises no limit
-        other_lag = limits == LAG_OVERSHOOT_PERCENT
-        over_speed[other_lag] = np.maximum(over_speed, least)[other_lag]
-        return search
+        other_lag = over_speed == LAG_OVERSHOOT_PERCENT
+        return replace(search, limits=np.where(other_lag, np.maximum(over_speed, least), over_speed))
 
     def drive_all(self, pairs: FloatArray, tell: Callable[[], None]) -> FloatArray:
         """Figures (n, 5, cars, speeds) of pairs (n, speeds, 2) of lead and response gain."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from hil_sim.suite.conditions import FRICTIONS, LAGS, MASSES, NOMINAL, SLIPPERY, Condition
@@ -25,7 +25,7 @@ beyond that bound, whatever the controller."""
 MAP_ERROR_PERCENT = 1.0
 """Of the steady yaw rate, either way: a goal, for a map of linear tyres asks for more than a nonlinear car can do."""
 SLIP_PERCENT = 101.0
-"""Of its bound in steady state: a goal for the same reason."""
+"""Largest steady slip, in percent of its bound: a goal for the same reason."""
 OTHER_LAG_OVERSHOOT_PERCENT, FEEDFORWARD_FACTOR = 5.0, 0.75
 """With another actuator's lag; or so many times what the feedforward alone overshoots, where that is more."""
 CAR_OVERSHOOT_PERCENT, CAR_SETTLING_S = 5.0, 1.1
@@ -187,25 +187,25 @@ def _slip(summary: Summary | None, matter: str, stretch: bool = True) -> Require
 
 
 def _overshoot_limit(least: float, feedforward: CellResult | None) -> float:
-    """percent, beside the feedforward in the same cell; that of a car that spins raises no limit."""
+    """Return the limit in percent beside the feedforward in the same cell; that of a car that spins raises none."""
     found = None if feedforward is None else feedforward.overshoot_percent
     return round(max(least, FEEDFORWARD_FACTOR * (found or 0.0)), 1)
 
 
 def _other_lag(measured: Measured, condition: Condition) -> Requirement:
     """The cell that is nearest to its limit, or most beyond it."""
-    matter = f"all cells, {condition.title}"
+    summary, limit = measured.summaries.get(condition.name), OTHER_LAG_OVERSHOOT_PERCENT
     own = measured.results.get(condition.name, ())
     beside = measured.feedforward.get(condition.name, (None,) * len(own))
     found = [
-        (result.overshoot_percent, _overshoot_limit(OTHER_LAG_OVERSHOOT_PERCENT, other), result.cell.title)
+        (Extreme(result.overshoot_percent, result.cell), _overshoot_limit(limit, other))
         for result, other in zip(own, beside, strict=True)
         if result.overshoot_percent is not None
     ]
-    if not found:
-        return _absent(matter, "overshoot", "%", ("at most", OTHER_LAG_OVERSHOOT_PERCENT))
-    overshoot, limit, title = max(found, key=lambda each: each[0] - each[1])
-    return _row(matter, "overshoot", "%", ("at most", limit), overshoot, title)
+    if summary is not None and found:
+        worst, limit = max(found, key=lambda each: each[0].value - each[1])
+        summary = replace(summary, overshoot_percent=worst)
+    return _worst(summary, f"all cells, {condition.title}", "overshoot", "%", limit, "overshoot_percent")
 
 
 def _spins(summary: Summary | None, matter: str, limit: int) -> Requirement:

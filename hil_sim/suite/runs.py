@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from codegen.config import KM_H, Config
-from codegen.sil.batch import BatchSoftware, Lanes
+from codegen.sil.batch import Lanes
 from codegen.sil.software import Software
 from codegen.tuning.transient import unit_step
 from codegen.vehicle.plant_car import plant_parameters
@@ -126,58 +126,35 @@ def _against_bounds(found: StepMetrics, car: Config | None) -> dict[str, float]:
     return figures
 
 
-def drive_together(
-    software: BatchSoftware, subject: Subject, under: Sequence[Condition], points: Sequence[Cell]
-) -> tuple[tuple[FloatArray, ...], ...]:
-    """Recordings of all cells under each condition, all runs at once; each is that of `drive` but for rounding.
-
-    Args:
-        software: the subject's. Its plant has a relaxation length, or none, like that of every condition.
-    """
-    config, conditions = subject.config, np.repeat(np.array(under, dtype=object), len(points))
-    cars = [plant_parameters(condition.plant(config)) for condition in under]
-    lanes = Lanes(
-        np.repeat(cars, len(points), axis=0),
-        speed_factor=np.tile([cell.speed_km_h * KM_H for cell in points], len(under)),
-        wheel_factor=np.tile([front_angle(cell) * config.steering.ratio for cell in points], len(under)),
-        friction=np.array([condition.friction or config.road.friction for condition in conditions]),
-        friction_estimate=np.array([condition.estimate_or_nan for condition in conditions]),
-        delay_samples=DELAY_SAMPLES,
-        controlled=subject.controlled,
-    )
-    records = software.run(unit_step(config, STEER_TIME, DURATION), lanes, software.parameters(**subject.parameters))
-    each = np.ascontiguousarray(records.transpose(2, 1, 0))
-    return tuple(tuple(each[k * len(points) : (k + 1) * len(points)]) for k in range(len(under)))
-
-
 def run_table(subject: Subject, under: Sequence[Condition], points: Sequence[Cell]) -> dict[str, tuple[CellResult, ...]]:
-    """Name of the condition to the results of a subject in all cells. Raises BuildError, ConfigError."""
-    found: dict[str, tuple[CellResult, ...]] = {}
-    for chosen in _by_relaxation(under, subject.config):
-        software = subject.around.batch(chosen[0].plant(subject.config))
-        look_up = software.software.function("map_yaw_rate_on_road")
-        for condition, records in zip(chosen, drive_together(software, subject, chosen, points), strict=True):
-            plant, estimate = condition.plant(subject.config), condition.estimate_or_nan
-            found[condition.name] = tuple(
-                judge(record, cell, condition.name, look_up(cell.speed_km_h * KM_H, front_angle(cell), estimate), car=plant)
-                for record, cell in zip(records, points, strict=True)
-            )
-    return {condition.name: found[condition.name] for condition in under}
+    """Return the results of a subject in all cells by name of the condition; the cells of a condition run at once.
 
-
-def _by_relaxation(under: Sequence[Condition], config: Config) -> list[list[Condition]]:
-    """Conditions without and with a relaxation length of the tyres: one library has one or the other."""
-    groups: dict[bool, list[Condition]] = {}
+    Each recording is that of `drive` but for rounding. Raises BuildError, ConfigError, and ValueError as `Subject.loop` does.
+    """
+    config, results = subject.config, {}
+    speeds = np.array([cell.speed_km_h * KM_H for cell in points])
+    angles = np.array([front_angle(cell) for cell in points])
     for condition in under:
-        groups.setdefault(condition.plant(config).plant.relaxation_length_m > 0.0, []).append(condition)
-    return list(groups.values())
-
-
-def run_cell(subject: Subject, condition: Condition, cell: Cell, delay_samples: int = DELAY_SAMPLES) -> CellResult:
-    """Drive and judge."""
-    record = drive(subject, condition, cell, delay_samples)
-    plant = condition.plant(subject.config)
-    return judge(record, cell, condition.name, map_yaw_rate(subject, condition, cell), car=plant)
+        plant, estimate = condition.plant(config), condition.estimate_or_nan
+        software = subject.around.batch(plant)
+        lanes = Lanes(
+            np.repeat([plant_parameters(plant)], len(points), axis=0),
+            speed_factor=speeds,
+            wheel_factor=angles * config.steering.ratio,
+            friction=condition.friction,
+            friction_estimate=estimate,
+            delay_samples=DELAY_SAMPLES,
+            controlled=subject.controlled,
+        )
+        records = software.run(unit_step(config, STEER_TIME, DURATION), lanes, software.parameters(**subject.parameters))
+        look_up = software.software.function("map_yaw_rate_on_road")
+        results[condition.name] = tuple(
+            judge(record, cell, condition.name, look_up(speed, angle, estimate), car=plant)
+            for record, cell, speed, angle in zip(
+                np.ascontiguousarray(records.transpose(2, 1, 0)), points, speeds.tolist(), angles.tolist(), strict=True
+            )
+        )
+    return results
 
 
 def map_yaw_rate(subject: Subject, condition: Condition, cell: Cell) -> float:

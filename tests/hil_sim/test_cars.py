@@ -10,7 +10,7 @@ from hil_sim.suite.cells import cells
 from hil_sim.suite.conditions import CONDITIONS
 from hil_sim.suite.plants import changed
 from hil_sim.suite.random_cars import DEVELOPMENT_SEED, MASS_KG, TEST_SEED, random_cars
-from hil_sim.suite.runs import run_cell, run_table
+from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
 from hil_sim.suite.subjects import of_config, passive_of
 from tests import builds
 
@@ -36,7 +36,8 @@ def test_cells_driven_at_once_are_those_driven_alone() -> None:
         tables = run_table(driven, under, points)
         assert list(tables) == [condition.name for condition in under]
         for condition in under:
-            alone = run_cell(driven, condition, points[-1])
+            record, asked = (of(driven, condition, points[-1]) for of in (drive, map_yaw_rate))
+            alone = judge(record, points[-1], condition.name, asked, car=condition.plant(driven.config))
             found = tables[condition.name][-1]
             assert (found.cell, found.condition) == (points[-1], condition.name)
             assert [getattr(found, name) for name in names] == pytest.approx([getattr(alone, name) for name in names], abs=1e-6)

@@ -28,7 +28,7 @@ from hil_sim.suite.conditions import COMBINED, CONDITIONS, LAGS, NOMINAL
 from hil_sim.suite.loop_margins import FamilyMargins, MarginPoint, margins_of
 from hil_sim.suite.price import compare_rise, rise_times, sine_tracking
 from hil_sim.suite.requirements import Measured, all_passed, requirements
-from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_cell, software_of
+from hil_sim.suite.runs import CellResult, drive, judge, map_yaw_rate, run_table, software_of
 from hil_sim.suite.sample_timing import SETTLING_TIME_S, TIMINGS, TimingError, timing_errors
 from hil_sim.suite.subjects import Subject, around, around_folder, passive_of
 from hil_sim.suite.summary import summarise
@@ -145,13 +145,8 @@ def test_summary_names_the_worst_cell_of_each_figure() -> None:
     assert (found.cells, [cell.share for cell in found.spins], [cell.share for cell in found.unsettled]) == (4, [1.0], [0.75])
     assert found.overshoot_mean_percent == pytest.approx(5.0 / 3.0)  # of the three that stay on the road
     worst = {name: (getattr(found, name).value, getattr(found, name).cell.share) for name in FIGURES}
-    assert worst == dict(
-        zip(
-            FIGURES,
-            [(3.0, 0.25), (0.7, 0.5), (0.5, 0.25), (4.0, 0.75), (-10.0, 0.5), (1.0, 0.25), (90.0, 0.25), (0.1, 0.25)],
-            strict=True,
-        )
-    )
+    figures = [(3.0, 0.25), (0.7, 0.5), (0.5, 0.25), (4.0, 0.75), (-10.0, 0.5), (1.0, 0.25), (90.0, 0.25), (0.1, 0.25)]
+    assert worst == dict(zip(FIGURES, figures, strict=True))
     assert (alone.overshoot_mean_percent, alone.overshoot_percent, alone.settling_time_s) == (None, None, None)
 
 
@@ -262,6 +257,7 @@ def test_with_another_lag_the_overshoot_is_held_against_the_feedforward(own: flo
     (row,) = [row for row in requirements(measured) if row.passed is False]
     assert (row.subject_matter, row.note) == ("all cells, actuator lag 100 ms", rows[1].cell.title)
     assert (row.measured, row.limit) == (own, limit)
+    assert failing(with_rows("lag-100", result(0.5), SPIN)) == {("all cells, actuator lag 100 ms", "overshoot")}
     step = replace(good(), c1={**good().c1, "lag-100": result(1.0, overshoot_percent=2.9)})
     assert failing(step) == {("C1, actuator lag 100 ms", "overshoot")}
     assert failing(replace(step, feedforward_c1={"lag-100": result(1.0, overshoot_percent=4.0)})) == set()
@@ -310,10 +306,10 @@ def test_a_subject_keeps_its_controller_on_every_plant(pi: Subject, build_folder
 
 def test_parameters_and_one_sample_of_delay_reach_the_controller(pi: Subject) -> None:
     gentle = replace(pi, name="gentle", parameters={"integral_gain": 0.3})
-    overshoots = [run_cell(subject, NOMINAL, c1(CONFIG)).overshoot_percent for subject in (pi, gentle)]
+    overshoots = [run_table(subject, [NOMINAL], [c1(CONFIG)])["nominal"][0].overshoot_percent for subject in (pi, gentle)]
     assert overshoots[1] < 0.5 * overshoots[0]
     with pytest.raises(ValueError, match="no parameter 'gain'"):
-        run_cell(replace(pi, parameters={"gain": 1.0}), NOMINAL, c1(CONFIG))
+        run_table(replace(pi, parameters={"gain": 1.0}), [NOMINAL], [c1(CONFIG)])
     # The first command that is not zero moves the rear axle one period later than without delay.
     late, prompt = drive(pi, NOMINAL, c1(CONFIG)), drive(pi, NOMINAL, c1(CONFIG), delay_samples=0)
     moved = [int(np.flatnonzero(column(made, "rear_angle_rad"))[0]) for made in (late, prompt)]

@@ -26,7 +26,7 @@ from hil_sim.metrics.step import STEADY_WINDOW
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import DEFAULT, Scenario, find
 from hil_sim.suite.candidate import of_folder
-from hil_sim.suite.subjects import Build, Generated, Subject, around_folder
+from hil_sim.suite.subjects import Generated, Subject, around_folder
 
 Steps = Callable[[int, int], None]
 
@@ -209,7 +209,7 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
         faults = fault_data(run_all(config, lambda one: run_through_can(software, one)))
     steps(5, PARTS)
     notes = (*material.notes, *left_out)
-    generated = {subject.name: subject.around.generated for subject in beside if isinstance(subject.around, Build)}
+    generated = {subject.name: subject.around.generated for subject in beside}
     regions = _regions(loops, {kind: around_folder(build).generated, **generated})
     driven = replace(material, runs=runs, scenario=scenario, loops=loops, regions=regions, faults=faults, notes=notes)
     return replace(driven, look_up=software.map_yaw_rate)
