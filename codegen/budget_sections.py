@@ -16,7 +16,7 @@ from codegen.sections import Section
 
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
 
-LOOKUP, SECOND_TABLE = 95, 75
+LOOKUP, SECOND_TABLE = 86, 60
 """Instructions of a lookup over even breakpoints, and what a table for the rear angle adds."""
 
 SEARCH_ROUND, FRICTIONS, FRICTION, GRIP, GRIP_FRICTIONS = 10, 60, 10, 60, 30
@@ -26,15 +26,15 @@ CARS, RAW = 20, 15
 """Those of the steering that goes with a capped yaw rate, where the car lies between two frictions; and of what turns the raw
 numbers of a table into values."""
 
-COMMON = {"limiter_instructions_max": 150, "task_stack_bytes_max": 250, "state_bytes_max": 144}
+COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
-    "pi": {"step_instructions_max": 710, "task_instructions_max": 1_700},
-    "proportional": {"step_instructions_max": 710, "task_instructions_max": 1_700},
-    "feedforward": {"step_instructions_max": 710 + SECOND_TABLE, "task_instructions_max": 1_700 + SECOND_TABLE},
+    "pi": {"step_instructions_max": 660, "task_instructions_max": 1_650},
+    "proportional": {"step_instructions_max": 660, "task_instructions_max": 1_650},
+    "feedforward": {"step_instructions_max": 600 + SECOND_TABLE, "task_instructions_max": 1_590 + SECOND_TABLE},
     "tracking": {
-        "step_instructions_max": 1_330,
-        "task_instructions_max": 2_430,
-        "task_stack_bytes_max": 320,
+        "step_instructions_max": 1_200,
+        "task_instructions_max": 2_260,
+        "task_stack_bytes_max": 312,
         "state_bytes_max": 188,
     },
 }

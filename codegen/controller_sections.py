@@ -31,8 +31,8 @@ class Inputs(Section):
     a tolerance; it is frozen where it stays to the bit while the linear car with these angles moves away from it. A wrong
     signal counts again where it agrees with the others. The lag is that of the yaw rate behind the front angle,
     friction_recovery_1_s how fast a lost estimate of the friction is forgotten. On straights the offset of the yaw rate is
-    learned, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_offset_time_s; a straight is where the front
-    wheels alone make no more than straight_yaw_rate_deg_s.
+    learned, up to yaw_rate_offset_max_deg_s with the time constant yaw_rate_correction_time_s, which also applies to what
+    replaces a yaw rate; a straight is where the front wheels alone make no more than straight_yaw_rate_deg_s.
     """
 
     speed_max_km_h: Annotated[float, Range(20.0, 500.0, "km/h")] = 400.0
@@ -51,7 +51,7 @@ class Inputs(Section):
     yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 1.7
     straight_yaw_rate_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.3
     yaw_rate_offset_max_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.5
-    yaw_rate_offset_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.0
+    yaw_rate_correction_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.0
     speed_fall_m_s2: Annotated[float, Range(0.0, 20.0, "m/s^2")] = 0.5
     friction_recovery_1_s: Annotated[float, Range(0.001, 10.0, "1/s")] = 0.1
 

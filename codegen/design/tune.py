@@ -33,8 +33,9 @@ Progress = Callable[[int, int], None]
 STEP_BEYOND = 1.25
 """Largest ratio of neighbouring breakpoints beyond the grid."""
 
-BETWEEN = 4
-"""Speeds checked inside each interval of the schedule, and below its first breakpoint."""
+BETWEEN = 3
+"""Speeds checked inside each interval of the schedule, the middle among them, where interpolated gains are furthest from those
+of a design, and below its first breakpoint."""
 
 RESERVES_MAX = 100
 

@@ -10,7 +10,16 @@ import numpy as np
 
 from codegen.config import KM_H, Config
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
-from codegen.emit.parameters import RATE_OFF, Field, FieldView, Parameter, ParameterView, field_view, halvings, parameter_views
+from codegen.emit.parameters import (
+    RATE_OFF,
+    Field,
+    FieldView,
+    Parameter,
+    ParameterView,
+    field_view,
+    parameter_views,
+    search_strides,
+)
 from codegen.emit.text import Precision, literal, numpy_type
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
@@ -65,7 +74,7 @@ class ControllerView:
     ranged_arrays: tuple[ParameterView, ...]
     counts: tuple[ParameterView, ...]
     points: tuple[tuple[str, int], ...]
-    halvings: int
+    search_strides: tuple[int, ...]
     state: tuple[FieldView, ...]
     law_state: tuple[FieldView, ...]
     grip_state: tuple[FieldView, ...]
@@ -186,7 +195,7 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         counts=tuple(view for view in parameters if view.is_count),
         ranged_arrays=tuple(view for view in parameters if view.points),
         points=points,
-        halvings=max((halvings(size) for _, size in points), default=0),
+        search_strides=search_strides(max((size for _, size in points), default=0)),
         state=tuple(state),
         law_state=tuple(law_state),
         grip_state=tuple(field_view(field, real) for field in _GRIP_STATE),

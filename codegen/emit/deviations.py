@@ -97,9 +97,11 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
 def _unions(sources: tuple[Unit, ...]) -> Places:
     """Where a union is declared, and objects of its type."""
     for unit in sources:
-        names = re.findall(r"^typedef union \{[^}]*\} (\w+);", "\n".join(unit.lines), re.MULTILINE)
+        text = "\n".join(unit.lines)
+        names = re.findall(r"^typedef union \{[^}]*\} (\w+);", text, re.MULTILINE)
+        ends = {text.count("\n", 0, each.end()) + 1 for each in re.finditer(r"\bunion \{[^}]*\} \w+ =", text)}
         found = re.compile("|".join((r"\bunion\b", *(rf"\b{name} \w+(?: =|;|\[)" for name in names))))
-        yield from ((unit, number) for number, line in enumerate(unit.lines, 1) if found.search(line))
+        yield from ((unit, number) for number, line in enumerate(unit.lines, 1) if found.search(line) or number in ends)
 
 
 _CONDITION = re.compile(r"if \((\w+) (<=?|>=?) ([^()|&]*(?:\(\w+\)\w+)?)\) \{$")

@@ -14,7 +14,7 @@ from codegen.vehicle.dynamics import Model, single_track
 SPEED_MIN = 1.0
 """m/s. Lower speeds count as this in the ECU's dynamics: the slip angles contain 1/speed."""
 
-_LIBRARY_CALL = re.compile(r"\b(sin|cos|atan|sqrt)f?\(")
+_LIBRARY_CALL = re.compile(r"\b(sin|cos|atan)f?\(")
 
 
 @dataclass(frozen=True)

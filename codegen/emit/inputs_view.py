@@ -96,9 +96,9 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             "yaw_rate_offset_max", math.radians(inputs.yaw_rate_offset_max_deg_s), "rad/s that is learned at most", 0.0, 1.0
         ),
         Parameter(
-            "yaw_rate_offset_share",
-            period / inputs.yaw_rate_offset_time_s,
-            "of what is left of it, and of what stands for the yaw rate, in a sample",
+            "yaw_rate_correction_share",
+            period / inputs.yaw_rate_correction_time_s,
+            "share of what is left of a correction of the yaw rate, in a sample",
             1e-6,
             1.0,
         ),

@@ -20,7 +20,7 @@ from codegen.refmap.lookup import AxisConstants, Lookup, SteeringConstants
 from codegen.refmap.storage import raw_of
 from codegen.refmap.tables import PLAUSIBLE
 
-MAGNITUDE = "magnitude"
+MAGNITUDE = "turned"
 """An argument that is never negative."""
 
 TABLE_RANGES = {quantity: PLAUSIBLE[key][:2] for quantity, key in (("yaw_rate", "yaw_rate"), ("rear_angle", "delta_r"))}
@@ -176,6 +176,7 @@ class MapView:
     checksum_steps: int
     bits: int
     bits_type: str
+    magnitude_bits: str
     flash_bytes: int
 
 
@@ -234,6 +235,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         checksum_steps=2 * size,
         bits=bits,
         bits_type=f"uint{bits}_t",
+        magnitude_bits="0x7FFFFFFFu" if bits == 32 else "0x7FFFFFFFFFFFFFFFu",
         flash_bytes=size,
     )
 

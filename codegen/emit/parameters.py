@@ -69,9 +69,18 @@ class FieldView:
     comment: str
 
 
-def halvings(points: int) -> int:
-    """Steps of the search by halves for the cell of so many breakpoints; one too many does no harm."""
-    return (points - 2).bit_length()
+def search_strides(points: int) -> tuple[int, ...]:
+    """Strides of the search for a cell between so many breakpoints: each halves what is left, all together reach the last one.
+
+    >>> search_strides(14)
+    (6, 3, 2, 1)
+    """
+    left = points - 2
+    strides: list[int] = []
+    while left > 0:
+        strides.append((left + 1) // 2)
+        left //= 2
+    return tuple(strides)
 
 
 def parameter_view(parameter: Parameter, precision: Precision, real: str) -> ParameterView:

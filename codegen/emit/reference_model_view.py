@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.config import Config
 from codegen.emit.dynamics_view import SPEED_MIN, FunctionView, function_view
 from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError
@@ -59,16 +59,11 @@ class ReferenceModelView:
     period_text: str
     speed_min: str
     speed_min_text: str
-    speed_max: str
-    speed_max_text: str
-    front_angle_max: str
     rear_angle_max: str
     sideslip_max: str
     sideslip_text: str
     yaw_rate_max: str
     yaw_rate_text: str
-    friction_max: str
-    friction_text: str
     actuator_share: str
     actuator_step_max: str
     rear_arm: str
@@ -145,16 +140,11 @@ def reference_model_view(config: Config, precision: Precision) -> ReferenceModel
         period_text=f"{period * 1e3:g} ms",
         speed_min=text(SPEED_MIN),
         speed_min_text=f"{SPEED_MIN:.3g} m/s",
-        speed_max=text(inputs.speed_max_km_h * KM_H),
-        speed_max_text=f"{inputs.speed_max_km_h * KM_H:.3g} m/s",
-        front_angle_max=text(math.radians(inputs.front_angle_max_deg)),
         rear_angle_max=text(actuator.angle_max),
         sideslip_max=text(SIDESLIP_MAX),
         sideslip_text=f"{SIDESLIP_MAX:.3g} rad",
         yaw_rate_max=text(math.radians(inputs.yaw_rate_max_deg_s)),
         yaw_rate_text=f"{math.radians(inputs.yaw_rate_max_deg_s):.3g} rad/s",
-        friction_max=text(config.road.friction),
-        friction_text=f"{config.road.friction:g}",
         actuator_share=text(1.0 - math.exp(-period / (actuator.lag_s + period))),
         actuator_step_max=text(math.radians(actuator.rate_max_deg_s) * period),
         rear_arm=text(car.rear_arm),

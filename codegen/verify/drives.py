@@ -109,13 +109,18 @@ def recorded(software: Software) -> tuple[Drive, ...]:
             continue
         loop = ClosedLoop(software, LoopOptions(delay_samples=DELAY_SAMPLES))
         record, samples = loop.run(inputs), inputs[:: loop.steps_per_sample]
-        names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
-        columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
-        columns.append(samples[:, INPUT_COLUMNS.index("friction_estimate")])
-        columns.append(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")])
-        columns.append(samples[:, INPUT_COLUMNS.index("inhibit")])
-        drives.append(np.column_stack(columns).astype(np.float32))
+        drives.append(measured(record, samples))
     return tuple(drives)
+
+
+def measured(record: FloatArray, inputs: FloatArray) -> Drive:
+    """Return what the controller measures, from samples of a run by RECORD_COLUMNS and its inputs by INPUT_COLUMNS."""
+    names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
+    columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
+    columns.append(inputs[:, INPUT_COLUMNS.index("friction_estimate")])
+    columns.append(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")])
+    columns.append(inputs[:, INPUT_COLUMNS.index("inhibit")])
+    return np.column_stack(columns).astype(np.float32)
 
 
 def drawn(ground: Ground, samples: int, seed: int = 0, gaps: Sequence[tuple[float, float]] = GAPS) -> tuple[Drive, ...]:

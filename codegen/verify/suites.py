@@ -16,9 +16,7 @@ from codegen.can_sections import E2e
 from codegen.config import Config
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
-from codegen.sil.closed_loop import INPUT_COLUMNS
-from codegen.sil.software import RECORD_COLUMNS
-from codegen.verify.drives import COLUMNS, Drive, Ground, drawn
+from codegen.verify.drives import COLUMNS, Drive, Ground, drawn, measured
 from hil_sim.fault_catalogue import catalogue, scenario
 from hil_sim.frames import Frame
 from hil_sim.plant_node import PlantNode
@@ -129,15 +127,5 @@ def recordings(config: Config, precision: Precision, samples: int) -> tuple[Reco
             frames.append(tuple(node.outgoing(cycle)))
             rows.append(node.finish(cycle))
         inputs = run.inputs(config)[:: round(config.controller.sampling_time_s / config.plant.sampling_time_s)]
-        measured = _measured(np.array(rows[first:]), inputs[first:last])
-        found.append(Recording(name, tuple(frames[first:]), measured))
+        found.append(Recording(name, tuple(frames[first:]), measured(np.array(rows[first:]), inputs[first:last])))
     return tuple(found)
-
-
-def _measured(record: FloatArray, inputs: FloatArray) -> Drive:
-    names = ("speed_m_s", "front_angle_rad", "yaw_rate_rad_s", "rear_angle_rad")
-    columns = [record[:, RECORD_COLUMNS.index(name)] for name in names]
-    columns.append(inputs[:, INPUT_COLUMNS.index("friction_estimate")])
-    columns.append(record[:, RECORD_COLUMNS.index("lateral_acceleration_m_s2")])
-    columns.append(inputs[:, INPUT_COLUMNS.index("inhibit")])
-    return np.column_stack(columns).astype(np.float32)

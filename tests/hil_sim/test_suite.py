@@ -288,7 +288,9 @@ def test_an_integral_on_the_measured_yaw_rate_does_not_mind_how_its_samples_come
     # The last code of the yaw rate on the bus is 2e-4 rad/s; the car without control has 0.043 rad/s. What the onset of the
     # moment has taught as an offset, at most its bound, is unlearned in at least every other sample.
     inputs = pi.config.controller.inputs
-    taught = math.radians(inputs.yaw_rate_offset_max_deg_s) * math.exp(-SETTLING_TIME_S / (2.0 * inputs.yaw_rate_offset_time_s))
+    taught = math.radians(inputs.yaw_rate_offset_max_deg_s) * math.exp(
+        -SETTLING_TIME_S / (2.0 * inputs.yaw_rate_correction_time_s)
+    )
     assert list(errors) == list(TIMINGS) and all(error.settled_rad_s < 2e-4 + taught for error in errors.values())
     assert errors["0 and 2 frames in turn"].whole_rad_s > errors["in step"].whole_rad_s > 1e-3
 

@@ -235,7 +235,7 @@ def check_lateral_acceleration_stands_for_the_yaw_rate(built: Built) -> None:
     cases = [(16.0, 3.0, True), (16.0, -most, True), (16.0, built.next(most, 99.0), False), (16.0, math.nan, False)]
     for speed, lateral, is_taken in [*cases, (5.0, 0.5, True), (built.next(5.0, 0.0), 0.5, False)]:
         for is_proven in (True, False):
-            controller, turn = _witnessed(built, speed_step=200.0, yaw_rate_offset_share=0.125)
+            controller, turn = _witnessed(built, speed_step=200.0, yaw_rate_correction_share=0.125)
             controller.state.inputs.lateral_is_proven = is_proven
             controller.run([replace(turn, speed=speed, yaw_rate=math.nan, lateral_acceleration=lateral)] * 600)
             wanted = lateral / speed if is_taken and is_proven else 0.03 * _gain(built, speed)
@@ -334,7 +334,7 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
     """On a straight, of a car that is not slow, it is learned up to its bound, with its time constant; then taken off. What
     is a turn by the rear angle or by the lateral acceleration is none."""
     settings = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_max": 0.5}
-    settings |= {"yaw_rate_offset_share": 0.125, "yaw_rate_offset_max": 0.25, "straight_yaw_rate": 0.0625}
+    settings |= {"yaw_rate_correction_share": 0.125, "yaw_rate_offset_max": 0.25, "straight_yaw_rate": 0.0625}
     slow = built.next(5.0, 0.0)
     cases = (  # front and rear as rad/s of the linear car
         *(

@@ -38,10 +38,11 @@ def random_states(units: Units, count: int, seed: int) -> RealArray:
 
 
 def random_inputs(units: Units, count: int, seed: int) -> RealArray:
-    """Inputs (count, 4): plausible ones, a tenth of them beyond their limits."""
+    """Inputs (count, 4): plausible ones, a tenth of them beyond their limits, without a negative friction."""
     rng = np.random.default_rng(seed)
     inputs = rng.uniform(-0.1, 1.0, (count, 4)) * rng.choice([0.1, 0.4, 1.0, 1.4], (count, 4))
     inputs[:, 1:3] *= rng.choice([-1.0, 1.0], (count, 2))
+    inputs[:, 3] = np.abs(inputs[:, 3])
     result: RealArray = (inputs * limits(units)[1]).astype(units.real)
     return result
 
@@ -97,18 +98,16 @@ def check_model_physics(units: Units) -> None:
     model = SecondReferenceModel(config, np.float64)
     tyres = AxleTyres.from_config(config)
     after = units.model_from(states, inputs).astype(np.float64)
-    demand = np.clip(inputs[:, 2], -model.rear_angle_max, model.rear_angle_max)
-    moved = np.clip(float(model.share) * (demand - states[:, 2]), -model.travel, model.travel)
-    assert np.abs(after[:, 2] - (states[:, 2] + moved)).max() <= 4.0 * units.eps * model.rear_angle_max
-    front = np.clip(inputs[:, 1], -model.front_angle_max, model.front_angle_max)
-    friction = np.clip(inputs[:, 3], 0.0, model.friction)
-    u = np.stack([np.clip(inputs[:, 0], *model.speeds), front, states[:, 2] + 0.5 * moved, friction])
+    moved = np.clip(float(model.share) * (inputs[:, 2] - states[:, 2]), -model.travel, model.travel)
+    rear = np.clip(states[:, 2] + moved, -model.rear_angle_max, model.rear_angle_max)
+    assert np.abs(after[:, 2] - rear).max() <= 4.0 * units.eps * model.rear_angle_max
+    u = np.stack([np.maximum(inputs[:, 0], model.speed_min), inputs[:, 1], states[:, 2] + 0.5 * moved, inputs[:, 3]])
     losses = load_transfer_losses(config)
     curves = [TableCurve.of(tyre, np.float64, loss) for tyre, loss in zip((tyres.front, tyres.rear), losses, strict=True)]
     exact = exact_step(config, states[:, :2].T, u, curves, config.controller.sampling_time_s)
     bounds = limits(units)[0][:2, np.newaxis].astype(np.float64)
     exact = np.clip(exact, -bounds, bounds)
-    largest = 9.81 * 0.9 * np.stack([3.0 / u[0], np.full(count, 3.0)])
+    largest = 9.81 * np.maximum(u[3], 0.9) * np.stack([3.0 / u[0], np.full(count, 3.0)])
     slip = np.abs(states[:, 0]) + 2.0 * np.abs(states[:, 1]) / u[0] + np.abs(u[1]) + 0.1
     tolerance = units.eps * (np.abs(exact) + config.controller.sampling_time_s * largest * (30.0 + 60.0 * slip))
     assert (np.abs(after[:, :2].T - exact) <= tolerance).all()

@@ -61,7 +61,7 @@ def test_a_build_passes_with_its_rows() -> None:
     assert (outcome.findings, outcome.verdict) == ((), Verdict.PASSED)
     listed = [row for _, row in read_deviations(files[FILE].decode())]
     assert sum(outcome.figures["deviations"].values()) == sum(outcome.figures["findings"].values()) == len(listed)
-    assert set(outcome.figures["deviations"]) == {"8.7", "8.9"}
+    assert set(outcome.figures["deviations"]) == {"8.7", "8.9", "19.2", "multiCondition"}
 
 
 PLANTED = (

@@ -79,7 +79,7 @@ class SecondInputs:
             self.front_angle.source = self.yaw_rate.source = Source.LOST
         if not self.yaw_rate.is_measured:
             beyond = self.real(0.0) if self._witness() is None else self._witness() - self.expected
-            self.beyond += p("yaw_rate_offset_share") * (beyond - self.beyond)
+            self.beyond += p("yaw_rate_correction_share") * (beyond - self.beyond)
             self.beyond = self._within(self.beyond, p("yaw_rate_max"))
             self.yaw_rate.value = self._within(self.expected + self.beyond, p("yaw_rate_max"))
         else:
@@ -146,7 +146,7 @@ class SecondInputs:
             shown = measured - self.expected
             if self.lateral is not None:
                 shown = self._within(shown, abs(measured - self.lateral))
-            change = p("yaw_rate_offset_share") * (shown - self.offset)
+            change = p("yaw_rate_correction_share") * (shown - self.offset)
             self.offset = self._within(self.offset + change, p("yaw_rate_offset_max"))
         return self._within(measured - self.offset, p("yaw_rate_max"))
 

@@ -34,7 +34,7 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_NEG: lambda a, _: -a,
     ca.OP_SQ: lambda a, _: a * a,
     ca.OP_TWICE: lambda a, _: a + a,
-    ca.OP_FMAX: np.maximum,
+    ca.OP_FMAX: lambda a, b: np.where(a > b, a, b),  # the second for NaN, as in the C
 }
 
 
@@ -79,13 +79,13 @@ def walk(instructions: Iterable[Instruction], inputs: Sequence[Sequence[Any]]) -
 
 
 def within(value: Any, limit: Any) -> Any:
-    """The value within +-limit; zero for what is no number."""
-    return np.where(np.isnan(value), value.dtype.type(0.0), np.clip(value, -limit, limit))
+    """The value within +-limit; the bound for what is no number."""
+    return np.where(np.isnan(value), limit, np.clip(value, -limit, limit))
 
 
-def between(value: Any, low: Any, high: Any) -> Any:
-    """The value between two bounds; the lower one for what is no number."""
-    return np.where(np.isnan(value), low, np.clip(value, low, high))
+def at_least(value: Any, low: Any) -> Any:
+    """The value, not below a bound; what is no number stays so."""
+    return np.where(value < low, low, value)
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class TableCurve:
         cell = np.where(position < cells, position, cells - 1).astype(np.int64)
         rise = self.values[cell + 1] - self.values[cell]
         value = self.values[cell] + (position - cell.astype(real)) * rise
-        slope = np.maximum(rise, real(0.0)) * (self.compression * real(cells) * (inverse * inverse))
-        return np.where(x < 0.0, -value, value), slope
+        steep = rise * (self.compression * real(cells) * (inverse * inverse))
+        return np.where(x < 0.0, -value, value), np.where(rise > 0.0, steep, real(0.0))
 
 
 class SecondReferenceModel:
@@ -126,11 +126,9 @@ class SecondReferenceModel:
         self.arguments, self.change = (Instruction.all_of(each, real) for each in (functions.arguments, functions.change))
         both = zip((tyres.front, tyres.rear), load_transfer_losses(config), strict=True)
         self.curves = [TableCurve.of(tyre, real, loss) for tyre, loss in both]
-        self.speeds = real(SPEED_MIN), real(config.controller.inputs.speed_max_km_h / 3.6)
-        self.front_angle_max = real(math.radians(config.controller.inputs.front_angle_max_deg))
+        self.speed_min = real(SPEED_MIN)
         self.rear_angle_max = real(math.radians(actuator.angle_max_deg))
         self.yaw_rate_max = real(math.radians(config.controller.inputs.yaw_rate_max_deg_s))
-        self.friction = real(config.road.friction)
         self.share = real(1.0 - math.exp(-period / (actuator.lag_s + period)))
         self.travel = real(math.radians(actuator.rate_max_deg_s) * period)
         self.rear_arm = real(vehicle.cg_to_rear_axle_m)
@@ -138,7 +136,7 @@ class SecondReferenceModel:
 
     def start(self, speed: Any, yaw_rate: Any, rear_angle: Any) -> tuple[Any, Any, Any]:
         """The state of the linear car's steady turn."""
-        forward = between(speed, *self.speeds)
+        forward = at_least(speed, self.speed_min)
         yaw_rate, rear_angle = within(yaw_rate, self.yaw_rate_max), within(rear_angle, self.rear_angle_max)
         sideslip = rear_angle + yaw_rate * (self.rear_arm / forward - self.rear_slip * forward)
         return within(sideslip, self.real(SIDESLIP_MAX)), yaw_rate, rear_angle
@@ -148,9 +146,8 @@ class SecondReferenceModel:
         sideslip, yaw_rate, rear_angle = state
         speed, front, commanded, friction = inputs
         half, one = self.real(0.5), self.real(1.0)
-        moved = np.clip(self.share * (within(commanded, self.rear_angle_max) - rear_angle), -self.travel, self.travel)
-        road = np.where(np.isnan(friction), self.friction, np.clip(friction, self.real(0.0), self.friction))
-        u = [one / between(speed, *self.speeds), within(front, self.front_angle_max), rear_angle + half * moved, road]
+        moved = within(self.share * (commanded - rear_angle), self.travel)
+        u = [one / at_least(speed, self.speed_min), front, rear_angle + half * moved, friction]
         x = [sideslip, yaw_rate]
         arguments = walk(self.arguments, [x, u])
         values, slopes = zip(*(curve(argument) for curve, argument in zip(self.curves, arguments, strict=True)), strict=True)

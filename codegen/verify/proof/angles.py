@@ -47,14 +47,14 @@ class Limiter:
     def opposite_phase_bound(self) -> Term:
         """rad against the front wheels: linear between the breakpoints, beyond them held."""
         pool, speed = self.pool, self.behind("speed")
-        bound = self.parameter("opposite_phase_max", 0)
-        for k in range(1, self._points()):
+        points = self._points()
+        bound = self.parameter("opposite_phase_max", points - 1)
+        for k in range(points - 1, 0, -1):
             at, at_next = (self.parameter("opposite_phase_speed", each) for each in (k - 1, k))
             value, value_next = (self.parameter("opposite_phase_max", each) for each in (k - 1, k))
             share = pool.apply("fdiv", speed.sort, pool.sub(speed, at), pool.sub(at_next, at))
             between = pool.add(value, pool.apply("fmul", speed.sort, share, pool.sub(value_next, value)))
-            below = pool.ite(pool.flt(at, speed), between, bound)
-            bound = pool.ite(pool.fle(at_next, speed), value_next, below)
+            bound = pool.ite(pool.flt(speed, at_next), pool.ite(pool.flt(at, speed), between, value), bound)
         return bound
 
     def _points(self) -> int:
@@ -72,8 +72,7 @@ class Limiter:
         pool, front, bound = self.pool, self.behind("front_angle"), self.opposite_phase_bound
         zero, one = (pool.real(each, -front.sort) for each in (0.0, 1.0))
         share = pool.apply("fdiv", front.sort, pool.magnitude(front), self.parameter("in_phase_from_front_angle"))
-        share = pool.ite(pool.flt(zero, share), share, zero)
-        share = pool.ite(pool.flt(one, share), one, share)
+        share = pool.ite(pool.flt(share, one), share, one)
         free = pool.sub(self.parameter("rear_angle_max"), bound)
         in_phase = pool.add(bound, pool.apply("fmul", front.sort, share, free))
         low = pool.ite(pool.flt(front, zero), pool.neg(in_phase), pool.neg(bound))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pycparser import c_ast
@@ -177,10 +177,18 @@ class Executor(Loops):
         """Where several ways meet, of which the paths exclude one another."""
         if not states:
             return None
-        last = states[-1]
+        last, later = states[-1], [states[-1].path]
         for other in reversed(states[:-1]):
-            last = joined(self.pool, base, other.path, other, last, self.pool.or_(other.path, last.path))
+            condition = self._apart(other.path, later)
+            last = joined(self.pool, base, condition, other, last, self.pool.or_(other.path, last.path))
+            later.append(other.path)
         return last
+
+    def _apart(self, path: Term, others: list[Term]) -> Term:
+        """What tells a path from others: its last condition, where they have the opposite of it, as behind a `break`."""
+        last = path.args[1] if path.op == "and" else path
+        opposite = self.pool.not_(last)
+        return last if all(opposite in _members(each) for each in others) else path
 
     def choice_of_cases(self, frame: Frame, node: Any, state: State) -> State | None:
         """switch."""
@@ -245,6 +253,14 @@ class Executor(Loops):
 
     def refuse(self, _frame: Frame, node: Any, _state: State) -> State:
         raise CannotJudge(place_of(node), f"the statement {type(node).__name__}")
+
+
+def _members(path: Term) -> Iterator[Term]:
+    """The conditions of a path, the last one first."""
+    while path.op == "and":
+        path, last = path.args
+        yield last
+    yield path
 
 
 STATEMENTS: dict[type, Rule] = {

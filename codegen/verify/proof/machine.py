@@ -361,7 +361,14 @@ class Machine:
     # Conversions.
 
     def float_of_bits(self, bits: Term) -> Term:
-        return bits.args[0] if bits.op == "bits" else self.pool.apply("of_bits", -bits.sort, bits)
+        if bits.op == "bits":
+            return bits.args[0]
+        if bits.op == "band":
+            masks = [each.data for each in bits.args if each.is_const]
+            numbers = [each.args[0] for each in bits.args if each.op == "bits"]
+            if numbers and masks == [(1 << (bits.sort - 1)) - 1]:  # all but the sign
+                return self.pool.magnitude(numbers[0])
+        return self.pool.apply("of_bits", -bits.sort, bits)
 
     def bits_of_float(self, value: Term) -> Term:
         return self.pool.apply("bits", -value.sort, value)

@@ -96,7 +96,7 @@ MEMORY_UNIT, SCRIPT = "bare/memory.c", "image.ld"
 INCLUDES = ("-Iinclude", "-isystem", "bare")
 # A bare target has no C library. These prototypes are all that the generated C may need of one.
 BARE_HEADERS = {
-    "bare/math.h": "float sinf(float); float cosf(float); float atanf(float); float sqrtf(float);\n",
+    "bare/math.h": "float sinf(float); float cosf(float); float atanf(float);\n",
     "bare/string.h": "#include <stddef.h>\nvoid *memcpy(void *to, const void *from, size_t size);\n",
 }
 

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0xEC915E68u
+#define ARS_MAP_BUILD 0x7309BEF8u
 
 /* Breakpoints of the table. */
 enum {

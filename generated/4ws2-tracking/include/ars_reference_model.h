@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0xEC915E68u
+#define ARS_REFERENCE_MODEL_BUILD 0x7309BEF8u
 
 /* Where the model is. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {
@@ -30,9 +30,10 @@ typedef struct {
     float rear_angle;     /* rad, achieved by the model's actuator */
 } ars_reference_model_t;
 
-/* What drives it over one step. Any numbers; what is no number counts as zero, a friction that is none as 0.9. */
+/* What drives it over one step, in the ranges of ars_law_step(). With other numbers, NaN among them, the model means nothing, but
+ * stays finite. */
 typedef struct {
-    float speed;       /* m/s; below 1 m/s it counts as that, above 111 m/s as that */
+    float speed;       /* m/s; below 1 m/s it counts as that */
     float front_angle; /* rad, at the road wheel */
     float rear_angle;  /* rad, commanded */
     float friction;    /* peak friction of the road */

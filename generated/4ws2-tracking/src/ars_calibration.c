@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xEC915E68u
+#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xEC915E68u
+#if ARS_MAP_BUILD != 0x7309BEF8u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -29,12 +29,12 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         40.75f, 49.805557f, 60.86111f, 74.388885f, 90.916664f, 111.111115f
     },
     .proportional_gain = {
-        0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1437f,
-        0.1417f, 0.1357f, 0.1228f, 0.1124f, 0.0979f, 0.08963f
+        0.001481f, 0.0197f, 0.04246f, 0.0866f, 0.1135f, 0.1332f, 0.14f, 0.1431f,
+        0.1394f, 0.1338f, 0.1228f, 0.1135f, 0.09881f, 0.08963f
     },
     .integral_gain = {
-        1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3792f,
-        0.2806f, 0.3333f, 0.3503f, 0.2788f, 0.2883f, 0.2539f
+        1.774f, 1.718f, 1.552f, 1.197f, 0.9101f, 0.6707f, 0.4972f, 0.3745f,
+        0.2637f, 0.3164f, 0.3468f, 0.2927f, 0.2997f, 0.2539f
     },
     .lead_time = {
         0.0138f, 0.0138f, 0.0138f, 0.04f, 0.0475f, 0.0575f, 0.0525f, 0.0688f,
@@ -84,7 +84,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_agreement = 0.029670598f,
         .straight_yaw_rate = 0.0052359877f,
         .yaw_rate_offset_max = 0.008726646f,
-        .yaw_rate_offset_share = 0.01f,
+        .yaw_rate_correction_share = 0.01f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
         .missing_samples_max = 3u,
@@ -101,9 +101,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "EC915E68";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "7309BEF8";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0xE686AA24u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x5CEF27E0u;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

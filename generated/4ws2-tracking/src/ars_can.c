@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0xEC915E68u
+#if ARS_CAN_BUILD != 0x7309BEF8u
 #error "ars_can.h and this source come from different builds"
 #endif
 

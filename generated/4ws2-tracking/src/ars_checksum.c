@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xEC915E68u
+#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

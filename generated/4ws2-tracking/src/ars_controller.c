@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xEC915E68u
+#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -28,15 +28,29 @@ ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
 /* The squares of the state's numbers never add up to so much. */
 ARS_SECTION_CONST static const float squares_max = 1.0e+12f;
 
-ARS_SECTION_CODE static float clamp(float value, float low, float high)
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
 {
-    float result = low;
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
 
-    if (value > low) {
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
         result = value;
-    }
-    if (result > high) {
-        result = high;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
     }
     return result;
 }
@@ -128,7 +142,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     float start = 0.0f;
 
     if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
-        start = clamp(rear_angle, -actuator_angle_max, actuator_angle_max);
+        start = bounded(rear_angle, actuator_angle_max);
     }
     self->rear_angle = start;
     self->yaw_rate_reference = 0.0f;
@@ -150,7 +164,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     ars_grip_init(&self->grip);
 }
 
-/* False for memory that was never initialised, and where a number of the state is none. */
+/* False for memory that was never initialised, and where a number of the state is none or far too large. */
 ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 {
     float squares = 0.0f;

@@ -11,10 +11,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xEC915E68u
+#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xEC915E68u
+#if ARS_MAP_BUILD != 0x7309BEF8u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -55,6 +55,18 @@ typedef struct {
     float lateral_acceleration_max; /* m/s^2 */
 } road_t;
 
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
 /* Speed: even but for the first cell. NaN and what is below zero count as zero; beyond the last breakpoint the last one holds. */
 ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
@@ -79,19 +91,19 @@ ARS_SECTION_CODE static position_t locate_speed(float speed)
 }
 
 /* Front angle: even but for the last cell. Not negative; NaN counts as zero; beyond the last breakpoint the last one holds. */
-ARS_SECTION_CODE static position_t locate_front_angle(float magnitude)
+ARS_SECTION_CODE static position_t locate_front_angle(float turned)
 {
     const float *const at = ars_map_front_angle_breakpoints;
     position_t position = { 0u, 0.0f };
 
-    if (magnitude < at[100]) {
-        const float steps = (magnitude / at[100]) * 100.0f;
+    if (turned < at[100]) {
+        const float steps = (turned / at[100]) * 100.0f;
         const uint32_t whole = (uint32_t)steps;
 
         position.lower = whole;
         position.fraction = steps - (float)whole;
-    } else if (magnitude >= at[100]) {
-        const float fraction = (magnitude - at[100]) / (at[101] - at[100]);
+    } else if (turned >= at[100]) {
+        const float fraction = (turned - at[100]) / (at[101] - at[100]);
 
         position.lower = 100u;
         position.fraction = (fraction < 1.0f) ? fraction : 1.0f;
@@ -102,19 +114,23 @@ ARS_SECTION_CODE static position_t locate_front_angle(float magnitude)
 }
 
 /* Every table is for positive front angles: one search serves all of them. */
-ARS_SECTION_CODE static place_t place_of(float speed, float magnitude)
+ARS_SECTION_CODE static place_t place_of(float speed, float turned)
 {
-    const place_t place = { locate_speed(speed), locate_front_angle(magnitude) };
+    const place_t place = { locate_speed(speed), locate_front_angle(turned) };
 
     return place;
 }
 
 ARS_SECTION_CODE static road_t road_of(float friction)
 {
-    road_t road = { lateral_acceleration_cap };
+    road_t road = { lateral_acceleration_cap }; /* for NaN too */
 
-    if (friction < map_friction) { /* false for NaN: the map's own */
-        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * ((friction > 0.0f) ? friction : 0.0f);
+    if (friction <= 0.0f) {
+        road.lateral_acceleration_max = 0.0f;
+    } else if (friction < map_friction) {
+        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * friction;
+    } else {
+        /* the map's own */
     }
     return road;
 }
@@ -152,32 +168,26 @@ ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *
     return result;
 }
 
-ARS_SECTION_CODE static float yaw_rate_at(float speed, float magnitude, const road_t *road)
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float turned, const road_t *road)
 {
-    const place_t place = place_of(speed, magnitude);
+    const place_t place = place_of(speed, turned);
 
     return capped(uncapped_yaw_rate(&place), speed, road);
 }
 
 /* The map is odd in the front angle. */
-ARS_SECTION_CODE static float yaw_rate_on(float speed, float front_angle, const road_t *road)
-{
-    return (front_angle < 0.0f) ? -yaw_rate_at(speed, -front_angle, road) : yaw_rate_at(speed, front_angle, road);
-}
-
 ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     float speed, float front_angle, float friction)
 {
     const road_t road = road_of(friction);
+    const float yaw_rate = yaw_rate_at(speed, magnitude(front_angle), &road);
 
-    return yaw_rate_on(speed, front_angle, &road);
+    return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;
 }
 
 ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 {
-    const road_t road = road_of(map_friction);
-
-    return yaw_rate_on(speed, front_angle, &road);
+    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
 }
 
 /* Where the cap takes yaw rate away, the rear wheels turn with the front ones by what the linear car needs for that: as far as
@@ -202,7 +212,7 @@ ARS_SECTION_CODE ars_map_reference_t ars_map_reference(
     float speed, float front_angle, float friction)
 {
     const road_t road = road_of(friction);
-    const place_t place = place_of(speed, (front_angle < 0.0f) ? -front_angle : front_angle);
+    const place_t place = place_of(speed, magnitude(front_angle));
     const float yaw_rate = uncapped_yaw_rate(&place);
     ars_map_reference_t reference;
 

@@ -12,10 +12,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xEC915E68u
+#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0xEC915E68u
+#if ARS_REFERENCE_MODEL_BUILD != 0x7309BEF8u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 
@@ -25,7 +25,6 @@
 #endif
 
 ARS_SECTION_CONST static const float model_speed_min = 1.0f; /* m/s, above zero: the step divides by the speed */
-ARS_SECTION_CONST static const float model_speed_max = 111.111115f; /* m/s */
 ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad */
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
 ARS_SECTION_CONST static const float model_yaw_rate_max = 2.6179938f; /* rad/s */
@@ -60,33 +59,29 @@ ARS_SECTION_CONST static const float rear_values[REAR_CELLS + 1] = {
     0.8910065f
 };
 
-ARS_SECTION_CODE static float between(float value, float low, float high)
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
 {
-    float result = low; /* NaN too, and on every core: a maximum of a signalling one would be another NaN on some */
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
 
-    if (value >= high) {
-        result = high;
-    } else if (value > low) {
-        result = value;
-    } else {
-        /* below, or NaN */
-    }
-    return result;
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
 }
 
-/* The value within +-limit; 0 where it is NaN. */
-ARS_SECTION_CODE static float bounded(float value, float limit)
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
 {
-    float result = 0.0f;
+    float result = largest;
 
-    if (value > limit) {
-        result = limit;
-    } else if (value >= -limit) {
+    if (magnitude(value) <= largest) {
         result = value;
     } else if (value < 0.0f) {
-        result = -limit;
+        result = -largest;
     } else {
-        /* NaN */
+        /* above, or NaN */
     }
     return result;
 }
@@ -101,10 +96,9 @@ typedef struct {
  * table, but zero where the curve falls, because the step below is stable for slopes that are not negative. */
 ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
 {
-    const float sign = (x < 0.0f) ? -1.0f : 1.0f;
-    const float magnitude = sign * x;
-    const float inverse = 1.0f / (magnitude + compression);
-    const float position = (magnitude * inverse) * (float)cells;
+    const float size = magnitude(x);
+    const float inverse = 1.0f / (size + compression);
+    const float position = (size * inverse) * (float)cells;
     uint32_t index = cells - 1u; /* for NaN too */
     const float *corner;
     float rise;
@@ -115,7 +109,10 @@ ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, fl
     }
     corner = &curve[index];
     rise = corner[1] - corner[0];
-    result.value = sign * (corner[0] + ((position - (float)index) * rise));
+    result.value = corner[0] + ((position - (float)index) * rise);
+    if (x < 0.0f) {
+        result.value = -result.value;
+    }
     result.slope = (rise > 0.0f) ? (rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
     return result;
 }
@@ -204,36 +201,39 @@ ARS_SECTION_CODE static void change_of(
     change[1] = t49;
 }
 
+/* NaN stays NaN: as a maximum of two numbers, a signalling one would be another result on some cores. */
+ARS_SECTION_CODE static float at_least_slow(float speed)
+{
+    return (speed < model_speed_min) ? model_speed_min : speed;
+}
+
 ARS_SECTION_CODE void ars_reference_model_start(
     ars_reference_model_t *self, float speed, float yaw_rate, float rear_angle)
 {
     /* Steady sideslip of the linear car: rear angle + yaw rate (rear_arm / speed - rear_slip speed). */
     const float rear_arm = 1.566f; /* m */
     const float rear_slip = 0.0048840423f; /* rad s^2/m */
-    const float forward = between(speed, model_speed_min, model_speed_max);
+    const float forward = at_least_slow(speed);
 
     self->yaw_rate = bounded(yaw_rate, model_yaw_rate_max);
     self->rear_angle = bounded(rear_angle, model_rear_angle_max);
     self->sideslip_angle = bounded(
-        self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip * forward))),
-        model_sideslip_max);
+        self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip * forward))), model_sideslip_max);
 }
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
 {
-    const float front_angle_max = 0.7853982f; /* rad */
-    const float friction_max = 0.9f; /* the map's own */
     /* The actuator with the computation's delay as one first-order lag: the share of the way that it goes in a step, and rad at most. */
     const float actuator_share = 0.15351827f;
     const float actuator_step_max = 0.0052359877f;
     const float x[2] = { self->sideslip_angle, self->yaw_rate };
-    const float way = bounded(input->rear_angle, model_rear_angle_max) - self->rear_angle;
-    const float moved = between(actuator_share * way, -actuator_step_max, actuator_step_max);
+    const float way = input->rear_angle - self->rear_angle;
+    const float moved = bounded(actuator_share * way, actuator_step_max);
     const float u[4] = {
-        1.0f / between(input->speed, model_speed_min, model_speed_max),
-        bounded(input->front_angle, front_angle_max),
+        1.0f / at_least_slow(input->speed),
+        input->front_angle,
         self->rear_angle + (0.5f * moved), /* in the middle of the step */
-        (input->friction < friction_max) ? between(input->friction, 0.0f, friction_max) : friction_max
+        input->friction
     };
     float argument[2];
     float change[2];

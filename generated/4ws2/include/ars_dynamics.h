@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x0FCAAA14u
+#define ARS_DYNAMICS_BUILD 0x30DE66FEu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

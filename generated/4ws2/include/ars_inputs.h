@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x0FCAAA14u
+#define ARS_INPUTS_BUILD 0x30DE66FEu
 
 /* One sample of what the vehicle measures. */
 typedef struct {
@@ -58,7 +58,7 @@ typedef struct {
     float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
     float straight_yaw_rate;            /* rad/s that the front wheels make at most on a straight */
     float yaw_rate_offset_max;          /* rad/s that is learned at most */
-    float yaw_rate_offset_share;        /* of what is left of it, and of what stands for the yaw rate, in a sample */
+    float yaw_rate_correction_share;    /* share of what is left of a correction of the yaw rate, in a sample */
     float speed_fall;                   /* m/s that a lost speed falls in a sample */
     float friction_recovery;            /* that a lost estimate rises in a sample */
     uint16_t missing_samples_max;       /* missing samples less others of a signal, before it is replaced */

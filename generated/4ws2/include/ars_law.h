@@ -17,10 +17,10 @@
 #include "ars_inputs.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x0FCAAA14u
+#if ARS_INPUTS_BUILD != 0x30DE66FEu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x0FCAAA14u
+#if ARS_PARAMETERS_BUILD != 0x30DE66FEu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -28,7 +28,7 @@
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0x0FCAAA14u
+#define ARS_LAW_BUILD 0x30DE66FEu
 
 /* What the law does in a sample. */
 typedef enum {
@@ -57,7 +57,7 @@ void ars_law_init(ars_law_t *self, float rear_angle);
  *
  * sample:         what ars_inputs_step() believes: speed from 0.01 to 200 m/s, front angle within +-1.5 rad,
  *                 yaw rate within +-20 rad/s, and any rear angle.
- * friction:       peak friction of the road, any number.
+ * friction:       peak friction of the road, above zero.
  * rear_angle:     rad, the last command, within +-1.
  * yaw_rate_error: rad/s, of the last sample that was not predicted: the reference less the yaw rate, within +-1000.
  */

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x0FCAAA14u
+#define ARS_LIMITER_BUILD 0x30DE66FEu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

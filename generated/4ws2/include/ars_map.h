@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x0FCAAA14u
+#define ARS_MAP_BUILD 0x30DE66FEu
 
 /* Breakpoints of the table. */
 enum {

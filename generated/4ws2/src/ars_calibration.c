@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x0FCAAA14u
+#if ARS_CONTROLLER_BUILD != 0x30DE66FEu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x0FCAAA14u
+#if ARS_MAP_BUILD != 0x30DE66FEu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -56,7 +56,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
         .yaw_rate_agreement = 0.029670598f,
         .straight_yaw_rate = 0.0052359877f,
         .yaw_rate_offset_max = 0.008726646f,
-        .yaw_rate_offset_share = 0.01f,
+        .yaw_rate_correction_share = 0.01f,
         .speed_fall = 0.005f,
         .friction_recovery = 0.001f,
         .missing_samples_max = 3u,
@@ -73,7 +73,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "0FCAAA14";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "30DE66FE";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x1D7A4DFAu;
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CAN_BUILD != 0x0FCAAA14u
+#if ARS_CAN_BUILD != 0x30DE66FEu
 #error "ars_can.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_E2E_BUILD != 0x0FCAAA14u
+#if ARS_E2E_BUILD != 0x30DE66FEu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x0FCAAA14u
+#if ARS_INPUTS_BUILD != 0x30DE66FEu
 #error "ars_inputs.h and this source come from different builds"
 #endif
 
@@ -28,9 +28,16 @@ ARS_SECTION_CONST static const float speed_least = 1.0f;
 /* m/s: slower, the noise of a lateral acceleration is that of a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
 
+/* The number without its sign bit: one instruction, where a comparison takes five. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
-    return (value < 0.0f) ? -value : value;
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
 }
 
 /* False for NaN. */
@@ -45,16 +52,17 @@ ARS_SECTION_CODE static bool is_between(float value, float low, float high)
     return (value >= low) && (value <= high);
 }
 
-/* NaN as the lower bound: none stays in the state. */
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
-    float result = -largest;
+    float result = largest;
 
-    if (value > -largest) {
+    if (magnitude(value) <= largest) {
         result = value;
-    }
-    if (result > largest) {
-        result = largest;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
     }
     return result;
 }
@@ -131,7 +139,9 @@ ARS_SECTION_CODE static void take_friction(
     if (is_between(measured, 0.0f, parameters->friction_max)) {
         self->friction = measured;
     } else {
-        self->friction = bounded(self->friction + parameters->friction_recovery, friction_unknown);
+        const float recovered = self->friction + parameters->friction_recovery;
+
+        self->friction = (recovered < friction_unknown) ? recovered : friction_unknown;
     }
 }
 
@@ -155,7 +165,7 @@ ARS_SECTION_CODE bool ars_inputs_parameters_valid(const ars_inputs_parameters_t 
         && is_between(parameters->yaw_rate_agreement, 0.001f, 10.0f)
         && is_between(parameters->straight_yaw_rate, 0.0f, 1.0f)
         && is_between(parameters->yaw_rate_offset_max, 0.0f, 1.0f)
-        && is_between(parameters->yaw_rate_offset_share, 1.0e-06f, 1.0f)
+        && is_between(parameters->yaw_rate_correction_share, 1.0e-06f, 1.0f)
         && is_between(parameters->speed_fall, 0.0f, 1.0f)
         && is_between(parameters->friction_recovery, 1.0e-06f, 1.0f)
         && (parameters->missing_samples_max <= 100u)
@@ -188,20 +198,16 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
 
 ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_gap)
 {
-    const bool front_is_measured = self->front_angle.source == ARS_SIGNAL_MEASURED;
-    const bool yaw_is_measured = self->yaw_rate.source == ARS_SIGNAL_MEASURED;
     ars_quality_t quality = ARS_QUALITY_GOOD;
 
-    if (!front_is_measured && !yaw_is_measured) {
-        quality = ARS_QUALITY_UNUSABLE;
-    } else if (has_gap) {
-        quality = ARS_QUALITY_MISSING;
-    } else if (!front_is_measured || !yaw_is_measured || (self->speed.source != ARS_SIGNAL_MEASURED)) {
+    if (self->front_angle.source != ARS_SIGNAL_MEASURED) {
+        quality = (self->yaw_rate.source == ARS_SIGNAL_MEASURED) ? ARS_QUALITY_REPLACED : ARS_QUALITY_UNUSABLE;
+    } else if ((self->yaw_rate.source != ARS_SIGNAL_MEASURED) || (self->speed.source != ARS_SIGNAL_MEASURED)) {
         quality = ARS_QUALITY_REPLACED;
     } else {
         /* good */
     }
-    return quality;
+    return (has_gap && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
 }
 
 /* rad/s of the linear car for each rad between front and rear wheels; that of a car beyond its critical speed is bounded. */
@@ -283,16 +289,13 @@ ARS_SECTION_CODE static bool take_front_angle(
 {
     ars_signal_t *const signal = &self->front_angle;
     const float yaw_rate = self->yaw_rate.value;
+    const float expected = self->expected_yaw_rate;
     const bool is_there = is_within(measured, parameters->front_angle_max);
     bool is_still = false;
     bool is_gap = false;
 
     if ((signal->source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)) {
-        const float apart = magnitude(yaw_rate - self->expected_yaw_rate);
-
-        is_still = is_frozen(signal, parameters, measured, apart, &self->least_of_front);
-        is_still = is_still
-            && ((yaw_rate * self->expected_yaw_rate) < (0.5f * (self->expected_yaw_rate * self->expected_yaw_rate)));
+        is_still = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected), &self->least_of_front);
     } else {
         self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
     }
@@ -300,7 +303,7 @@ ARS_SECTION_CODE static bool take_front_angle(
         prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
     } else {
         is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
-        if (is_there && is_still && lateral->is_evidence
+        if (is_there && is_still && lateral->is_evidence && ((yaw_rate * expected) < (0.5f * (expected * expected)))
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
@@ -315,6 +318,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
 {
     ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
+    const float expected = self->expected_yaw_rate;
     const bool is_there = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
     bool is_gap = false;
@@ -323,11 +327,9 @@ ARS_SECTION_CODE static bool take_yaw_rate(
         self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
         prove(signal, parameters, measured, is_there, agrees(parameters, measured, signal->value));
     } else if (is_there) {
-        const float apart = magnitude(measured - self->expected_yaw_rate);
-        const bool is_still = is_frozen(signal, parameters, measured, apart, &self->least);
+        const bool is_still = is_frozen(signal, parameters, measured, magnitude(measured - expected), &self->least);
 
-        if (((measured * self->expected_yaw_rate) < 0.0f) && lateral->is_evidence
-            && agrees(parameters, lateral->yaw_rate, self->expected_yaw_rate)) {
+        if (lateral->is_evidence && ((measured * expected) < 0.0f) && agrees(parameters, lateral->yaw_rate, expected)) {
             signal->good++;
         } else {
             signal->good = 0u;
@@ -364,7 +366,7 @@ ARS_SECTION_CODE static float without_offset(
 
             shown = bounded(shown, largest);
         }
-        shown = self->yaw_rate_offset + (parameters->yaw_rate_offset_share * (shown - self->yaw_rate_offset));
+        shown = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (shown - self->yaw_rate_offset));
         self->yaw_rate_offset = bounded(shown, parameters->yaw_rate_offset_max);
     }
     return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
@@ -378,7 +380,7 @@ ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_param
     if (lateral->is_evidence) {
         beyond = lateral->yaw_rate - self->expected_yaw_rate;
     }
-    beyond = self->beyond_linear + (parameters->yaw_rate_offset_share * (beyond - self->beyond_linear));
+    beyond = self->beyond_linear + (parameters->yaw_rate_correction_share * (beyond - self->beyond_linear));
     self->beyond_linear = bounded(beyond, parameters->yaw_rate_max);
     self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
 }

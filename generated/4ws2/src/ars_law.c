@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x0FCAAA14u
+#if ARS_LAW_BUILD != 0x30DE66FEu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x0FCAAA14u
+#if ARS_MAP_BUILD != 0x30DE66FEu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -25,13 +25,41 @@ ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
-    float result = low;
+    float result = low; /* NaN too */
 
-    if (value > low) {
-        result = value;
-    }
-    if (result > high) {
+    if (value > high) {
         result = high;
+    } else if (value >= low) {
+        result = value;
+    } else {
+        /* below, or NaN */
+    }
+    return result;
+}
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
     }
     return result;
 }
@@ -61,7 +89,7 @@ ARS_SECTION_CODE static float allowed(
     const float ahead = parameters->rear_angle_error_max;
     const float near = clamp(demand, sample->rear_angle - ahead, sample->rear_angle + ahead);
 
-    return clamp(near, -parameters->rear_angle_max, parameters->rear_angle_max);
+    return bounded(near, parameters->rear_angle_max);
 }
 
 ARS_SECTION_CODE ars_law_output_t ars_law_step(
@@ -96,14 +124,12 @@ ARS_SECTION_CODE ars_law_output_t ars_law_step(
         output.rear_angle = rear_angle + step;
         limited = true;
         integral = (integral > before) ? before : integral;
-    } else if (demand > (rear_angle - step)) {
-        output.rear_angle = demand;
-    } else {
+    } else if (demand < (rear_angle - step)) {
         output.rear_angle = rear_angle - step;
-        if (demand < output.rear_angle) {
-            limited = true;
-            integral = (integral < before) ? before : integral;
-        }
+        limited = true;
+        integral = (integral < before) ? before : integral;
+    } else {
+        output.rear_angle = demand;
     }
     self->integral = integral;
     self->is_limited = limited;

@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0x0FCAAA14u
+#if ARS_LIMITER_BUILD != 0x30DE66FEu
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -23,20 +23,43 @@ ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
-    float result = low;
+    float result = low; /* NaN too */
 
-    if (value > low) {
-        result = value;
-    }
-    if (result > high) {
+    if (value > high) {
         result = high;
+    } else if (value >= low) {
+        result = value;
+    } else {
+        /* below, or NaN */
     }
     return result;
 }
 
+/* The number without its sign bit: one instruction, where a comparison takes five. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
-    return (value < 0.0f) ? -value : value;
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
+    }
+    return result;
 }
 
 /* False for NaN. */
@@ -54,21 +77,20 @@ ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 /* Between the breakpoints linear, beyond them held. */
 ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_t *parameters, float speed)
 {
+    const float *const at = parameters->opposite_phase_speed;
     float bound = parameters->opposite_phase_max[0];
     uint32_t k;
 
     for (k = 1u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
-        const float from = parameters->opposite_phase_speed[k - 1u];
-        const float to = parameters->opposite_phase_speed[k];
+        const float next = parameters->opposite_phase_max[k];
 
-        if (speed >= to) {
-            bound = parameters->opposite_phase_max[k];
-        } else if (speed > from) {
-            bound = parameters->opposite_phase_max[k - 1u]
-                + (((speed - from) / (to - from)) * (parameters->opposite_phase_max[k] - parameters->opposite_phase_max[k - 1u]));
-        } else {
-            /* slower than this cell */
+        if (speed < at[k]) {
+            if (speed > at[k - 1u]) {
+                bound += ((speed - at[k - 1u]) / (at[k] - at[k - 1u])) * (next - bound);
+            }
+            break;
         }
+        bound = next;
     }
     return bound;
 }
@@ -103,6 +125,7 @@ ARS_SECTION_CODE float ars_limiter_step(
     ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input)
 {
     const float step = parameters->rear_rate_max * sampling_time;
+    const float demand = input->demand;
     float target = self->rear_angle;
 
     if (is_within(input->speed, parameters->speed_max)) {
@@ -114,17 +137,23 @@ ARS_SECTION_CODE float ars_limiter_step(
     }
     if (self->speed_known) {
         const float bound = opposite_phase_bound(parameters, self->speed);
-        const float share = clamp(magnitude(self->front_angle) / parameters->in_phase_from_front_angle, 0.0f, 1.0f);
+        const float turned = magnitude(self->front_angle) / parameters->in_phase_from_front_angle;
+        const float share = (turned < 1.0f) ? turned : 1.0f;
         const float in_phase = bound + (share * (parameters->rear_angle_max - bound));
         const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
         const float high = (self->front_angle > 0.0f) ? in_phase : bound;
 
-        if ((input->demand >= low) || (input->demand <= high)) { /* false for NaN */
-            target = input->demand;
+        if (demand > high) {
+            target = high;
+        } else if (demand >= low) {
+            target = demand;
+        } else if (demand < low) {
+            target = low;
+        } else {
+            target = clamp(target, low, high); /* NaN: the last angle */
         }
-        target = clamp(target, low, high);
     }
     target = clamp(target, self->rear_angle - step, self->rear_angle + step);
-    self->rear_angle = clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);
+    self->rear_angle = bounded(target, parameters->rear_angle_max);
     return self->rear_angle;
 }

@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x0FCAAA14u
+#if ARS_CHECKSUM_BUILD != 0x30DE66FEu
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x0FCAAA14u
+#if ARS_MAP_BUILD != 0x30DE66FEu
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x0FCAAA14u
+#if ARS_PARAMETERS_BUILD != 0x30DE66FEu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -98,7 +98,7 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_agreement);
     crc = ars_checksum_real(crc, parameters->inputs.straight_yaw_rate);
     crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_offset_max);
-    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_offset_share);
+    crc = ars_checksum_real(crc, parameters->inputs.yaw_rate_correction_share);
     crc = ars_checksum_real(crc, parameters->inputs.speed_fall);
     crc = ars_checksum_real(crc, parameters->inputs.friction_recovery);
     crc = ars_checksum_whole(crc, parameters->inputs.missing_samples_max);
