@@ -47,7 +47,6 @@ WRITABLE = f'-DARS_SECTION_CALIBRATION=__attribute__((section("{_SECTION}")))'
 _MAP = ("lateral_acceleration_cap", "lateral_acceleration_cap_per_friction", "map_friction")
 _MAP_STEERING = ("understeer_coefficient", "rear_slip_per_lateral_acceleration", "sideslip_max", "rear_angle_max")
 _GRIP = ("grip_max", "friction_per_grip")
-_MODEL = ("friction_max", "rear_slip")
 
 _using = threading.RLock()
 """The numbers are the library's own, and a process has one library of a name: who writes them runs with them."""
@@ -96,8 +95,7 @@ class Calibration:
             )
         if law.uses_reference_model:
             constants |= zip(_GRIP, (_number(view.grip.grip_max), _number(view.grip.friction_per_grip)), strict=True)
-            slip = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
-            constants |= zip(_MODEL, (config.road.friction, slip), strict=True)
+            constants["rear_slip"] = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
         return cls(
             config,
             total,

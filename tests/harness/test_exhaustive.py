@@ -16,15 +16,15 @@ from tests.evidence.progress import Progress
 PI, TRACKING = FOLDERS
 
 FAULTS = [
-    ("limiter", "    if (result > high) {\n        result = high;\n    }\n", "", {"clamp"}),
-    ("limiter", "(speed - from) / (to - from)", "(speed - from) / to", {"opposite_phase_bound"}),
+    ("limiter", "        result = high;\n", "", {"clamp"}),
+    ("limiter", "(at[k] - at[k - 1u])", "at[k]", {"opposite_phase_bound"}),
     ("limiter", "is_between(rear_angle, -1.0f, 1.0f)", "is_between(rear_angle, -1.0f, 0.99999994f)", {"ars_limiter_init"}),
     ("inputs", "return magnitude(value) <= largest;", "return !(magnitude(value) > largest);", {"is_within", "agrees"}),
     ("inputs", "0.25f * parameters->wheelbase", "1.25f * parameters->wheelbase", {"yaw_gain"}),
-    ("inputs", "result > largest", "result > (2.0f * largest)", {"bounded"}),
+    ("inputs", "    float result = largest;", "    float result = 2.0f * largest;", {"bounded"}),
     ("controller", "result = value + step;", "result = -step;", {"toward_zero"}),
     ("map", "if (steps >= 100.0f) {", "if (steps >= 101.0f) {", {"locate_speed"}),
-    ("map", "((friction > 0.0f) ? friction : 0.0f)", "friction", {"road_of"}),
+    ("map", "if (friction <= 0.0f) {", "if (friction <= 0.1f) {", {"road_of"}),
     ("map", "(deviation >= -tolerance)", "(deviation > -10.0f)", {"are_even"}),
     ("checksum", "0xF00F9344u", "0xF00F9345u", {"ars_checksum_real"}),
     ("can", "if ((scaled > (float)low) && (scaled < (float)high)) {", "if (scaled > (float)low) {", {"to_code"}),
@@ -81,9 +81,10 @@ def test_helpers_without_claim_and_claims_without_helper_are_findings(tmp_path: 
 
 
 def test_one_wrong_input_in_a_vectorized_block_is_found(tmp_path: Path) -> None:
-    fault = ("limiter", "(value < 0.0f) ? -value", "((value < 0.0f) && (value != -3.0f)) ? -value")
+    fault = ("limiter", "    return number.value;", "    return (value == -3.0f) ? value : number.value;")
     source = Source(Subject.read(changed(PI, tmp_path, fault)))
-    claims = [claim for claim in exhaustive.claims_of(source)[0] if claim.unit == "limiter"][:2]
+    named = {(claim.unit, claim.function): claim for claim in exhaustive.claims_of(source)[0]}
+    claims = [named["limiter", "magnitude"], named["limiter", "clamp"]]
     program: Future[Path] = Future()
     program.set_result(exhaustive.compile_program(find_compiler(), source, "src/ars_limiter.c", claims, tmp_path))
     number = 0xFFFFFFFF - 0xC0400000  # of the bits of -3

@@ -30,7 +30,7 @@ IS_BETWEEN = """
 """
 BOUNDED = """
     {% for limit in limits %}
-    SAME("{{ limit }}", bounded(x, {{ limit }}), held(bits, -{{ limit }}, {{ limit }}));
+    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? {{ limit }} : held(bits, -{{ limit }}, {{ limit }}));
     {% endfor %}
 """
 TOWARD_ZERO = """
@@ -131,10 +131,14 @@ def claims(source: Source) -> Iterator[Claim]:
     limits = [number(inputs.speed_max_km_h * KM_H)]
     limits += [number(math.radians(degrees)) for degrees in (inputs.front_angle_max_deg, inputs.yaw_rate_max_deg_s)]
     clamps = [(f"-{angle}", angle), ("0.0f", "1.0f")]
-    tracking = ("law", "grip") if source.subject.kind == "tracking" else ()
-    for unit in ("inputs", "limiter", *tracking):
+    bounding, tracking = ["controller", "inputs", "law", "limiter"], ["grip"] if source.subject.kind == "tracking" else []
+    bounding += ["reference_model"] if tracking else []
+    for unit in (*bounding, "map", "task", *tracking):
         yield Claim(unit, "magnitude", "the number without its sign; NaN stays NaN", MAGNITUDE)
-    for unit in dict.fromkeys(("controller", "limiter", "law", *tracking)):
+    for unit in bounding:
+        text = "the value within its limit on both sides, NaN as the upper"
+        yield Claim(unit, "bounded", text, BOUNDED, edges(angle, *limits), values={"limits": [angle, *limits]})
+    for unit in ("limiter", "law", *tracking):
         yield held(unit, "clamp", clamps)
     for unit in ("inputs", "limiter"):
         text = "no farther from zero than the limit, false for NaN"
@@ -185,9 +189,6 @@ def claims(source: Source) -> Iterator[Claim]:
 def _inputs(source: Source) -> Iterator[Claim]:
     """Claims about the unit inputs that it does not share."""
     values = {parameter.name: number(parameter.value) for parameter in inputs_parameters(source.config)}
-    limits = [values["front_angle_max"], values["yaw_rate_max"]]
-    text = "the value within its limit on both sides, NaN as the lower"
-    yield Claim("inputs", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
     given = {"wheelbase": values["wheelbase"], "understeer": values["understeer_coefficient"], "top": values["speed_max"]}
     setup = "static const {{ p }}_inputs_parameters_t gain_parameters"
     setup += " = { .wheelbase = {{ wheelbase }}, .understeer_coefficient = {{ understeer }} };"

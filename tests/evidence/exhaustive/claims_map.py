@@ -5,14 +5,13 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from codegen.config import KM_H
 from codegen.emit.dynamics_view import SPEED_MIN
 from codegen.emit.reference_model_view import tabulate
 from codegen.errors import BuildError
 from codegen.refmap.problem import breakpoints
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.evidence.exhaustive.claim import Claim, Source, edges, number
-from tests.evidence.exhaustive.claims_control import between, held
+from tests.evidence.exhaustive.claims_control import between
 
 AXIS = """
 static const double {{ function }}_at[] = { {{ at | join(", ") }} };
@@ -82,10 +81,8 @@ EVEN = """
     SAME("a hundredth of a step around the middle", are_even(three, 2u),
         fabs((double)x - 2.0) <= (double)0.01f);
 """
-BOUNDED = """
-    {% for limit in limits %}
-    SAME("{{ limit }}", bounded(x, {{ limit }}), is_nan(bits) ? 0.0f : held(bits, -{{ limit }}, {{ limit }}));
-    {% endfor %}
+AT_LEAST_SLOW = """
+    SAME("at least the lowest speed; NaN stays NaN", {{ function }}(x), is_nan(bits) ? NAN : held(bits, {{ lowest }}, INFINITY));
 """
 # The exact curve is straight to 1e-10 between numbers that share their upper 24 bits.
 CURVE_SETUP = """
@@ -185,18 +182,13 @@ def _axis(function: str, given: Sequence[float], is_magnitude: bool = False) -> 
 
 
 def _reference_model(source: Source) -> Iterator[Claim]:
-    config, actuator = source.config, source.config.rear_actuator
-    step = number(math.radians(actuator.rate_max_deg_s) * config.controller.sampling_time_s)
-    yield held(
-        "reference_model", "between", [("2.0f", number(config.controller.inputs.speed_max_km_h * KM_H)), (f"-{step}", step)]
-    )
-    limits = [number(actuator.angle_max), number(math.radians(config.controller.inputs.yaw_rate_max_deg_s))]
-    text = "the value within its limit on both sides, NaN as zero"
-    yield Claim("reference_model", "bounded", text, BOUNDED, edges(*limits), values={"limits": limits})
+    lowest = number(SPEED_MIN)
+    text = "a speed below the lowest counts as the lowest; NaN stays NaN"
+    yield Claim("reference_model", "at_least_slow", text, AT_LEAST_SLOW, edges(lowest), values={"lowest": lowest})
     stated = _STATED.search(source.subject.files[f"include/{source.subject.prefix}_reference_model.h"].decode("ascii"))
     if stated is None:
         raise BuildError("the header no longer states the error of its curves", where="reference_model.h")
-    tyres = AxleTyres.from_config(config)
+    tyres = AxleTyres.from_config(source.config)
     yield _curve("front", tyres.front, float(stated[1]))
     yield _curve("rear", tyres.rear, float(stated[2]))
 

@@ -53,7 +53,7 @@ OTHERS: Mapping[str, str] = {
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "without_offset", "@_inputs_step")},
     **{f"law: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},
     **{f"law: {name}": SEVERAL for name in ("start_law", "track", "@_law_step")},
-    **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "yaw_rate_on", "capped_rear_angle")},
+    **{f"map: {name}": SEVERAL for name in ("capped", "yaw_rate_at", "capped_rear_angle")},
     **{f"map: @_map_{name}": SEVERAL for name in ("yaw_rate", "yaw_rate_on_road", "reference")},
     "reference_model: @_reference_model_start": SEVERAL,
 }
@@ -65,7 +65,7 @@ FLAGS = ("-std=c99", "-O3", "-march=native", "-fno-trapping-math", "-ffp-contrac
 GCC_FLAGS = ("-fno-thread-jumps", "-fno-tree-dominator-opts", "-fno-tree-pre")
 # Addresses are for the sanitizers of `codegen verify`: here they would take most of the time.
 UNDEFINED = "-fsanitize=float-cast-overflow,signed-integer-overflow,integer-divide-by-zero,shift,bounds"
-LINKED = ("parameters", "law", "controller", "map", "reference_model")
+LINKED = ("parameters", "law", "controller", "map", "reference_model", "task")
 """Units whose helpers call other units or read the calibration."""
 
 _UNDEFINED = re.compile(r"^(?P<place>[^\s:]+:\d+)(?::\d+)?: runtime error: (?P<what>.+)$", re.MULTILINE)
