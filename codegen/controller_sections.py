@@ -15,7 +15,7 @@ from codegen.sections import Breakpoints, Range, Section
 SCHEDULE_POINTS_MAX = 32
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond them the fail-safe would as good as never act, or never end."""
-LEAD_MAX_S, RESPONSE_GAIN_MAX_S = 0.2, 2.0
+LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
 """The lead below zero delays the feedforward."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
@@ -103,7 +103,8 @@ class Schedule(Section):
 class Tracking(Section):
     """The kind "tracking": feedforward of the map, a reference model, and scheduled PI feedback of bounded authority.
 
-    `lead_s` looks ahead on the front angle that enters the map, unless the schedule has a lead for each speed.
+    `lead_s` looks ahead on the front angle that enters the map, unless the schedule has a lead for each speed;
+    `response_ahead_s` on the model's yaw rate that the response gain of the schedule steers against.
     `yaw_increasing_max_deg` bounds what feedback may add in the direction that turns the car more; against it, feedback is
     free up to the actuator's limit. The trim moves the model's yaw rate towards the map's. The grip_* keys are the limit
     that follows the lateral acceleration which the car really reaches.
@@ -112,6 +113,7 @@ class Tracking(Section):
     lead_s: Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")] = 0.032
     lead_smoothing_s: Annotated[float, Range(0.002, 0.2, "s")] = 0.015
     lead_max_deg: Annotated[float, Range(0.0, 10.0, "deg")] = 1.5
+    response_ahead_s: Annotated[float, Range(0.0, RESPONSE_AHEAD_MAX_S, "s")] = 0.06
     yaw_increasing_max_deg: Annotated[float, Range(0.0, 20.0, "deg")] = 0.5
     trim_max_percent: Annotated[float, Range(0.0, TRIM_MAX_PERCENT, "%")] = 1.0
     trim_time_s: Annotated[float, Range(0.05, 60.0, "s")] = 1.0

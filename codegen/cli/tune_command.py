@@ -84,14 +84,17 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     notes = [text for text in (*chosen.notes, critical_speed_note(config), _stability_note(tuned)) if text]
     if as_json:
         facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
-        responses = {"responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses]}
+        responses = {
+            "responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses],
+            "response_ahead_s": config.controller.tracking.response_ahead_s,
+        }
         console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
         return
     for text in notes:
         console.note(text)
     _print(output, config, made, least)
     if tuned.responses:
-        _print_responses(tuned.responses)
+        _print_responses(tuned.responses, config.controller.tracking.response_ahead_s)
     if tuned.fail_safe is not None:
         _print_fail_safe(tuned.fail_safe)
     if trim:
@@ -223,7 +226,7 @@ def _print(output: Path, config: Config, made: Design, least: Weakest) -> None:
         console.note(f"from {first:g} km/h no gains meet the demands, not even for the configured car; the last ones are held")
 
 
-def _print_responses(responses: Sequence[Response]) -> None:
+def _print_responses(responses: Sequence[Response], ahead: float) -> None:
     from codegen.report.summary import table
     from codegen.tuning.transient import OVERSHOOT_PERCENT, SETTLING_S
 
@@ -243,6 +246,7 @@ def _print_responses(responses: Sequence[Response]) -> None:
         f"step responses of the simulated car: at most {OVERSHOOT_PERCENT:g} % and {SETTLING_S:g} s, then the shortest t90"
     )
     console.say(table(RESPONSE_HEADER, rows))
+    console.say(f"controller.tracking.response_ahead_s: {ahead:g}: so far the model's yaw rate is looked ahead")
     missed = [f"{one.speed_km_h:g}" for one in responses if not one.is_met]
     if missed:
         console.note(

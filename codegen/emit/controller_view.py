@@ -87,7 +87,6 @@ class ControllerView:
     sampling_time: str
     period_text: str
     actuator_angle_max: str
-    response_samples: str
     rest_min: str
     grip: GripView
     known: tuple[str, ...]
@@ -208,7 +207,6 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         sampling_time=literal(period, precision),
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
-        response_samples=literal((config.rear_actuator.lag_s + period) / period, precision),
         rest_min=literal(REST_MIN, precision),
         grip=_grip_view(total, precision),
         known=_known_values(total, precision),

@@ -172,6 +172,13 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
         ),
         Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of that", 0.0, 0.5),
         Parameter(
+            "response_samples",
+            tracking.response_ahead_s / config.controller.sampling_time_s,
+            "samples that the model's yaw rate is looked ahead for the response gain",
+            0.0,
+            1e3,
+        ),
+        Parameter(
             "yaw_increasing_max",
             math.radians(tracking.yaw_increasing_max_deg),
             "rad that feedback may add where it makes the car turn more",

@@ -162,6 +162,7 @@ def tuned_parameters(software: BatchSoftware, config: Config) -> Any:
     if tracking.schedule.response_gain_s is not None:
         parameters.response_gain = tracking.schedule.response_gain_s
     parameters.lead_angle_max = math.radians(tracking.lead_max_deg)
+    parameters.response_samples = tracking.response_ahead_s / config.controller.sampling_time_s
     parameters.trim_share = tracking.trim_max_percent / 100.0
     return parameters
 

@@ -28,7 +28,7 @@ class Tuned:
     """A configuration with its tuned controller, and how it came about.
 
     Attributes:
-        config: kind "tracking", with gain schedule, trim and rate of the fail-safe.
+        config: kind "tracking", with gain schedule, look ahead, trim and rate of the fail-safe.
         design: of the gains.
         responses: lead and response gain at each speed of the schedule that was driven; empty for a map that was not solved.
         excess: of the reference model over the map where that is more than the trim was; None where it was enough.
@@ -69,8 +69,8 @@ def tune(reference_map: ReferenceMap, config: Config, progress: Progress | None 
     if not reference_map.solved:
         return Tuned(config, made, (), excess, None, None)
     software = compile_controller(reference_map, config)
-    responses = tune_response(reference_map, config, made.schedule, software, progress)
-    config = with_tracking(config, with_response(config, made.schedule, responses), where)
+    ahead, responses = tune_response(reference_map, config, made.schedule, software, progress)
+    config = with_tracking(config, with_response(config, made.schedule, ahead, responses), where)
     fail_safe = tune_fail_safe(reference_map, config, software, progress)
     config = with_controller(config, {"fail_safe": {"rate_deg_s": fail_safe.rate_deg_s}}, where)
     return Tuned(config, made, responses, excess, fail_safe, software)

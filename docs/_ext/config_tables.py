@@ -60,6 +60,7 @@ MEANINGS = {
     "controller.fail_safe.rate_deg_s": "of the ramp to zero",
     "controller.tracking.lead_s": "how far the front angle that enters the map is looked ahead, where the schedule has no lead",
     "controller.tracking.lead_max_deg": "bound of that",
+    "controller.tracking.response_ahead_s": "how far the model's yaw rate is looked ahead for the response gain",
     "controller.tracking.trim_time_s": "time constant of that",
     "controller.tracking.schedule.speed_km_h": "breakpoints of the gains; at most 32",
     "controller.tracking.schedule.proportional_gain_s": "Kp at each of them",

@@ -13,9 +13,9 @@ from codegen import config as configuration
 from codegen.config import Config
 from hil_sim.suite.plants import changed
 
-DEVELOPMENT_SEED, TEST_SEED = 1, 3
+DEVELOPMENT_SEED, TEST_SEED = 1, 4
 """Whatever is designed or tuned may look at the cars of the first seed. Nothing is tuned on those of the second.
-Seed 2 was the test of an earlier design and has been looked at."""
+Seeds 2 and 3 were the tests of earlier designs and have been looked at."""
 
 MASS_KG = (1_300.0, 3_500.0)
 UNDERSTEER_DEG_PER_G = (-0.1, 3.0)

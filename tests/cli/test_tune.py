@@ -70,7 +70,9 @@ def test_the_map_comes_back_with_gains_and_nothing_else_changed(run: Run, solved
     was = {
         "kind": "pi",
         "fail_safe": before.config.controller.fail_safe,
-        "tracking": controller.tracking.model_copy(update={"schedule": None, "lead_max_deg": before_tracking.lead_max_deg}),
+        "tracking": controller.tracking.model_copy(
+            update={"schedule": None, **{name: getattr(before_tracking, name) for name in ("lead_max_deg", "response_ahead_s")}}
+        ),
     }
     assert after.config.model_copy(update={"controller": controller.model_copy(update=was)}) == before.config
 

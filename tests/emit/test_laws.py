@@ -37,6 +37,7 @@ def selftest_passes(files: Folder, at: Path) -> bool:
 ENDS: dict[str, tuple[float, float]] = {
     "lead_s": (-0.2, 0.2),
     "lead_max_deg": (0.0, 10.0),
+    "response_ahead_s": (0.0, 1.0),
     "yaw_increasing_max_deg": (0.0, 20.0),
     "trim_max_percent": (0.0, 20.0),
     "trim_time_s": (0.05, 60.0),

@@ -29,7 +29,8 @@ def test_a_committed_map_is_what_its_configuration_gives(name: str) -> None:
     np.testing.assert_array_equal(committed.active, fresh.active)
     assert committed.config is not None and committed.layers == ()
     own = expected.controller.tracking
-    tuned = {name: getattr(own, name) for name in ("schedule", "lead_max_deg", "trim_max_percent", "trim_time_s")}
+    names = ("schedule", "lead_max_deg", "response_ahead_s", "trim_max_percent", "trim_time_s")
+    tuned = {name: getattr(own, name) for name in names}
     tracking = committed.config.controller.tracking.model_copy(update=tuned)
     update = {"tracking": tracking, "fail_safe": expected.controller.fail_safe}  # of both `codegen tune` determines the rest
     controller = committed.config.controller.model_copy(update=update)

@@ -54,6 +54,7 @@ def _configured_tracking(tracking: Any, period: float) -> dict[str, Any]:
         "response_gain": list(tracking.schedule.response_gain_s or [0.0] * len(tracking.schedule.speed_km_h)),
         "lead_smoothing": 1.0 - math.exp(-period / tracking.lead_smoothing_s),
         "lead_angle_max": math.radians(tracking.lead_max_deg),
+        "response_samples": tracking.response_ahead_s / period,
         "yaw_increasing_max": math.radians(tracking.yaw_increasing_max_deg),
         "trim_share": tracking.trim_max_percent / 100.0,
         "trim_rate": 1.0 / tracking.trim_time_s,

@@ -13,7 +13,7 @@ OWN = {"overshoot": 1.0, "settling": 0.8, "overshoot at larger angles": 1.0, "se
 def search(speeds: int = 1) -> _Search:
     """A search of which only the limits and the number of speeds count: the configured car and one other."""
     limits = np.repeat([[3.0], [15.0]], speeds, axis=1)
-    names = {"software": None, "schedule": None, "profile": None, "lanes": None}
+    names = {"software": None, "schedule": None, "ahead": 0.06, "profile": None, "lanes": None}
     return _Search(**names, speeds=tuple(60.0 + 20.0 * k for k in range(speeds)), limits=limits)  # type: ignore[arg-type]
 
 

@@ -31,10 +31,11 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
     config = with_tracking(builds.TRACKING_CONFIG, {"schedule": schedule.model_dump(mode="json")}, "test")
     done: list[tuple[int, int]] = []
     software = compile_controller(builds.paper_map(), config)
-    found = tune_response(builds.paper_map(), config, schedule, software, lambda *step: done.append(step))
+    ahead, found = tune_response(builds.paper_map(), config, schedule, software, lambda *step: done.append(step))
     assert [one.speed_km_h for one in found] == [60.0, 100.0] and all(one.is_met for one in found)
     assert [step for step, _ in done] == list(range(1, done[0][1] + 1))
-    changes = with_response(config, schedule, found)
+    changes = with_response(config, schedule, ahead, found)
+    assert changes["response_ahead_s"] == ahead == 0.06
     assert changes["schedule"]["lead_s"] == [found[0].lead_s, found[0].lead_s, found[1].lead_s]
     rate = config.steering.wheel_rate_max_deg_s / config.steering.ratio
     assert max(np.abs(changes["schedule"]["lead_s"])) * rate <= changes["lead_max_deg"] <= 0.1 + LEADS_S[-1] * rate
@@ -45,4 +46,14 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
         assert max(result.rise_time_s or 9.0 for result in driven) == pytest.approx(whole, abs=0.011)
         assert max(result.overshoot_percent or 0.0 for result in driven) <= min(one.overshoot_percent + 0.2, OVERSHOOT_PERCENT)
         assert max(result.settling_time_s or 9.0 for result in driven) <= SETTLING_S + 0.011
-    assert not Response(60.0, 0.0, 0.0, 4.6, 0.5, 0.3, 4.0).is_met
+
+
+@pytest.mark.parametrize(("settling", "expected"), [((1.09, 1.0, 0.9), 0.06), ((1.2, 1.0, 0.9), 0.105), ((1.3, 1.2, 1.25), 0.105)])
+def test_the_first_look_ahead_that_suffices_counts_else_the_best(
+    monkeypatch: pytest.MonkeyPatch, settling: tuple[float, ...], expected: float
+) -> None:
+    tried = iter(settling)
+    monkeypatch.setattr(transient, "_pairs", lambda *_: (Response(60.0, 0.0, 0.0, 4.2, next(tried), 0.3, 4.0),))
+    monkeypatch.setattr(transient._Search, "of", lambda *_: None)
+    config = builds.TRACKING_CONFIG
+    assert tune_response(builds.paper_map(), config, config.controller.tracking.schedule, None, None)[0] == expected

@@ -53,9 +53,6 @@ class SecondTracking(SecondController):
         self.grip = self.full_grip
         self.state = self.car_state(0.0, 0.0)
         self.previous_model_yaw_rate = self.state[1]
-        self.response_samples = real(
-            (config.rear_actuator.lag_s + config.controller.sampling_time_s) / config.controller.sampling_time_s
-        )
         self.trim = self.integral = self.last_front = self.front_rate = self.last_yaw_rate = self.reached = real(0.0)
         self.starting = False
         self.happened: set[str] = set()
@@ -89,7 +86,7 @@ class SecondTracking(SecondController):
         friction = min(estimated, seen)
         yaw_rate, rear_angle = (self.real(value) for value in self.lookup.reference(m.speed, m.front_angle + lead, friction))
         own = self.state[1]
-        expected = own + self.response_samples * (own - self.previous_model_yaw_rate)
+        expected = own + p("response_samples") * (own - self.previous_model_yaw_rate)
         rear_angle = rear_angle - self.scheduled("response_gain", m.speed) * (yaw_rate - expected)
         bound = p("rear_angle_max")
         road = self.lookup.lateral_acceleration(friction)

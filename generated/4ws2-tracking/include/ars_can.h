@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x7309BEF8u
+#define ARS_CAN_BUILD 0xC3A73294u
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ARS_CHECKSUM_BUILD 0x7309BEF8u
+#define ARS_CHECKSUM_BUILD 0xC3A73294u
 
 /* Return the checksum so far with one more number, of 4 bytes. */
 uint32_t ars_checksum_real(uint32_t crc, float value);

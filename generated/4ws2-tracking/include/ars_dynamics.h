@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x7309BEF8u
+#define ARS_DYNAMICS_BUILD 0xC3A73294u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

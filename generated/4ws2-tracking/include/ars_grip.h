@@ -14,7 +14,7 @@
 
 #include "ars_parameters.h"
 
-#if ARS_PARAMETERS_BUILD != 0x7309BEF8u
+#if ARS_PARAMETERS_BUILD != 0xC3A73294u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_GRIP_BUILD 0x7309BEF8u
+#define ARS_GRIP_BUILD 0xC3A73294u
 
 /* Memory between two samples. Private: read it in a debugger, write it only through the functions below. */
 typedef struct {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x7309BEF8u
+#define ARS_INPUTS_BUILD 0xC3A73294u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

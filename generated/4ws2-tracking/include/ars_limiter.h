@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x7309BEF8u
+#define ARS_LIMITER_BUILD 0xC3A73294u
 
 enum { ARS_LIMITER_POINTS = 6 };
 

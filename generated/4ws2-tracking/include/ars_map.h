@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x7309BEF8u
+#define ARS_MAP_BUILD 0xC3A73294u
 
 /* Breakpoints of the table. */
 enum {

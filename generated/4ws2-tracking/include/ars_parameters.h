@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0x7309BEF8u
+#if ARS_INPUTS_BUILD != 0xC3A73294u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x7309BEF8u
+#if ARS_LIMITER_BUILD != 0xC3A73294u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0x7309BEF8u
+#define ARS_PARAMETERS_BUILD 0xC3A73294u
 
 enum { ARS_SCHEDULE_POINTS = 14 };
 
@@ -39,6 +39,7 @@ typedef struct {
     float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
     float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
     float lead_angle_max;               /* rad, bound of that */
+    float response_samples;             /* samples that the model's yaw rate is looked ahead for the response gain */
     float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
     float trim_share;                   /* of the map's yaw rate: bound of the trim */
     float trim_rate;                    /* 1/s, how fast the trim follows */

@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define ARS_REFERENCE_MODEL_BUILD 0x7309BEF8u
+#define ARS_REFERENCE_MODEL_BUILD 0xC3A73294u
 
 /* Where the model is. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {

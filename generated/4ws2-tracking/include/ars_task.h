@@ -22,13 +22,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0x7309BEF8u
+#if ARS_CAN_BUILD != 0xC3A73294u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
+#if ARS_CONTROLLER_BUILD != 0xC3A73294u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x7309BEF8u
+#if ARS_E2E_BUILD != 0xC3A73294u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -36,7 +36,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x7309BEF8u
+#define ARS_TASK_BUILD 0xC3A73294u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. Both messages MISSING: the task
  * came early, or the bus is silent. */

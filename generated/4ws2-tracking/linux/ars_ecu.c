@@ -51,19 +51,19 @@
 #include "ars_task.h"
 #include "ars_xcp.h"
 
-#if ARS_CAN_BUILD != 0x7309BEF8u
+#if ARS_CAN_BUILD != 0xC3A73294u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
+#if ARS_CONTROLLER_BUILD != 0xC3A73294u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7309BEF8u
+#if ARS_MAP_BUILD != 0xC3A73294u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0x7309BEF8u
+#if ARS_TASK_BUILD != 0xC3A73294u
 #error "ars_task.h and this source come from different builds"
 #endif
-#if ARS_XCP_BUILD != 0x7309BEF8u
+#if ARS_XCP_BUILD != 0xC3A73294u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

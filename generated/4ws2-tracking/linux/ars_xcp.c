@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x7309BEF8u
+#if ARS_XCP_BUILD != 0xC3A73294u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

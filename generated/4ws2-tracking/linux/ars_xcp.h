@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x7309BEF8u
+#define ARS_XCP_BUILD 0xC3A73294u
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
+#if ARS_CONTROLLER_BUILD != 0xC3A73294u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7309BEF8u
+#if ARS_MAP_BUILD != 0xC3A73294u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -46,6 +46,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     },
     .lead_smoothing = 0.48658288f,
     .lead_angle_max = 0.027925268f,
+    .response_samples = 6.0f,
     .yaw_increasing_max = 0.008726646f,
     .trim_share = 0.02f,
     .trim_rate = 3.3333333f,
@@ -101,9 +102,9 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "7309BEF8";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "C3A73294";
 
-ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x5CEF27E0u;
+ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x144B542Cu;
 
 /* Speed: 102 breakpoints from 0 to 33.33 m/s: one of 5.556, 100 cells of 0.277778. */
 ARS_SECTION_CALIBRATION

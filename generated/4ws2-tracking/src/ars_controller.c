@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x7309BEF8u
+#if ARS_CONTROLLER_BUILD != 0xC3A73294u
 #error "ars_controller.h and this source come from different builds"
 #endif
 

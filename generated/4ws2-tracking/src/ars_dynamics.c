@@ -13,7 +13,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_DYNAMICS_BUILD != 0x7309BEF8u
+#if ARS_DYNAMICS_BUILD != 0xC3A73294u
 #error "ars_dynamics.h and this source come from different builds"
 #endif
 

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_GRIP_BUILD != 0x7309BEF8u
+#if ARS_GRIP_BUILD != 0xC3A73294u
 #error "ars_grip.h and this source come from different builds"
 #endif
 

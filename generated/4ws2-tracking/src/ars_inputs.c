@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0x7309BEF8u
+#if ARS_INPUTS_BUILD != 0xC3A73294u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0x7309BEF8u
+#if ARS_LAW_BUILD != 0xC3A73294u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7309BEF8u
+#if ARS_MAP_BUILD != 0xC3A73294u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -80,9 +80,6 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 
 /* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
 ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
-
-/* Samples until the rear wheels act on a command: the lag of the actuator and the delay of the computation. */
-ARS_SECTION_CONST static const float response_samples = 6.0f;
 
 typedef struct {
     float proportional;
@@ -167,7 +164,8 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     }
     lead = bounded(gains->lead_time * self->front_rate, parameters->lead_angle_max);
     reference = ars_map_reference(sample->speed, sample->front_angle + lead, friction);
-    expected_yaw_rate = self->model.yaw_rate + (response_samples * (self->model.yaw_rate - self->previous_model_yaw_rate));
+    expected_yaw_rate = self->model.yaw_rate
+        + (parameters->response_samples * (self->model.yaw_rate - self->previous_model_yaw_rate));
     reference.rear_angle -= gains->response * (reference.yaw_rate - expected_yaw_rate);
     reference.rear_angle = bounded(reference.rear_angle, parameters->rear_angle_max);
     return reference;

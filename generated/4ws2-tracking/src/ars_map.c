@@ -11,10 +11,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
+#if ARS_CHECKSUM_BUILD != 0xC3A73294u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7309BEF8u
+#if ARS_MAP_BUILD != 0xC3A73294u
 #error "ars_map.h and this source come from different builds"
 #endif
 

@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
+#if ARS_CHECKSUM_BUILD != 0xC3A73294u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x7309BEF8u
+#if ARS_MAP_BUILD != 0xC3A73294u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x7309BEF8u
+#if ARS_PARAMETERS_BUILD != 0xC3A73294u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -53,6 +53,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
     return is_between(parameters->lead_smoothing, 0.01f, 1.0f)
         && is_between(parameters->lead_angle_max, 0.0f, 0.5f)
+        && is_between(parameters->response_samples, 0.0f, 1000.0f)
         && is_between(parameters->yaw_increasing_max, 0.0f, 1.0f)
         && is_between(parameters->trim_share, 0.0f, 0.2f)
         && is_between(parameters->trim_rate, 0.01f, 20.0f)
@@ -109,6 +110,7 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     }
     crc = ars_checksum_real(crc, parameters->lead_smoothing);
     crc = ars_checksum_real(crc, parameters->lead_angle_max);
+    crc = ars_checksum_real(crc, parameters->response_samples);
     crc = ars_checksum_real(crc, parameters->yaw_increasing_max);
     crc = ars_checksum_real(crc, parameters->trim_share);
     crc = ars_checksum_real(crc, parameters->trim_rate);

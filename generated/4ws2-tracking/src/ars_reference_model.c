@@ -12,10 +12,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0x7309BEF8u
+#if ARS_CHECKSUM_BUILD != 0xC3A73294u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_REFERENCE_MODEL_BUILD != 0x7309BEF8u
+#if ARS_REFERENCE_MODEL_BUILD != 0xC3A73294u
 #error "ars_reference_model.h and this source come from different builds"
 #endif
 

@@ -18,7 +18,7 @@
 extern "C" {
 #endif
 
-#define ARS_CAN_BUILD 0x30DE66FEu
+#define ARS_CAN_BUILD 0xE839B0CCu
 
 enum {
     ARS_CAN_LENGTH = 8, /* bytes of every frame */

@@ -22,16 +22,16 @@
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0x30DE66FEu
+#if ARS_INPUTS_BUILD != 0xE839B0CCu
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0x30DE66FEu
+#if ARS_LAW_BUILD != 0xE839B0CCu
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0x30DE66FEu
+#if ARS_LIMITER_BUILD != 0xE839B0CCu
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0x30DE66FEu
+#if ARS_PARAMETERS_BUILD != 0xE839B0CCu
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +39,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0x30DE66FEu
+#define ARS_CONTROLLER_BUILD 0xE839B0CCu
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {

@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0x30DE66FEu
+#define ARS_DYNAMICS_BUILD 0xE839B0CCu
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

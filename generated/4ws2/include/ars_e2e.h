@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0x30DE66FEu
+#define ARS_E2E_BUILD 0xE839B0CCu
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

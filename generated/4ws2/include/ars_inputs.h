@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0x30DE66FEu
+#define ARS_INPUTS_BUILD 0xE839B0CCu
 
 /* One sample of what the vehicle measures. */
 typedef struct {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0x30DE66FEu
+#define ARS_LIMITER_BUILD 0xE839B0CCu
 
 enum { ARS_LIMITER_POINTS = 6 };
 

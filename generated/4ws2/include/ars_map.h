@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define ARS_MAP_BUILD 0x30DE66FEu
+#define ARS_MAP_BUILD 0xE839B0CCu
 
 /* Breakpoints of the table. */
 enum {

@@ -22,13 +22,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0x30DE66FEu
+#if ARS_CAN_BUILD != 0xE839B0CCu
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0x30DE66FEu
+#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0x30DE66FEu
+#if ARS_E2E_BUILD != 0xE839B0CCu
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -36,7 +36,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0x30DE66FEu
+#define ARS_TASK_BUILD 0xE839B0CCu
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. Both messages MISSING: the task
  * came early, or the bus is silent. */

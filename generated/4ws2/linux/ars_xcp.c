@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0x30DE66FEu
+#if ARS_XCP_BUILD != 0xE839B0CCu
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0x30DE66FEu
+#define ARS_XCP_BUILD 0xE839B0CCu
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

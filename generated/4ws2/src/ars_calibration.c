@@ -16,10 +16,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x30DE66FEu
+#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0x30DE66FEu
+#if ARS_MAP_BUILD != 0xE839B0CCu
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -73,7 +73,7 @@ ARS_SECTION_CALIBRATION const ars_parameters_t ars_parameters_default = {
     }
 };
 
-ARS_SECTION_CALIBRATION const char ars_epk[9] = "30DE66FE";
+ARS_SECTION_CALIBRATION const char ars_epk[9] = "E839B0CC";
 
 ARS_SECTION_CALIBRATION const uint32_t ars_calibration_expected_checksum = 0x1D7A4DFAu;
 

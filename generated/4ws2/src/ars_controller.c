@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0x30DE66FEu
+#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
 #error "ars_controller.h and this source come from different builds"
 #endif
 
