@@ -26,6 +26,9 @@ CARS, RAW = 20, 15
 """Those of the steering that goes with a capped yaw rate, where the car lies between two frictions; and of what turns the raw
 numbers of a table into values."""
 
+GRIP_STACK = 48
+"""Bytes of stack for a table of what slip leaves of the cap."""
+
 COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "pi": {"step_instructions_max": 660, "task_instructions_max": 1_650},
@@ -106,4 +109,5 @@ class Budgets(Section):
         }
         found["step_instructions_max"] += more
         found["task_instructions_max"] += more
+        found["task_stack_bytes_max"] += GRIP_STACK if shape.with_grip else 0
         return found | {key: value for key, value in self.model_dump().items() if value is not None}

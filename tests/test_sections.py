@@ -91,7 +91,7 @@ KEYS = tuple(Budgets.model_fields)
 def test_a_map_that_is_more_work_may_take_more(shape: MapShape, lookup: int, reference: int, kind: Kind) -> None:
     plain, found = Budgets().resolved(kind, PLAIN), Budgets().resolved(kind, shape)
     step = lookup if kind == "pi" else reference
-    more = {"lookup": lookup, "reference": reference, "step": step, "task": step}
+    more = {"lookup": lookup, "reference": reference, "step": step, "task": step, "task_stack_bytes_max": 48 * shape.with_grip}
     assert {key: found[key] - plain[key] for key in plain} == {
         key: more.get(key.removesuffix("_instructions_max"), 0) for key in plain
     }

@@ -176,8 +176,7 @@ def _counted(progress: Progress | None, total: int) -> Callable[[], None]:
 
 
 def with_response(config: Config, schedule: Schedule, ahead: float, found: Sequence[Response]) -> dict[str, Any]:
-    """Return the changes of [controller.tracking]: the schedule with lead and response gain, the look ahead (s), and a bound for
-    the lead.
+    """Return changes of [controller.tracking]: lead and response gain of the schedule, look ahead (s), bound of the lead.
 
     Between the speeds that were tuned they are interpolated, beyond them held. The bound is the lead at the largest rate of the
     steering wheel.

@@ -1,6 +1,5 @@
 """Claims about the helpers of map, checksum, reference model and dynamics: axes, road, CRC, tyre curves."""
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -82,7 +81,7 @@ EVEN = """
         fabs((double)x - 2.0) <= (double)0.01f);
 """
 AT_LEAST_SLOW = """
-    SAME("at least the lowest speed; NaN stays NaN", {{ function }}(x), is_nan(bits) ? NAN : held(bits, {{ lowest }}, INFINITY));
+    SAME("at least the lowest; NaN stays NaN", {{ function }}(x), is_nan(bits) ? NAN : held(bits, {{ lowest }}, INFINITY));
 """
 # The exact curve is straight to 1e-10 between numbers that share their upper 24 bits.
 CURVE_SETUP = """
