@@ -190,10 +190,12 @@ def check_both_wrong(built: Built) -> None:
 
 
 def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
-    """The fail-safe goes on until a whole sample has come."""
+    """The fail-safe begins whatever the speed does, and goes on until a whole sample has come."""
     controller = built.software.controller(0.0)
     most, needed = controller.parameters.inputs.missing_samples_max, controller.parameters.inputs.recovery_samples
-    controller.run([STRAIGHT] + [replace(STRAIGHT, front_angle=math.nan, yaw_rate=math.nan)] * (most + 1))
+    lost = replace(STRAIGHT, front_angle=math.nan, yaw_rate=math.nan)
+    controller.run([STRAIGHT] + [lost] * most)
+    assert controller.step(replace(lost, speed=math.nan)).status is Status.FAIL_SAFE
     gap = [STRAIGHT] * (needed - 1) + [replace(STRAIGHT, speed=math.nan)]
     assert {command.status for command in controller.run(gap)} == {Status.FAIL_SAFE}
     assert controller.step(STRAIGHT).status in RUNNING

@@ -49,9 +49,7 @@ def test_the_chosen_pairs_keep_their_limits_when_driven_alone(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(("settling", "expected"), [("1.09 1.0 0.9", 0.06), ("1.2 1.0 0.9", 0.105), ("1.3 1.2 1.25", 0.105)])
-def test_the_first_look_ahead_that_suffices_counts_else_the_best(
-    monkeypatch: pytest.MonkeyPatch, settling: str, expected: float
-) -> None:
+def test_the_first_sufficient_look_ahead_counts(monkeypatch: pytest.MonkeyPatch, settling: str, expected: float) -> None:
     tried = map(float, settling.split())
     monkeypatch.setattr(transient, "_pairs", lambda *_: (Response(60.0, 0.0, 0.0, 4.2, next(tried), 0.3, 4.0),))
     monkeypatch.setattr(transient._Search, "of", lambda *_: None)
