@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
-from codegen.errors import BuildError
 from codegen.verify.check import Verdict
 from tests.evidence.coverage import coverage, mcdc
 from tests.evidence.libfuzzer import libfuzzer
@@ -20,14 +17,6 @@ def test_lines_and_branches_that_do_not_run_are_findings() -> None:
     assert outcome.findings == ("4ws2/src/a.c:4: never runs", "4ws2/src/a.c:3: branch 1 is never taken")
     assert (outcome.verdict, outcome.figure) == (Verdict.FAILED, "2 of 3 lines, 1 of 4 branches")
     assert coverage.outcome_of([{**unit, "missed": []}]).verdict is Verdict.PASSED
-    report = {"file": "src/a.c", "lines": lines[:1]}
-    assert coverage._unit("4ws2", report, (3, 1))["missed"] == [], "it is argued that no input takes it"
-    assert coverage._unit("4ws2", report, (3, 0))["missed"] == [
-        "4ws2/src/a.c:3: branch 1 is never taken",
-        "4ws2/src/a.c:3: branch 0 is taken: UNREACHABLE is wrong",
-    ]
-    with pytest.raises(BuildError, match="0 lines are like"):
-        coverage.unreachable("src/ars_reference_model.c", ["t1 = 0.5f;"])
 
 
 def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:

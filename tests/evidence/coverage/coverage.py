@@ -1,7 +1,6 @@
 """Part "coverage": lines and branches of the generated C that the project's own tests run, by gcc's counters and gcovr."""
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -43,11 +42,7 @@ def measured(folder: Path) -> list[dict[str, Any]]:
         gcovr = [sys.executable, "-m", "gcovr", "--root", str(root), "--gcov-executable", gcov, "--filter", f"{root}/src/"]
         run_tool([*gcovr, "--json", str(report), str(root / "src")], root)
         files = json.loads(report.read_text(encoding="utf-8"))["files"]
-        return [_unit(case.name, file, unreachable(file["file"], _lines(root / file["file"]))) for file in files]
-
-
-def _lines(path: Path) -> list[str]:
-    return path.read_text(encoding="ascii").splitlines()
+        return [_unit(case.name, file) for file in files]
 
 
 def find_tool(name: str, package: str) -> str:
@@ -83,37 +78,14 @@ def exercise(case: Case) -> Path:
     return case.library
 
 
-UNREACHABLE = {"src/ars_reference_model.c": re.compile(r"= \((t\d+) > 0\.5f\) \? \1 : 0\.5f;$")}
-"""Line of a file whose second value no input takes: the bound on the determinant of the implicit step, for the proof alone."""
-
-
-def unreachable(file: str, source: Sequence[str]) -> tuple[int, int] | None:
-    """Return number and branch of the line that UNREACHABLE argues for; None for a file without one.
-
-    Raises:
-        BuildError: there is not just one such line: the argument is about other code.
-    """
-    if file not in UNREACHABLE:
-        return None
-    found = [number for number, line in enumerate(source, start=1) if UNREACHABLE[file].search(line)]
-    if len(found) != 1:
-        raise BuildError(f"{len(found)} lines are like the one that no input reaches", where=file)
-    return found[0], 1
-
-
-def _unit(build: str, file: dict[str, Any], argued: tuple[int, int] | None = None) -> dict[str, Any]:
+def _unit(build: str, file: dict[str, Any]) -> dict[str, Any]:
     path = f"{build}/{file['file']}"
     lines = {line["line_number"]: line for line in file["lines"] if not line.get("gcovr/noncode")}
     idle = [number for number, line in lines.items() if line["count"] == 0]
     branches = [(number, k, each["count"]) for number, line in lines.items() for k, each in enumerate(line["branches"])]
     untaken = [(number, k) for number, k, count in branches if count == 0]
     missed = [f"{path}:{number}: never runs" for number in idle]
-    missed += [
-        f"{path}:{number}: branch {k} is never taken" for number, k in untaken if number not in idle and (number, k) != argued
-    ]
-    missed += (
-        [f"{path}:{argued[0]}: branch {argued[1]} is taken: UNREACHABLE is wrong"] if argued and argued not in untaken else []
-    )
+    missed += [f"{path}:{number}: branch {k} is never taken" for number, k in untaken if number not in idle]
     counts = {"lines": len(lines), "lines_run": len(lines) - len(idle)}
     return {"path": path, **counts, "branches": len(branches), "branches_taken": len(branches) - len(untaken), "missed": missed}
 

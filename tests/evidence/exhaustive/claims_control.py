@@ -108,8 +108,8 @@ static const {{ p }}_{{ type }} {{ function }}_table = {
 };
 """
 OVER_SPEED = """
-    /* NaN, which the step rejects, may have any value of the table; it has that of the lowest speed. */
-    const double place = place_on(&{{ function }}_axis, is_nan(bits) ? -1.0 : (double)x);
+    /* NaN, which the step rejects, may have any value of the table. */
+    const double place = place_on(&{{ function }}_axis, is_nan(bits) ? {{ of_nan }} : (double)x);
     const {{ result }} got = {{ function }}(&{{ function }}_table, x);
 
     {% for member, of, tolerance in outputs %}
@@ -228,6 +228,7 @@ def _over_speed(unit: str, function: str, kind: str, result: str, speeds: Sequen
     columns = {speed: speeds, **{member: numbers for member, (_, numbers) in outputs.items()}}
     values = {
         "type": kind,
+        "of_nan": exact(speeds[-1]) if unit == "limiter" else "-1.0",
         "result": result,
         "at": [exact(at) for at in speeds],
         "last": number(speeds[-1]),
