@@ -31,9 +31,9 @@ GRIP_STACK = 48
 
 COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
-    "pi": {"step_instructions_max": 660, "task_instructions_max": 1_650},
-    "proportional": {"step_instructions_max": 660, "task_instructions_max": 1_650},
-    "feedforward": {"step_instructions_max": 600 + SECOND_TABLE, "task_instructions_max": 1_590 + SECOND_TABLE},
+    "pi": {"step_instructions_max": 690, "task_instructions_max": 1_650},
+    "proportional": {"step_instructions_max": 690, "task_instructions_max": 1_650},
+    "feedforward": {"step_instructions_max": 640 + SECOND_TABLE, "task_instructions_max": 1_590 + SECOND_TABLE},
     "tracking": {
         "step_instructions_max": 1_200,
         "task_instructions_max": 2_260,

@@ -10,6 +10,7 @@ import click
 
 from codegen.cli.base import json_option
 from codegen.cli.values import (
+    FiniteRange,
     build_folder,
     bus_names,
     csv_to_write,
@@ -78,14 +79,14 @@ def drift_options(command: Command) -> Command:
     command = click.option(
         "--jitter",
         "jitter_ms",
-        type=click.FloatRange(min=0.0, max=100.0),
+        type=FiniteRange(min=0.0, max=100.0),
         metavar="MS",
         help="Largest departure of frames and task from their clocks.",
     )(command)
     return click.option(
         "--clock-drift",
         "drift_ppm",
-        type=click.FloatRange(min=-1e4, max=1e4),
+        type=FiniteRange(min=-1e4, max=1e4),
         metavar="PPM",
         help="Let the car's clock run faster than the ECU's.",
     )(command)

@@ -121,7 +121,7 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, **given:
     is asked, and exit 1 where one is missed. --plot then draws an overview.
 
     With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, drive all, and exit 1 where
-    a car misses a limit. Seed 1, the default, is that of development; nothing is tuned on seed 3, the test.
+    a car misses a limit. Seed 1, the default of this suite, is that of development; nothing is tuned on seed 4, the test.
     """
     if cars is not None and suite != "cars":
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")

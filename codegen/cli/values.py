@@ -168,6 +168,17 @@ class Quantity:
     words: str
 
 
+class FiniteRange(click.FloatRange):
+    """A number within a range; NaN, which no comparison excludes, is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Raises click.BadParameter: not a number, or out of range."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number", param, ctx)
+        return number
+
+
 class QuantityType(click.ParamType[Quantity]):
     """A positive number with its unit, such as 0.05deg/s: the value in SI, and the words.
 

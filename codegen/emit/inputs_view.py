@@ -74,7 +74,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         Parameter(
             "speed_agreement",
             inputs.speed_agreement_km_h * KM_H,
-            "m/s, within which a speed that was wrong counts again",
+            "m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again",
             1e-3,
             200.0,
         ),

@@ -88,6 +88,16 @@ def check_wrong_speed(built: Built) -> None:
     assert (controller.state.inputs.speed.source, controller.state.sample.speed) == (WRONG, 16.0)
     statuses = [command.status for command in controller.run([turn] * controller.parameters.inputs.recovery_samples)]
     assert set(statuses[:-1]) == {Status.DEGRADED} and statuses[-1] in RUNNING
+    for held, speed, is_right in (
+        *((16.0, 21.0, True), (16.0, built.next(21.0, 99.0), False), (16.0, 11.0, True), (16.0, built.next(11.0, 0.0), False)),
+        *((0.0, 30.0, True), (built.next(1.0, 0.0), 30.0, True), (1.0, 30.0, False), (-16.0, -21.0, True), (-1.0, 30.0, False)),
+    ):
+        controller = built.software.controller(
+            0.0, parameters_of(built, {"inputs": {"speed_fall": 0.0, "speed_agreement": 1.0}})
+        )
+        controller.run([Measurement(held, 0.0, 0.0, 0.0), Measurement(99.0, 0.0, 0.0, 0.0)])
+        controller.run([Measurement(speed, 0.0, 0.0, 0.0)] * controller.parameters.inputs.recovery_samples)
+        assert (controller.state.inputs.speed.source == 0) == is_right, (held, speed)
 
 
 def check_slow_speed_in_a_gap(built: Built) -> None:
@@ -300,14 +310,14 @@ def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
 
 
 def check_yaw_rate_to_the_other_side(built: Built) -> None:
-    """It is wrong where front angle and lateral acceleration agree on the turn for as many samples as end a fault."""
+    """It is wrong where front angle and lateral acceleration turn to the other side for as many samples as end a fault."""
     for case in ("against", "with", "none", "unproven", "no lateral acceleration", "no turn"):
         controller, turn = _witnessed(built, yaw_rate_step=40.0)
         share = 0.2 if case == "no turn" else 1.0
         held = replace(turn, front_angle=share * turn.front_angle, lateral_acceleration=share * turn.lateral_acceleration)
         controller.run([replace(held, yaw_rate=share * turn.yaw_rate)] * 300)
         controller.state.inputs.lateral_is_proven = case != "unproven"
-        wrong = replace(held, yaw_rate={"with": 0.001, "none": 0.0}.get(case, -0.001))
+        wrong = replace(held, yaw_rate={"with": 0.07, "none": 0.0}.get(case, -0.07))
         if case.startswith("no lateral"):
             wrong = replace(wrong, lateral_acceleration=math.nan)
         needed = controller.parameters.inputs.recovery_samples
@@ -318,16 +328,17 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         controller.run([wrong] * (needed - 1))
         assert controller.state.inputs.yaw_rate.source == 0, case
         controller.step(wrong)
-        assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), case
+        is_wrong = case in ("against", "unproven")
+        assert (controller.state.inputs.yaw_rate.source == WRONG) == is_wrong, case
         controller.step(replace(held, yaw_rate=share * turn.yaw_rate))
-        assert (controller.state.inputs.yaw_rate.source == WRONG) == (case == "against"), "one sample proves nothing"
+        assert (controller.state.inputs.yaw_rate.source == WRONG) == is_wrong, "one sample proves nothing"
 
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
     """What spoke against a yaw rate before it jumped does not speak for it behind the jump."""
     controller, turn = _witnessed(built, yaw_rate_step=0.5)
     needed = controller.parameters.inputs.recovery_samples
-    controller.run([replace(turn, yaw_rate=-0.001)] * (needed - 2) + [replace(turn, yaw_rate=-1.0)])
+    controller.run([replace(turn, yaw_rate=-0.07)] * (needed - 2) + [replace(turn, yaw_rate=-1.0)])
     signal = controller.state.inputs.yaw_rate
     assert (signal.source, signal.good) == (WRONG, 0)
 
@@ -374,3 +385,39 @@ def check_offset_of_the_yaw_rate(built: Built) -> None:
             )
             controller.step(replace(straight, front_angle=side * 0.5, yaw_rate=-side * 0.4))
             assert abs(controller.state.sample.yaw_rate) <= 0.5
+
+
+def check_speed_against_the_lateral_acceleration(built: Built) -> None:
+    """In a turn of 16 m/s another speed is wrong after five times the samples that end a fault, if the front angle speaks
+    against it too; what stands for it follows the turn. No limit itself is beyond."""
+    exact = {**OPEN, "expected_share": 1.0, "understeer_coefficient": 0.0, "wheelbase": 2.0, "yaw_rate_frozen": 20.0}
+    exact |= {"yaw_rate_agreement": 1.0 / 64.0, "speed_agreement": 1.0, "yaw_rate_correction_share": 0.125, "speed_fall": 0.0}
+    cases: tuple[tuple[dict[str, float], dict[str, float], bool], ...] = (
+        ({}, {"speed": 12.0}, True),
+        ({}, {"speed": 12.0, "lateral_acceleration": math.nan}, False),
+        ({}, {"lateral_acceleration": 6.0}, False),  # a tilted road
+        ({"speed_agreement": 4.0}, {"speed": 12.0}, False),
+        ({"speed_agreement": 3.99}, {"speed": 20.0}, True),
+        ({"yaw_rate_agreement": 0.0625}, {"speed": 12.0}, False),
+        ({"yaw_rate_agreement": 0.0624}, {"speed": 12.0}, True),
+        ({"yaw_rate_agreement": 0.03125}, {"speed": 12.0, "yaw_rate": 0.0625, "lateral_acceleration": 1.0}, False),  # no turn
+        ({"speed_max": 15.0}, {"speed": 12.0}, True),
+    )
+    for settings, changes, is_wrong in cases:
+        parameters = parameters_of(built, {"inputs": exact | settings})
+        controller, count = built.software.controller(0.0, parameters), 5 * parameters.inputs.recovery_samples
+        turn = replace(Measurement(16.0, 0.03125, 0.25, 0.0, lateral_acceleration=4.0), **changes)  # type: ignore[arg-type]
+        controller.step(turn)
+        inputs = controller.state.inputs
+        for samples in (count - 1, 1):
+            assert inputs.speed.source == 0, (settings, changes)
+            inputs.lateral_is_proven = True
+            controller.run([turn] * samples)
+        assert (inputs.speed.source == WRONG, inputs.speed.good) == (is_wrong, 0 if is_wrong or changes else count), changes
+        if is_wrong:
+            assert inputs.speed.value == min(16.0, parameters.inputs.speed_max)
+        if is_wrong and "speed_max" not in settings:
+            controller.step(replace(turn, front_angle=0.0625, lateral_acceleration=2.0))
+            assert inputs.speed.value == 15.0
+            controller.step(replace(turn, front_angle=0.03125, lateral_acceleration=8.0))
+            assert inputs.lateral_is_proven and inputs.speed.value == 15.0

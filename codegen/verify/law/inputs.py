@@ -36,6 +36,7 @@ class Signal:
     source: Source = Source.LOST
     missing: int = 0
     good: int | None = 0
+    against: int = 0  # samples in a row that speak against it while it is measured
 
     @property
     def is_measured(self) -> bool:
@@ -69,8 +70,8 @@ class SecondInputs:
             self.friction = m.friction
         else:
             self.friction = min(self.friction + p("friction_recovery"), self.real(FRICTION_UNKNOWN))
-        speed, wheelbase = self.speed.value, p("wheelbase")
-        gain = speed / max(wheelbase + p("understeer_coefficient") * speed * speed, self.real(0.25) * wheelbase)
+        speed = self.speed.value
+        gain = self._gain(speed)
         shows = speed >= 5.0 and abs(m.lateral_acceleration) <= p("lateral_acceleration_max")
         self.lateral = m.lateral_acceleration / speed if shows else None
         self.lateral_is_known |= self.lateral is not None
@@ -82,10 +83,12 @@ class SecondInputs:
             self.beyond += p("yaw_rate_correction_share") * (beyond - self.beyond)
             self.beyond = self._within(self.beyond, p("yaw_rate_max"))
             self.yaw_rate.value = self._within(self.expected + self.beyond, p("yaw_rate_max"))
-        else:
-            self.beyond = self.real(0.0)
-        if not self.front_angle.is_measured and self.yaw_rate.is_measured and speed >= 1.0:
+        elif not self.front_angle.is_measured and speed >= 1.0:
             self.front_angle.value = self._within(rear + self.yaw_rate.value / gain, p("front_angle_max"))
+        self.beyond = self.real(0.0) if self.yaw_rate.is_measured else self.beyond
+        for signal in signals:
+            if all(taken) and signal.is_measured:
+                signal.missing = max(signal.missing - 1, 0)
         quality = Quality.GOOD if all(signal.is_measured for signal in signals) else Quality.REPLACED
         if not all(taken):
             quality = Quality.MISSING
@@ -93,13 +96,38 @@ class SecondInputs:
             quality = Quality.UNUSABLE
         self.happened.add(quality.name)
         yaw_rate = self._without_offset(gain) if self.yaw_rate.is_measured else self.yaw_rate.value
+        speed = self.speed.value
         lateral = speed * (yaw_rate if self.lateral is None else self.lateral)
         numbers = (speed, self.front_angle.value, yaw_rate, rear, self.friction, lateral)
         return quality, Measurement(*numbers, inhibit=m.inhibit)
 
+    def _gain(self, speed: Any) -> Any:
+        """rad/s of the linear car for each rad."""
+        wheelbase = self.parameter("wheelbase")
+        length = wheelbase + self.parameter("understeer_coefficient") * speed * speed
+        return speed / max(length, self.real(0.25) * wheelbase)
+
+    def _check_speed(self, angle: Any) -> None:
+        """Against lateral acceleration over yaw rate, in a turn that the front angle makes at that speed."""
+        p, signal, yaw_rate = self.parameter, self.speed, self.yaw_rate.value
+        shown = self.lateral * signal.value / yaw_rate
+        if abs(self._gain(shown) * angle - yaw_rate) > p("yaw_rate_agreement"):
+            return
+        apart = shown - signal.value
+        if not signal.is_measured:
+            signal.value = self._within(signal.value + p("yaw_rate_correction_share") * apart, p("speed_max"))
+        elif abs(apart) > p("speed_agreement"):
+            signal.against += 1
+            if signal.against >= 5 * self.p.recovery_samples:
+                signal.source, signal.value, signal.against = Source.WRONG, self._within(shown, p("speed_max")), 0
+                self.happened.add("speed refuted")
+        else:
+            signal.against = 0
+
     def _take_speed(self, measured: Any) -> bool:
         p, signal = self.parameter, self.speed
-        confirmed = abs(measured - signal.value) <= p("speed_agreement")
+        held = abs(signal.value)
+        confirmed = bool(held < 1.0 or abs(measured - signal.value) <= p("speed_agreement") + self.real(0.25) * held)
         taken = self._take("speed", measured, abs(measured) <= p("speed_max"), confirmed, p("speed_step"))
         if not signal.is_measured:
             signal.value = signal.value - self._within(signal.value, p("speed_fall"))  # not beyond zero
@@ -126,16 +154,17 @@ class SecondInputs:
         """The turn of a lateral acceleration that was right before, or None."""
         return self.lateral if self.lateral_is_proven else None
 
-    def _prove_lateral(self) -> None:
-        if self.lateral is None:
+    def _compare_with_lateral(self, angle: Any, witness: Any) -> None:
+        near, yaw_rate = self.parameter("yaw_rate_agreement"), self.yaw_rate.value
+        if self.lateral is None or abs(yaw_rate) <= near + near:
             return
-        yaw_rate = self.yaw_rate.value
         apart = self.lateral - yaw_rate
-        if self._agrees(apart, yaw_rate):
+        if abs(apart) <= near:
             self.lateral_is_proven = True
-        elif self._agrees(self.expected - yaw_rate, yaw_rate) and abs(apart) > self.real(2.0) * self.parameter(
-            "yaw_rate_agreement"
-        ):
+        elif abs(self.expected - yaw_rate) > near:
+            if witness is not None and self.front_angle.is_measured:
+                self._check_speed(angle)
+        elif abs(apart) > near + near and self.speed.is_measured:
             self.lateral_is_proven = False
             self.happened.add("lateral acceleration refuted")
 
@@ -164,8 +193,8 @@ class SecondInputs:
         elif is_possible:
             self.least = apart if measured != self.yaw_rate.value else min(self.least, apart)
             is_frozen = apart - self.least > p("yaw_rate_frozen")
-            if witness is not None and measured * self.expected < 0.0:
-                against = self._agrees(witness - self.expected, self.expected)
+            if self.lateral is not None and measured * self.expected < 0.0 and measured * self.lateral < 0.0:
+                against = bool(min(abs(measured), abs(self.lateral)) > self.real(2.0) * p("yaw_rate_agreement"))
             is_frozen = is_frozen or self.against + against >= self.p.recovery_samples
         self.against = self.against + 1 if against and not is_frozen else 0
         step = self.real(-1.0) if is_frozen else p("yaw_rate_step")
@@ -173,7 +202,7 @@ class SecondInputs:
         was_measured = self.yaw_rate.is_measured
         taken = self._take("yaw_rate", measured, is_possible, confirmed, step)
         if is_possible and was_measured and self.yaw_rate.is_measured:
-            self._prove_lateral()
+            self._compare_with_lateral(self.front_angle.value - rear, witness)
         return taken
 
     def _agrees(self, apart: Any, turn: Any) -> bool:
@@ -192,10 +221,11 @@ class SecondInputs:
             if signal.missing > self.p.missing_samples_max:
                 signal.source = Source.LOST
         elif abs(measured - signal.value) <= step * self.real(signal.missing + 1):
-            signal.value, signal.missing = measured, max(signal.missing - 1, 0)
+            signal.value = measured
         else:
             signal.source = Source.WRONG
         if signal.source is not before:
+            signal.against = 0
             self.happened.add(f"{name} {signal.source.name}")
         return bool(is_there) or not signal.is_measured
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from codegen.can_sections import FRAME_BYTES, Can
@@ -160,7 +160,8 @@ class SecondTask:
         """What the controller is told: what did not come is not available."""
         car = motion.contents if motion.is_usable else VehicleMotion(math.nan, math.nan, math.nan)
         last: VehicleConditions = conditions.contents or VehicleConditions()
-        state = last if conditions.is_usable else VehicleConditions(inhibit=last.inhibit)
+        inhibit = last.inhibit and conditions.supervision.state is E2eState.VALID
+        state = replace(last, inhibit=inhibit) if conditions.is_usable else VehicleConditions(inhibit=inhibit)
         if motion.is_usable and conditions.is_usable and not self._started:
             self._start(state.rear_angle)
         road = (state.friction, state.lateral_acceleration)

@@ -4,8 +4,8 @@
  * Speed, front angle and yaw rate are judged one by one: is it there and in its range, could the car move so far in a sample, is the
  * yaw rate one that the road can give, and does it still change? What is not believed is replaced from the others: the front angle from
  * the yaw rate by the steady turn of the linear car; the yaw rate from the lateral acceleration, or from the front angle by that turn.
- * The speed is held, then falls slowly. The lateral acceleration is optional. It is used once it has agreed with the yaw rate in a turn,
- * and tells a front angle that froze and a yaw rate of the wrong sign.
+ * The speed falls slowly from the last one. The lateral acceleration is optional. It is used once it has agreed with the yaw rate in a turn,
+ * and tells a front angle that froze, a yaw rate of the wrong sign and, in a turn, a speed that froze or drifted.
  *
  * On a straight the offset of the yaw rate is learned, with a time constant and up to a bound, and subtracted from then on. A steady side
  * wind looks like an offset where there is no lateral acceleration.
@@ -54,7 +54,7 @@ typedef struct {
     float yaw_rate_tolerance;           /* rad/s beyond what the road explains */
     float lateral_acceleration_max;     /* m/s^2 that no road allows */
     float yaw_rate_frozen;              /* rad/s that yaw rate and front angle may move apart while one of them stays to the bit */
-    float speed_agreement;              /* m/s, within which a speed that was wrong counts again */
+    float speed_agreement;              /* m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again */
     float yaw_rate_agreement;           /* rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much */
     float straight_yaw_rate;            /* rad/s that the front wheels make at most on a straight */
     float yaw_rate_offset_max;          /* rad/s that is learned at most */
@@ -75,7 +75,7 @@ typedef enum {
 /* One signal. */
 typedef struct {
     float value;         /* last measurement that was believed, or what stands for it */
-    uint16_t missing;    /* samples without it less samples with it, at most one above the limit */
+    uint16_t missing;    /* samples without it less samples in which no signal is missing, at most one above the limit */
     uint16_t good;       /* samples in a row that speak for it while it is replaced, against it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;
@@ -85,7 +85,7 @@ typedef enum {
     ARS_QUALITY_GOOD = 0,
     ARS_QUALITY_REPLACED = 1, /* a signal stands for another */
     ARS_QUALITY_MISSING = 2,  /* a signal is missing, for a short time so far */
-    ARS_QUALITY_UNUSABLE = 3  /* neither of them is believed */
+    ARS_QUALITY_UNUSABLE = 3  /* neither front angle nor yaw rate is believed */
 } ars_quality_t;
 
 /* Memory between two steps. Private. */
@@ -94,7 +94,7 @@ typedef struct {
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
     float expected_yaw_rate; /* rad/s, of the linear car with these angles */
-    float least;             /* rad/s, how near the yaw rate was to it since that changed last */
+    float least;             /* rad/s, the least difference between yaw rate and expected_yaw_rate since the yaw rate changed last */
     float least_of_front;    /* rad/s, the same since the front angle changed last */
     float yaw_rate_offset;   /* rad/s, learned on straights */
     float beyond_linear;     /* rad/s, of the lateral acceleration's turn beyond that of the linear car, while that stands for a yaw rate */
@@ -113,7 +113,7 @@ void ars_inputs_init(ars_inputs_t *self, bool is_trusted);
  * One sample: what is believed of it.
  *
  * measured: may hold any number. rear_angle: rad, last command; it stands for the rear angle where that is not measured.
- * believed: every field is finite, speed, angles and yaw rate lie in their ranges, and friction is that of the map or below where unknown.
+ * believed: every field is finite, speed, angles and yaw rate lie in their ranges, and friction is beyond any map's where unknown.
  */
 ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,

@@ -6,8 +6,9 @@
  * There is no clock in here: time is the number of calls.
  *
  * A sample needs a good frame of both VehicleMotion and VehicleConditions, and both messages must be valid by the last
- * 6 cycles (ars_e2e.h); else it counts as lost, and the controller holds its last command, then goes to the fail-safe. Until the first good sample with a measured rear angle the command
- * is sent as "not available"; then the controller starts from the angle that the actuator holds.
+ * 6 cycles (ars_e2e.h); else its signals are missing: the controller predicts for a few samples, then replaces them or, without front angle
+ * and yaw rate, goes to the fail-safe. Until the first good sample with a measured rear angle the command is sent as "not available";
+ * then the controller starts from the angle that the actuator holds.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -89,7 +90,8 @@ typedef struct {
     uint32_t lost_samples;                      /* calls without a good sample */
 } ars_task_t;
 
-/* Before the first call. parameters stay the caller's and must be valid for as long as the task runs. */
+/* Before the first call; zeroed memory starts with ars_parameters_default. parameters stay the caller's and must be valid for as
+ * long as the task runs. */
 void ars_task_init(ars_task_t *self, const ars_parameters_t *parameters);
 
 /*

@@ -96,13 +96,19 @@ ARS_SECTION_CODE static bool follow(
         }
     } else if (is_within(measured - self->value, step * ((float)self->missing + 1.0f))) {
         self->value = measured;
-        if (self->missing > 0u) {
-            self->missing--;
-        }
     } else {
         self->source = ARS_SIGNAL_WRONG;
     }
     return is_gap;
+}
+
+/* After a sample in which no signal is missing: were each count to fall alone, signals that are missing in turn would be predicted for
+ * good. */
+ARS_SECTION_CODE static void forget(ars_signal_t *self)
+{
+    if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
+        self->missing--;
+    }
 }
 
 /* A signal that is replaced: it has to be there and, where it was wrong, to be confirmed by the others, for so many samples in a row. */
@@ -247,20 +253,65 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
     return lateral;
 }
 
-/* In a turn in which the yaw rate agrees with the lateral acceleration, or with the front angle and not with that. */
-ARS_SECTION_CODE static void prove_lateral(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
+/* Lateral acceleration over yaw rate is a speed, if the front angle makes that yaw rate at it: a tilted road moves the acceleration
+ * alone. A measured speed is wrong where it is another one for five times as many samples as a wrong one has to be right; one that is
+ * replaced slowly goes there. angle: rad, of front less rear wheels. */
+ARS_SECTION_CODE static void check_speed(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
 {
+    ars_signal_t *const signal = &self->speed;
     const float yaw_rate = self->yaw_rate.value;
+    const float shown = (lateral->yaw_rate * signal->value) / yaw_rate;
 
-    if (agrees(parameters, lateral->yaw_rate, yaw_rate)) {
+    if (is_within((yaw_gain(parameters, shown) * angle) - yaw_rate, parameters->yaw_rate_agreement)) {
+        const float apart = shown - signal->value;
+
+        if (signal->source != ARS_SIGNAL_MEASURED) {
+            signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * apart), parameters->speed_max);
+        } else if (!is_within(apart, parameters->speed_agreement)) {
+            signal->good++;
+            if (signal->good >= (5u * parameters->recovery_samples)) {
+                signal->source = ARS_SIGNAL_WRONG;
+                signal->value = bounded(shown, parameters->speed_max);
+                signal->good = 0u;
+            }
+        } else {
+            signal->good = 0u;
+        }
+    }
+}
+
+/* In a turn. The lateral acceleration is proven where the yaw rate agrees with it, and refuted where that agrees with the front angle
+ * and not with it; where the yaw rate agrees with none of them, the speed may be wrong. */
+ARS_SECTION_CODE static void compare_with_lateral(
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
+{
+    const float agreement = parameters->yaw_rate_agreement;
+    const float yaw_rate = self->yaw_rate.value;
+    const float apart = lateral->yaw_rate - yaw_rate;
+
+    if (is_within(yaw_rate, agreement + agreement)) {
+        /* no turn */
+    } else if (is_within(apart, agreement)) {
         self->lateral_is_proven = true;
-    } else if (agrees(parameters, self->expected_yaw_rate, yaw_rate)
-               && !is_within(lateral->yaw_rate - yaw_rate, 2.0f * parameters->yaw_rate_agreement)) {
+    } else if (!is_within(self->expected_yaw_rate - yaw_rate, agreement)) {
+        if (lateral->is_evidence && (self->front_angle.source == ARS_SIGNAL_MEASURED)) {
+            check_speed(self, parameters, angle, lateral);
+        }
+    } else if (!is_within(apart, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
         self->lateral_is_proven = false;
     } else {
-        /* no turn, or one that shows nothing */
+        /* it shows nothing */
     }
+}
+
+/* A speed that was wrong is right again near what stands for it. That is held or falls slowly while the car may change its speed, so
+ * near is a quarter of it more; and it says nothing once it is that of a car that stands. */
+ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replaced)
+{
+    const float held = magnitude(replaced);
+
+    return (held < speed_least) || is_within(measured - replaced, parameters->speed_agreement + (0.25f * held));
 }
 
 /* Each takes one signal. Returns whether it is missing, for a short time so far. */
@@ -273,8 +324,9 @@ ARS_SECTION_CODE static bool take_speed(
 
     if (signal->source == ARS_SIGNAL_MEASURED) {
         is_gap = follow(signal, parameters, measured, is_there, parameters->speed_step);
+        signal->good = (signal->source == ARS_SIGNAL_MEASURED) ? signal->good : 0u;
     } else {
-        prove(signal, parameters, measured, is_there, is_within(measured - signal->value, parameters->speed_agreement));
+        prove(signal, parameters, measured, is_there, is_right_again(parameters, measured, signal->value));
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
         signal->value = toward_zero(signal->value, parameters->speed_fall);
@@ -312,13 +364,15 @@ ARS_SECTION_CODE static bool take_front_angle(
 }
 
 /* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. It is wrong where it froze,
- * or shows a turn to the other side than the angles and the lateral acceleration, for as many samples as a wrong one has to be right. */
+ * or shows a turn to the other side than both angles and lateral acceleration, for as many samples as a wrong one has to be right.
+ * angle: rad, of front less rear wheels. */
 ARS_SECTION_CODE static bool take_yaw_rate(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float angle, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
     const float expected = self->expected_yaw_rate;
+    const float turn = 2.0f * parameters->yaw_rate_agreement;
     const bool is_there = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
     bool is_gap = false;
@@ -329,7 +383,8 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     } else if (is_there) {
         const bool is_still = is_frozen(signal, parameters, measured, magnitude(measured - expected), &self->least);
 
-        if (lateral->is_evidence && ((measured * expected) < 0.0f) && agrees(parameters, lateral->yaw_rate, expected)) {
+        if (((measured * expected) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn)
+            && !is_within(lateral->yaw_rate, turn)) {
             signal->good++;
         } else {
             signal->good = 0u;
@@ -341,7 +396,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
         if (signal->source != ARS_SIGNAL_MEASURED) {
             signal->good = 0u;
         } else if (lateral->is_there) {
-            prove_lateral(self, parameters, lateral);
+            compare_with_lateral(self, parameters, angle, lateral);
         } else {
             /* nothing more to ask */
         }
@@ -395,13 +450,14 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
     float turn = gain * (measured->front_angle - rear);
+    float angle;
 
     self->lateral_is_known = self->lateral_is_known || lateral.is_there;
     has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
-    turn = gain * (self->front_angle.value - rear);
-    turn = self->expected_yaw_rate + (parameters->expected_share * (turn - self->expected_yaw_rate));
+    angle = self->front_angle.value - rear;
+    turn = self->expected_yaw_rate + (parameters->expected_share * ((gain * angle) - self->expected_yaw_rate));
     self->expected_yaw_rate = bounded(turn, parameters->yaw_rate_max);
-    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, &lateral) || has_gap;
+    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, angle, &lateral) || has_gap;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
         self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
         self->yaw_rate.source = ARS_SIGNAL_LOST;
@@ -412,6 +468,11 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
         /* both are measured, or the car stands */
+    }
+    if (!has_gap) {
+        forget(&self->speed);
+        forget(&self->front_angle);
+        forget(&self->yaw_rate);
     }
     take_friction(self, parameters, measured->friction);
     believed->speed = self->speed.value;

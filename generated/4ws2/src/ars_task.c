@@ -287,7 +287,7 @@ ARS_SECTION_CODE static void start(ars_task_t *self)
     }
 }
 
-/* What did not come is told to the controller by signals that are not available. */
+/* What did not come is told to the controller by signals that are not available. An inhibit holds over single frames that are lost. */
 ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
 {
     const bool motion_usable = self->motion_input.usable;
@@ -300,7 +300,7 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
         .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
         .friction = conditions_usable ? self->conditions.friction : not_available,
         .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
-        .inhibit = self->conditions.inhibit
+        .inhibit = self->conditions.inhibit && (self->conditions_input.supervision.state == ARS_E2E_STATE_VALID)
     };
 
     if (!good) {
@@ -336,11 +336,15 @@ ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bo
 
 ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
 {
-    uint32_t diagnostics = check_rhythm(self);
+    uint32_t diagnostics;
     ars_rear_steer_command_t signals;
     ars_command_t command;
     bool good;
 
+    if (self->controller.initialised == 0u) { /* memory that ars_task_init() has never been at */
+        ars_task_init(self, &ars_parameters_default);
+    }
+    diagnostics = check_rhythm(self);
     diagnostics |= check_bus(self);
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
