@@ -48,17 +48,13 @@ def _what_is_kept(kept: int, of: int) -> str:
 
 
 def _drive(plan: Plan, folder: Path, there: set[int], engine: Engine, progress: Progress | None) -> Path:
-    total, done = plan.spec.run_count, sum(_runs(plan, chunk) for chunk in there)
+    total, done = plan.spec.run_count, sum(len(plan.runs_of(chunk)) for chunk in there)
     if progress is not None and total:
         progress(done, total)
     missing = (chunk for chunk in range(plan.chunk_count) if chunk not in there)
     for chunk, table in engine.run(Work(plan), missing):
         store.save_part(folder, chunk, table, plan)
-        done += _runs(plan, chunk)
+        done += len(plan.runs_of(chunk))
         if progress is not None:
             progress(done, total)
     return store.merge(folder, plan)
-
-
-def _runs(plan: Plan, chunk: int) -> int:
-    return len(plan.samples_of(chunk)) * len(plan.profiles) * len(plan.controllers)

@@ -104,6 +104,11 @@ class Plan:
         first = chunk * self.samples_per_chunk
         return range(first, min(first + self.samples_per_chunk, self.spec.sample_count))
 
+    def runs_of(self, chunk: int) -> range:
+        """Numbers of the runs of a chunk."""
+        samples, each = self.samples_of(chunk), len(self.profiles) * len(self.controllers)
+        return range(samples.start * each, samples.stop * each)
+
     def key(self, run: int) -> RunKey:
         """Which run a number names. Raises CodegenError where there is none."""
         if not 0 <= run < self.spec.run_count:

@@ -84,7 +84,7 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
         return set(range(plan.chunk_count))
     with _Writable(folder):
         (folder / PARTS).mkdir(exist_ok=True)
-    return {chunk for chunk in range(plan.chunk_count) if _is_whole(part_path(folder, chunk))}
+    return {chunk for chunk in range(plan.chunk_count) if _is_whole(folder, chunk, plan)}
 
 
 def check_same(folder: Path, plan: Plan) -> None:
@@ -122,16 +122,13 @@ def _damaged(path: Path) -> CodegenError:
     return CodegenError("it is damaged", where=path, remedy="remove it, and run the same command again")
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether a part can be read; one that a dying disk left behind is driven again."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+def _is_whole(folder: Path, chunk: int, plan: Plan) -> bool:
+    """Whether a part is the chunk's; one that a dying disk left behind, or that was copied there, is driven again."""
     try:
-        with pq.ParquetFile(path):
-            return True
-    except (OSError, pa.ArrowException):
+        _part(folder, chunk, plan)
+    except CodegenError:
         return False
+    return True
 
 
 @contextlib.contextmanager
@@ -230,13 +227,13 @@ def to_arrow(table: Table, plan: Plan) -> Any:
             columns[name] = pa.array(values == 1.0, mask=np.isnan(values))
         else:
             columns[name] = pa.array(values, mask=np.isnan(values))
-    return pa.table(columns).replace_schema_metadata({"campaign": facts_text(plan)})
+    return pa.table(columns).replace_schema_metadata({"campaign": facts_text(plan), "columns": ",".join(columns)})
 
 
 def merge(folder: Path, plan: Plan) -> Path:
     """Make one file of all parts, in the order of the runs, and remove them. Memory: one group of rows.
 
-    Returns the path. Raises CodegenError: a part is damaged, or it cannot be written.
+    Returns the path. Raises CodegenError: a part is damaged or another chunk's, or the file cannot be written.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -252,7 +249,7 @@ def merge(folder: Path, plan: Plan) -> Path:
             rows = 0
             for chunk in range(plan.chunk_count):
                 stop_if_asked()
-                waiting.append(_part(folder, chunk))
+                waiting.append(_part(folder, chunk, plan))
                 rows += waiting[-1].num_rows
                 if rows >= ROWS_PER_GROUP or chunk == plan.chunk_count - 1:
                     group = pa.concat_tables(waiting).unify_dictionaries()
@@ -269,18 +266,23 @@ def merge(folder: Path, plan: Plan) -> Path:
     return target
 
 
-def _part(folder: Path, chunk: int) -> Any:
+def _part(folder: Path, chunk: int, plan: Plan) -> Any:
+    """The table of a part, with the columns and the runs that it must have. Raises CodegenError."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    path = part_path(folder, chunk)
+    path, remedy = part_path(folder, chunk), "remove it, and run the same command again"
     try:
         with pq.ParquetFile(path, **READING) as file:
-            return file.read(use_threads=False)
+            table = file.read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
-        raise CodegenError(
-            f"it cannot be read ({error})", where=path, remedy="remove it, and run the same command again"
-        ) from None
+        raise CodegenError(f"it cannot be read ({error})", where=path, remedy=remedy) from None
+    metadata = {"campaign": facts_text(plan), "columns": ",".join(table.column_names)}
+    if table.schema.metadata != {name.encode(): text.encode() for name, text in metadata.items()}:
+        raise CodegenError("it is of another campaign, or has other columns", where=path, remedy=remedy)
+    if table.column("run").to_pylist() != list(plan.runs_of(chunk)):
+        raise CodegenError("it holds other runs than its chunk", where=path, remedy=remedy)
+    return table
 
 
 def read_batches(path: Path) -> Iterator[dict[str, npt.NDArray[Any]]]:

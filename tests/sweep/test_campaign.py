@@ -46,7 +46,26 @@ def test_two_threads_give_the_same_bytes(plan: Plan, whole: Path, tmp_path: Path
 # --- the folder ----------------------------------------------------------------------------------------------------
 
 
-def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(plan: Plan, whole: Path, tmp_path: Path) -> None:
+def cut(folder: Path, plan: Plan) -> None:
+    part_path(folder, 0).write_bytes(part_path(folder, 0).read_bytes()[:1000])
+
+
+def copied(folder: Path, plan: Plan) -> None:
+    shutil.copy(part_path(folder, 1), part_path(folder, 0))
+
+
+def shortened(folder: Path, plan: Plan) -> None:
+    pq.write_table(pq.read_table(part_path(folder, 0))[:-1], part_path(folder, 0))
+
+
+def without_a_column(folder: Path, plan: Plan) -> None:
+    pq.write_table(pq.read_table(part_path(folder, 0)).drop_columns(["settled"]), part_path(folder, 0))
+
+
+@pytest.mark.parametrize("damage", [cut, copied, shortened, without_a_column])
+def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(
+    plan: Plan, whole: Path, tmp_path: Path, damage: Callable[[Path, Plan], None]
+) -> None:
     def interrupt(number: int) -> None:
         if number == 1:
             raise KeyboardInterrupt
@@ -54,7 +73,7 @@ def test_an_interrupted_campaign_resumes_and_a_damaged_part_is_driven_again(plan
     folder, again, idle, progress = tmp_path / "out", Recording(), Recording(), []
     with pytest.raises(KeyboardInterrupt, match="2 of 3 chunks are kept; the same command goes on"):
         run_campaign(plan, folder, Recording(interrupt))
-    part_path(folder, 0).write_bytes(part_path(folder, 0).read_bytes()[:1000])
+    damage(folder, plan)
     (folder / "parts" / ".00000002.parquet.x.tmp").write_bytes(b"left by a kill")
     made = run_campaign(plan, folder, again, lambda done, total: progress.append((done, total)))
     assert made.read_bytes() == whole.read_bytes()
@@ -98,8 +117,8 @@ def test_the_file_is_on_the_disk_before_its_parts_go(plan: Plan, tmp_path: Path,
     store.prepare(tmp_path)
     store.open_folder(tmp_path, plan)
     for chunk in range(plan.chunk_count):
-        samples = np.array(plan.samples_of(chunk))
-        store.save_part(tmp_path, chunk, {"run": samples, "spun_at_s": np.sqrt(samples)}, plan)
+        runs = np.array(plan.runs_of(chunk))
+        store.save_part(tmp_path, chunk, {"run": runs, "spun_at_s": np.sqrt(runs)}, plan)
     happened: list[str] = []
 
     def noted(module: Any, name: str, word: Callable[[Any], str]) -> None:
