@@ -94,7 +94,7 @@ def drive(
     way: str,
     fault_time: float = FAULT_TIME,
 ) -> Drive:
-    """One run at a speed (m/s) with a front angle (rad); `signal` empty: without a fault, else with one from `fault_time` (s) on."""
+    """One run at a speed (m/s) with a front angle (rad); `signal`, if not empty, fails at `fault_time` (s)."""
     config = software.config
     plant, controller = Plant(config), software.controller()
     period, ratio = config.controller.sampling_time_s, config.steering.ratio

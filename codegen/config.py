@@ -20,6 +20,7 @@ from codegen.budget_sections import Budgets
 from codegen.can_sections import Can, RealSignal
 from codegen.controller_sections import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
 from codegen.errors import CodegenError, ConfigError, suggestion
+from codegen.files import read_text
 from codegen.sections import (
     KM_H,
     Case,
@@ -237,18 +238,7 @@ def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, 
 
 def load(path: Path) -> Config:
     """Read and validate an `ars.toml`. Raises ConfigError."""
-    try:
-        if path.exists() and not path.is_file():  # a device would be read without end, a pipe waited for
-            raise ConfigError("not a file", where=path, remedy="name an ars.toml")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ConfigError(f"over {MAX_FILE_BYTES >> 20} MiB", where=path, remedy="name an ars.toml")
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ConfigError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
-    except OSError as error:
-        raise ConfigError(
-            f"cannot be read ({error.strerror})", where=path, remedy="check the path; `codegen init DIR` makes one"
-        ) from None
+    text = read_text(path, MAX_FILE_BYTES, "name an ars.toml; `codegen init DIR` makes one", ConfigError)
     return parse(parse_toml(text, path, ConfigError), path)
 
 

@@ -1,4 +1,4 @@
-"""Files written whole or not at all.
+"""The door for files: read regular ones up to a size, write whole or not at all.
 
 Layer 1: imports only `errors` and `interrupts`.
 """
@@ -8,12 +8,49 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from codegen.errors import CodegenError
 from codegen.interrupts import deferred
+
+
+def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> bytes:
+    """All bytes of a regular file; a link is followed.
+
+    Args:
+        limit: bytes; what is larger is not read.
+        remedy: what to do where it cannot be read.
+        kind: of the error.
+
+    Raises:
+        CodegenError: of that kind: unreadable, too large, or no regular file: a pipe would be waited for, a device read on.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise kind("not a file", where=path, remedy=remedy)
+        if status.st_size > limit:
+            raise kind(f"over {limit >> 20} MiB", where=path, remedy=remedy)
+        with path.open("rb") as file:
+            return file.read(limit)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
+
+
+def read_text(path: Path, limit: int, remedy: str, kind: type[CodegenError] = CodegenError) -> str:
+    """The UTF-8 text of a regular file, without the mark at its start. See `read_file`; raises the same, and for other text."""
+    try:
+        return read_file(path, limit, remedy, kind).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise kind("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
+
+
+def reason_of(error: Exception) -> str:
+    """Why, in words."""
+    return getattr(error, "strerror", None) or str(error)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -78,8 +115,9 @@ def make_folder(path: Path) -> None:
 def _told(path: Path) -> Iterator[None]:
     try:
         yield
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or str(error)
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL in the name; a link to itself
         raise CodegenError(
-            f"cannot be written ({reason})", where=path, remedy="check that the folder exists, is writable and has space"
+            f"cannot be written ({reason_of(error)})",
+            where=path,
+            remedy="check that the folder exists, is writable and has space",
         ) from None

@@ -8,8 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import CodegenError
-from codegen.files import write_atomically
+from codegen.files import read_text, write_atomically
 from codegen.sil.software import RECORD_COLUMNS
+
+CSV_BYTES_MAX = 2**30
+"""Some hours of driving."""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,10 +33,7 @@ def save_csv(record: FloatArray, path: Path) -> None:
 
 def load_csv(path: Path) -> FloatArray:
     """Read a recording (samples, 12) that `save_csv` wrote. Raises CodegenError with the file and line."""
-    try:
-        lines = path.read_text(encoding="ascii").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise CodegenError(f"cannot be read ({error})", where=path, remedy="give the CSV of a run") from None
+    lines = read_text(path, CSV_BYTES_MAX, "give the CSV of a run").splitlines()
     if not lines or lines[0] != ",".join(RECORD_COLUMNS):
         raise CodegenError("not the header of a run", where=f"{path}, line 1", remedy=f"needed: {','.join(RECORD_COLUMNS)}")
     rows = []

@@ -20,11 +20,13 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from codegen.errors import BuildError
+from codegen.files import read_file
 
 MANIFEST = "manifest.json"
 BESIDE = ("verify.json", "verify.md")
 """Files that verification writes into a build: ours, but about the build and so not named by its manifest."""
 
+FILE_BYTES_MAX = 2**28
 MANIFEST_BYTES_MAX = 16 * 2**20
 GENERATOR = "codegen"
 
@@ -84,12 +86,7 @@ def read_files(target: Path, manifest: Mapping[str, Any], folders: tuple[str, ..
     files = {}
     for path in manifest["files"]:
         if path.startswith(folders):
-            try:
-                files[path] = (target / path).read_bytes()
-            except OSError as error:
-                raise BuildError(
-                    f"cannot be read ({error.strerror})", where=target / path, remedy="build again with `codegen build`"
-                ) from None
+            files[path] = read_file(target / path, FILE_BYTES_MAX, "build again with `codegen build`", BuildError)
     return files
 
 

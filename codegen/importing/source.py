@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.errors import CodegenError
+from codegen.files import read_file
 
 MIB = 2**20
 
@@ -36,17 +36,7 @@ class Source:
 
 def read(path: Path, limit: int) -> Source:
     """Read a regular file of at most `limit` bytes. Raises ImportFault."""
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):  # a pipe would be waited for, a device read without end
-            raise ImportFault("not a file", where=path, remedy="name a file")
-        with path.open("rb") as file:
-            data = file.read(limit + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        raise ImportFault(f"cannot be read ({reason})", where=path, remedy="check the path") from None
-    if len(data) > limit:
-        raise ImportFault(f"over {limit // MIB} MiB", where=path, remedy="leave out what is not needed")
+    data = read_file(path, limit, "name the file to import, without what is not needed", ImportFault)
     if not data:
         raise ImportFault("empty", where=path, remedy="save it again")
     return Source(path, data)

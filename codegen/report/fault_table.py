@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 if TYPE_CHECKING:
     from hil_sim.fault_catalogue import FaultOutcome
@@ -30,7 +33,7 @@ def fault_rows(outcomes: Sequence[FaultOutcome]) -> list[tuple[str, ...]]:
     return [(*row[:-1], row[-1].ljust(width)) for row in rows]
 
 
-def fault_cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+def fault_cells(entry: FaultEntry) -> tuple[str, ...]:
     """The row of one entry of `fault_data`, under HEADER."""
     return (
         entry["injected"],
@@ -45,7 +48,33 @@ def fault_cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def fault_data(outcomes: Sequence[FaultOutcome]) -> list[dict[str, Any]]:
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class FaultEntry(TypedDict):
+    """What `codegen faults --json` says of a fault; times in s."""
+
+    name: str
+    injected: str
+    seen: list[str]
+    reached: str
+    defined: str
+    held_after_s: Finite | None
+    fail_safe_after_s: Finite | None
+    rear_angle_max_deg: Finite
+    rear_rate_max_deg_s: Finite
+    command_step_max_deg: Finite
+    recovered_after_s: Finite | None
+    violations: list[str]
+
+
+class FaultFile(TypedDict):
+    """The whole of it, as far as a report needs it."""
+
+    faults: Annotated[list[FaultEntry], Field(min_length=1)]
+
+
+def fault_data(outcomes: Sequence[FaultOutcome]) -> list[FaultEntry]:
     """The same for JSON; times in s."""
     return [
         {

@@ -31,6 +31,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, mo
 
 from codegen.config import length_fault, parse_toml, shown
 from codegen.errors import CodegenError, ConfigError, suggestion
+from codegen.files import read_text
 from codegen.sections import Range, Section, check_name, check_number
 
 MAX_BYTES = 2**20
@@ -234,18 +235,7 @@ class Spec(Section):
 
 def load(path: Path) -> Spec:
     """Read and check a `sweep.toml`. Raises ConfigError with the file and the key."""
-    try:
-        if path.exists() and not path.is_file():
-            raise ConfigError("not a file", where=path, remedy="name a sweep.toml")
-        if path.stat().st_size > MAX_BYTES:
-            raise ConfigError(f"over {MAX_BYTES >> 20} MiB", where=path, remedy="name a sweep.toml")
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ConfigError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ConfigError(f"cannot be read ({reason})", where=path, remedy="check the path") from None
-    return parse(parse_toml(text, path, ConfigError), path)
+    return parse(parse_toml(read_text(path, MAX_BYTES, "name a sweep.toml", ConfigError), path, ConfigError), path)
 
 
 def parse(data: Mapping[str, Any], where: object) -> Spec:

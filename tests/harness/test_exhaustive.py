@@ -19,7 +19,12 @@ FAULTS = [
     ("limiter", "        result = high;\n", "", {"clamp"}),
     ("limiter", "(at[k] - at[k - 1u])", "at[k]", {"opposite_phase_bound"}),
     ("limiter", "is_between(rear_angle, -1.0f, 1.0f)", "is_between(rear_angle, -1.0f, 0.99999994f)", {"ars_limiter_init"}),
-    ("inputs", "return magnitude(value) <= largest;", "return !(magnitude(value) > largest);", {"is_within", "agrees"}),
+    (
+        "inputs",
+        "return magnitude(value) <= largest;",
+        "return !(magnitude(value) > largest);",
+        {"is_within", "agrees", "is_right_again"},
+    ),
     ("inputs", "0.25f * parameters->wheelbase", "1.25f * parameters->wheelbase", {"yaw_gain"}),
     ("inputs", "    float result = largest;", "    float result = 2.0f * largest;", {"bounded"}),
     ("controller", "result = value + step;", "result = -step;", {"toward_zero"}),

@@ -34,23 +34,6 @@ def test_silence_and_a_lasting_fault_are_not_intermittent(software: Software) ->
         assert not np.bitwise_or.reduce(run_through_can(software, step_steer(1.5, fault)).diagnostics) & INTERMITTENT
 
 
-def test_a_task_in_zeroed_memory_is_one_that_has_begun(software: Software) -> None:
-    """With the default parameters; and an inhibit ends with the message that told it."""
-    ffi, lib = software.ffi, software.compiled.lib
-    task, data = ffi.new("ars_task_t *"), ffi.new("uint8_t[8]")
-    lib.ars_task_10ms(task, data)
-    started, other = ffi.new("ars_task_t *"), ffi.new("uint8_t[8]")
-    parameters = software.parameters()
-    lib.ars_task_init(started, parameters)
-    lib.ars_task_10ms(started, other)
-    assert task.parameters != ffi.NULL and bytes(data) == bytes(other)
-    for window, inhibits in ((0xFFFF, True), (0, False)):  # good so far, and not
-        task.conditions.inhibit, supervision = True, task.conditions_input.supervision
-        supervision.state, supervision.window = 2, window
-        lib.ars_task_10ms(task, data)
-        assert task.controller.sample.inhibit == inhibits
-
-
 def test_three_of_four_samples_lost_end_in_the_fail_safe(software: Software) -> None:
     faults = (Fault("drop", start, 0.03) for start in np.arange(1.0, 3.0, 0.04))
     assert (column(run_through_can(software, step_steer(3.0, *faults)).record, "status")[110:] == Status.FAIL_SAFE).all()

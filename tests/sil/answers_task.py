@@ -244,3 +244,23 @@ def check_task(built: Built, known: list[Traffic]) -> None:
                 assert task.run() == cycle.answer
                 assert task.counters() == cycle.counters
                 assert not task.is_complete
+
+
+def check_zeroed_task(built: Built) -> None:
+    """It is one that has begun with the default parameters; and an inhibit ends with the message that told it."""
+    software, function = built.software, built.software.function
+    task, started = software.new("task"), software.new("task")
+    data, other = software.ffi.new("uint8_t[8]"), software.ffi.new("uint8_t[8]")
+    parameters = software.parameters()
+    function("task_init")(started, parameters)
+    for each, sent in ((task, data), (started, other)):
+        function("task_10ms")(each, sent)
+    assert task.parameters != software.ffi.NULL and bytes(data) == bytes(other)
+    assert (task.cycles, task.early_cycles) == (started.cycles, started.early_cycles) == (1, 1)
+    for window, inhibits in ((0xFFFF, True), (0, False)):  # good so far, and not
+        task.conditions.inhibit, supervision = True, task.conditions_input.supervision
+        supervision.state, supervision.window = 2, window
+        function("task_10ms")(task, data)
+        assert task.controller.sample.inhibit == inhibits
+    function("task_10ms")(task, data)
+    assert task.cycles == 4 and not task.controller.sample.inhibit

@@ -63,6 +63,8 @@ def check_lost_yaw_rate(built: Built) -> None:
     statuses = [command.status for command in controller.run([back] * needed)]
     assert set(statuses[:-1]) == {Status.DEGRADED} and statuses[-1] in RUNNING
     assert controller.state.inputs.yaw_rate.missing == 0
+    controller.run([lost] * (most + 1) + [back] * (needed - 1) + [replace(back, speed=math.nan)])
+    assert (controller.state.inputs.yaw_rate.source, controller.state.inputs.yaw_rate.missing) == (0, 0)
 
 
 def check_lost_front_angle(built: Built) -> None:
@@ -266,9 +268,12 @@ def check_lateral_acceleration_is_refuted(built: Built) -> None:
     for apart, is_proven in ((1.5, True), (1.99, True), (2.01, False), (1.5, False), (0.99, True), (-2.01, False)):
         controller.step(replace(turn, lateral_acceleration=(turn.yaw_rate + apart * agreement) * turn.speed))
         assert controller.state.inputs.lateral_is_proven == is_proven, apart
-    straight = replace(turn, front_angle=0.0, yaw_rate=0.0, lateral_acceleration=0.0)
-    controller.run([straight] * 5)
-    assert not controller.state.inputs.lateral_is_proven, "straight ahead nothing is proven"
+    for share in (0.5, 0.1):
+        controller.state.inputs.lateral_is_proven = False
+        slow = replace(turn, front_angle=share * turn.front_angle, yaw_rate=share * turn.yaw_rate)
+        controller.step(replace(slow, lateral_acceleration=share * turn.lateral_acceleration))
+        assert controller.state.inputs.yaw_rate.source == 0
+        assert controller.state.inputs.lateral_is_proven == (share == 0.5), "nearly straight ahead nothing is proven"
 
 
 def check_frozen_front_angle(built: Built) -> None:
@@ -311,13 +316,16 @@ def check_front_angle_while_the_yaw_rate_is_away(built: Built) -> None:
 
 def check_yaw_rate_to_the_other_side(built: Built) -> None:
     """It is wrong where front angle and lateral acceleration turn to the other side for as many samples as end a fault."""
-    for case in ("against", "with", "none", "unproven", "no lateral acceleration", "no turn"):
+    for case in ("against", "with", "none", "unproven", "no lateral acceleration", "no turn", "small", "small lateral"):
         controller, turn = _witnessed(built, yaw_rate_step=40.0)
         share = 0.2 if case == "no turn" else 1.0
         held = replace(turn, front_angle=share * turn.front_angle, lateral_acceleration=share * turn.lateral_acceleration)
         controller.run([replace(held, yaw_rate=share * turn.yaw_rate)] * 300)
         controller.state.inputs.lateral_is_proven = case != "unproven"
-        wrong = replace(held, yaw_rate={"with": 0.07, "none": 0.0}.get(case, -0.07))
+        turns = 2.0 * float(controller.parameters.inputs.yaw_rate_agreement)
+        wrong = replace(held, yaw_rate={"with": 1.005, "none": 0.0, "small": -0.995}.get(case, -1.005) * turns)
+        if case == "small lateral":
+            wrong = replace(wrong, lateral_acceleration=0.995 * turns * 16.0)
         if case.startswith("no lateral"):
             wrong = replace(wrong, lateral_acceleration=math.nan)
         needed = controller.parameters.inputs.recovery_samples
@@ -332,6 +340,13 @@ def check_yaw_rate_to_the_other_side(built: Built) -> None:
         assert (controller.state.inputs.yaw_rate.source == WRONG) == is_wrong, case
         controller.step(replace(held, yaw_rate=share * turn.yaw_rate))
         assert (controller.state.inputs.yaw_rate.source == WRONG) == is_wrong, "one sample proves nothing"
+
+
+def check_yaw_rate_of_a_car_whose_wheels_are_straight(built: Built) -> None:
+    """The front angle makes no turn, so it speaks against none."""
+    controller = built.software.controller(0.0, parameters_of(built, {"inputs": OPEN}))
+    controller.run([replace(STRAIGHT, yaw_rate=-0.07, lateral_acceleration=2.0)] * 30)
+    assert (controller.state.inputs.expected_yaw_rate, controller.state.inputs.yaw_rate.source) == (0.0, 0)
 
 
 def check_count_against_the_yaw_rate_ends_with_a_jump(built: Built) -> None:
@@ -396,6 +411,7 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
         ({}, {"speed": 12.0}, True),
         ({}, {"speed": 12.0, "lateral_acceleration": math.nan}, False),
         ({}, {"lateral_acceleration": 6.0}, False),  # a tilted road
+        ({}, {"speed": 12.0, "lateral_acceleration": 6.0}, False),
         ({"speed_agreement": 4.0}, {"speed": 12.0}, False),
         ({"speed_agreement": 3.99}, {"speed": 20.0}, True),
         ({"yaw_rate_agreement": 0.0625}, {"speed": 12.0}, False),
@@ -421,3 +437,14 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
             assert inputs.speed.value == 15.0
             controller.step(replace(turn, front_angle=0.03125, lateral_acceleration=8.0))
             assert inputs.lateral_is_proven and inputs.speed.value == 15.0
+    parameters = parameters_of(built, {"inputs": exact | {"yaw_rate_agreement": 1.0 / 256.0}})
+    wrong = Measurement(12.0, 0.03125, 0.25, 0.0, lateral_acceleration=4.0)
+    for case in ("unproven", "agrees between", "lost"):
+        controller = built.software.controller(0.0, parameters)
+        inputs, most = controller.state.inputs, parameters.inputs.missing_samples_max
+        controller.step(wrong)
+        inputs.lateral_is_proven = case != "unproven"
+        controller.run([wrong] * (5 if case == "lost" else count - 1))
+        speeds = {"unproven": (12.0, 12.0), "agrees between": (15.5, 12.0)}.get(case, (math.nan,) * (most + 1))
+        controller.run([replace(wrong, speed=speed) for speed in speeds])
+        assert (inputs.speed.source, inputs.speed.good) == {"lost": (1, 0), "unproven": (0, 0)}.get(case, (0, 1)), case

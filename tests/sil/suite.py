@@ -208,7 +208,11 @@ UNITS: dict[str, Callable[[Kind], list[Judge]]] = {
     "reference_model": _reference_model,
     "can": lambda _: [FRAMES],
     "e2e": lambda kind: [RECEIVER, *_inits(kind)],
-    "task": lambda kind: [TASK, *_of_built(answers_task.check_backlog, answers_task.check_actuator_is_followed), *_inits(kind)],
+    "task": lambda kind: [
+        TASK,
+        *_of_built(answers_task.check_backlog, answers_task.check_zeroed_task, answers_task.check_actuator_is_followed),
+        *_inits(kind),
+    ],
     "selftest": lambda _: [Judge("stand-ins", check_selftest, of_single=True)],
     "dynamics": lambda _: [Judge("machine", check_dynamics)],
 }

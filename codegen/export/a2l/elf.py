@@ -13,6 +13,10 @@ from pathlib import Path, PurePath
 from typing import Any, Literal, Self
 
 from codegen.errors import BuildError, CodegenError
+from codegen.files import read_file
+
+ELF_BYTES_MAX = 2**30
+"""A program with all its debug information; what is larger is none for an ECU."""
 
 Kind = Literal["float", "unsigned", "signed"]
 
@@ -84,11 +88,7 @@ class Elf:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Raises BuildError: no ELF, not linked, or without symbols and debug information."""
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise BuildError(f"cannot be read ({error.strerror or error})", where=path, remedy="check the path") from None
-        return cls(str(path), content)
+        return cls(str(path), read_file(path, ELF_BYTES_MAX, "give the linked program", BuildError))
 
     def place(self, path: str) -> Place | None:
         """Where `name.field[2]` lies, or `file.c:name` where several files have one; None where the program has none.

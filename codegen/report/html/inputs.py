@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import TypeAdapter, ValidationError
 
 from codegen.config import Can
 from codegen.errors import CodegenError, one_line
+from codegen.files import read_file
+from codegen.report.fault_table import FaultEntry, FaultFile
 from codegen.report.html.bus import BusTimes, read_log
 from codegen.sil.software import RECORD_COLUMNS
 from hil_sim.recording import load_csv
@@ -20,6 +21,7 @@ from hil_sim.recording import load_csv
 FloatArray = npt.NDArray[np.float64]
 
 LOGS = (".blf", ".asc", ".log")
+FAULTS_BYTES_MAX = 2**24
 KINDS = "a run (.csv, .parquet, .mf4), a log of the bus (.blf, .asc, .log, .mf4) or the JSON of codegen faults"
 
 
@@ -36,7 +38,7 @@ class Files:
     runs: Mapping[str, FloatArray] = field(default_factory=dict)
     paths: Mapping[str, Path] = field(default_factory=dict)
     logs: Sequence[BusTimes] = ()
-    faults: Sequence[Mapping[str, Any]] | None = None
+    faults: Sequence[FaultEntry] | None = None
 
 
 def named(argument: str) -> tuple[str, Path]:
@@ -60,7 +62,7 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
     runs: dict[str, FloatArray] = {}
     paths: dict[str, Path] = {}
     logs: list[BusTimes] = []
-    faults: Sequence[Mapping[str, Any]] | None = None
+    faults: Sequence[FaultEntry] | None = None
     for argument in arguments:
         name, path = named(argument)
         if not path.is_file():
@@ -83,23 +85,13 @@ def read_files(arguments: Sequence[str], can: Can) -> Files:
     return Files(runs, paths, logs, faults)
 
 
-def read_faults(path: Path) -> Sequence[Mapping[str, Any]]:
+def read_faults(path: Path) -> list[FaultEntry]:
     """The entries of `codegen faults --json`. Raises CodegenError: it is something else."""
+    content = read_file(path, FAULTS_BYTES_MAX, f"give {KINDS}")
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["faults"]
-        if all(entry.keys() >= FAULT_KEYS for entry in found) and found:
-            return list(found)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        pass
-    raise CodegenError("not what `codegen faults --json` prints", where=path, remedy=f"give {KINDS}")
-
-
-FAULT_KEYS = frozenset(
-    {
-        *("injected", "seen", "reached", "defined", "fail_safe_after_s", "rear_angle_max_deg", "rear_rate_max_deg_s"),
-        *("command_step_max_deg", "recovered_after_s", "violations"),
-    }
-)
+        return TypeAdapter(FaultFile).validate_json(content)["faults"]
+    except ValidationError:
+        raise CodegenError("not what `codegen faults --json` prints", where=path, remedy=f"give {KINDS}") from None
 
 
 def _read_parquet(path: Path) -> FloatArray:
@@ -110,7 +102,7 @@ def _read_parquet(path: Path) -> FloatArray:
     try:
         table = parquet.read_table(path, columns=list(RECORD_COLUMNS))
         columns = [np.asarray(table.column(name), dtype=np.float64) for name in RECORD_COLUMNS]
-    except (OSError, ValueError, KeyError, ArrowException) as error:
+    except (OSError, ValueError, KeyError, TypeError, ArrowException) as error:  # TypeError: structs are no numbers
         raise _no_run(path, error) from None
     return _checked(np.column_stack(columns), path)
 

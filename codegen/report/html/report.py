@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +13,7 @@ from codegen.config import Config
 from codegen.emit.evidence import margins_of, margins_text
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
-from codegen.report.fault_table import HEADER, fault_cells
+from codegen.report.fault_table import HEADER, FaultEntry, fault_cells
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps
 from codegen.report.html.blocks import Block, Section, Table, Text
@@ -69,7 +68,7 @@ class Material:
     loops: Mapping[str, Config] | None = None
     regions: Mapping[str, Region] = field(default_factory=dict)
     logs: Sequence[BusTimes] = ()
-    faults: Sequence[Mapping[str, Any]] | None = None
+    faults: Sequence[FaultEntry] | None = None
     notes: Sequence[str] = ()
     look_up: LookUp | None = None
     of_paper: bool = False

@@ -162,7 +162,7 @@ class SecondInputs:
         if abs(apart) <= near:
             self.lateral_is_proven = True
         elif abs(self.expected - yaw_rate) > near:
-            if witness is not None and self.front_angle.is_measured:
+            if witness is not None:
                 self._check_speed(angle)
         elif abs(apart) > near + near and self.speed.is_measured:
             self.lateral_is_proven = False

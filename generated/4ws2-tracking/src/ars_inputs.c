@@ -295,7 +295,7 @@ ARS_SECTION_CODE static void compare_with_lateral(
     } else if (is_within(apart, agreement)) {
         self->lateral_is_proven = true;
     } else if (!is_within(self->expected_yaw_rate - yaw_rate, agreement)) {
-        if (lateral->is_evidence && (self->front_angle.source == ARS_SIGNAL_MEASURED)) {
+        if (lateral->is_evidence) {
             check_speed(self, parameters, angle, lateral);
         }
     } else if (!is_within(apart, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {

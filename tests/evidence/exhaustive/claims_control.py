@@ -77,6 +77,16 @@ AGREES = """
             && (fabs((double){{ turn }}) > (double)({{ agreement }} + {{ agreement }})));
     {% endfor %}
 """
+IS_RIGHT_AGAIN = """
+    {% for held in replaced %}
+    {
+    const float near = (float)((double){{ agreement }} + (0.25 * fabs({{ held }})));
+
+    SAME("for {{ held }} m/s", {{ function }}(&right_parameters, x, {{ held }}), (fabs({{ held }}) < 1.0)
+        || (fabs((double)(float)((double)x - {{ held }})) <= (double)near));
+    }
+    {% endfor %}
+"""
 TAKE_FRICTION = """
     {{ p }}_inputs_t self = { .friction = {{ before }} };
     const bool is_estimate = held(bits, 0.0f, {{ top }}) == x;
@@ -199,6 +209,11 @@ def _inputs(source: Source) -> Iterator[Claim]:
     text = "near the turn, where that is one; false for NaN"
     given = {"turns": turns, "agreement": agreement}
     yield Claim("inputs", "agrees", text, AGREES, edges(*turns), setup, values=given)
+    setup = "static const {{ p }}_inputs_parameters_t right_parameters = { .speed_agreement = {{ agreement }} };"
+    speeds = ["0.0f", "-0.5f", "1.0f", "-1.0f", "16.0f", "100.0f"]
+    given = {"replaced": speeds, "agreement": values["speed_agreement"]}
+    text = "near what stands for it, or that is no speed; false for NaN where it is one"
+    yield Claim("inputs", "is_right_again", text, IS_RIGHT_AGAIN, edges(*speeds), setup, values=given)
     setup = "static const {{ p }}_inputs_parameters_t friction_parameters"
     setup += " = { .friction_max = {{ top }}, .friction_recovery = {{ recovery }} };"
     given = {"top": values["friction_max"], "recovery": values["friction_recovery"], "before": "0.5f"}

@@ -48,7 +48,16 @@ OTHERS: Mapping[str, str] = {
     "grip: @_grip_update": SEVERAL,
     **{
         f"inputs: {name}": SEVERAL
-        for name in ("follow", "prove", "is_frozen", "take_speed", "take_front_angle", "turn_of_lateral")
+        for name in (
+            "follow",
+            "prove",
+            "is_frozen",
+            "take_speed",
+            "take_front_angle",
+            "turn_of_lateral",
+            "check_speed",
+            "compare_with_lateral",
+        )
     },
     **{f"inputs: {name}": SEVERAL for name in ("take_yaw_rate", "without_offset", "@_inputs_step")},
     **{f"law: {name}": SEVERAL for name in ("interpolated", "reference_ahead", "reachable_yaw_rate", "feedback_range")},

@@ -6,16 +6,20 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from codegen.config import preset
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
+from codegen.report.fault_table import FaultEntry
 from codegen.report.html import build, page
 from codegen.report.html.blocks import Chart, Section, Table, Text
 from codegen.report.html.gather import Request, gather, read
-from codegen.report.html.inputs import FAULT_KEYS, named, read_files
+from codegen.report.html.inputs import named, read_files
 from codegen.report.html.report import sections
+from codegen.sil.software import RECORD_COLUMNS
 from codegen.verify.runner import CHECKS
 from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
@@ -117,11 +121,16 @@ def test_a_log_gives_periods_and_answer_times(tmp_path: Path) -> None:
 
 
 def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fault = dict.fromkeys(FAULT_KEYS, 0.0) | {"injected": "a frame lost", "seen": [], "reached": "DEGRADED", "violations": []}
+    fault: dict[str, object] = dict.fromkeys(FaultEntry.__annotations__, 0.0)
+    fault |= {"name": "x", "injected": "a frame lost", "seen": [], "reached": "A", "defined": "A", "violations": []}
     path = tmp_path / "faults.json"
     path.write_text(json.dumps({"faults": [fault]}), encoding="utf-8")
     found = read_files([str(path)], CAN).faults
     assert [entry["injected"] for entry in found] == ["a frame lost"]
+    for key, wrong in (("seen", "text"), ("rear_rate_max_deg_s", "NaN"), ("violations", [1]), ("reached", None)):
+        path.write_text(json.dumps({"faults": [fault | {key: wrong}]}), encoding="utf-8")
+        with pytest.raises(CodegenError, match="not what `codegen faults --json` prints"):
+            read_files([str(path)], CAN)
     monkeypatch.chdir(tmp_path)
     assert named("C1=a/b.csv") == ("C1", Path("a/b.csv"))
     assert named("a/b.csv") == ("b", Path("a/b.csv"))
@@ -135,6 +144,8 @@ def test_faults_and_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
     exported.save(np.vstack([record(), np.where(np.arange(12) == 0, np.inf, 0.0)]), tmp_path / "endless.csv")
+    structs = pa.array([{"x": 1.0}] * 2)
+    pq.write_table(pa.table(dict.fromkeys(RECORD_COLUMNS, structs)), tmp_path / "structs.parquet")
     log(tmp_path / "foreign.blf", [(0x77, 0.0, False), (0x77, 0.01, False)])
     for name, content, expected in (
         ("none.csv", None, "no such file"),
@@ -144,6 +155,8 @@ def test_messages_for_files_of_another_kind(tmp_path: Path) -> None:
         ("x.blf", "not a log", "no log of a CAN bus"),
         ("x.mf4", "not MF4", "no run that can be read"),
         ("entry.json", '{"faults": [{"injected": 1}]}', "not what `codegen faults --json` prints"),
+        ("deep.json", "[" * 100_000, "not what `codegen faults --json` prints"),
+        ("structs.parquet", None, "no run that can be read"),
     ):
         if content is not None:
             (tmp_path / name).write_text(content, encoding="utf-8")
