@@ -35,7 +35,7 @@ def read_file(path: Path, limit: int, remedy: str, kind: type[CodegenError] = Co
         if status.st_size > limit:
             raise kind(f"over {limit >> 20} MiB", where=path, remedy=remedy)
         with path.open("rb") as file:
-            return file.read(limit)
+            return file.read(status.st_size)  # not `limit`: so much memory would be taken
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise kind(f"cannot be read ({reason_of(error)})", where=path, remedy=remedy) from None
 
