@@ -121,7 +121,7 @@ def test_background_calls_and_their_errors_come_back_and_its_processes_end(tmp_p
     with Background() as background:
         root, refused = background.call(math.sqrt, 9.0), background.call(configuration.load, tmp_path / "ars.toml")
         assert root.get() == 3.0
-        with pytest.raises(ConfigError, match=r"ars\.toml: cannot be read .*; check the path"):
+        with pytest.raises(ConfigError, match=r"ars\.toml: cannot be read .*; name an ars"):
             refused.get()
         background.call(time.sleep, 3600.0)
         workers = background.processes
