@@ -26,6 +26,7 @@ from types import TracebackType
 from typing import Self
 
 from codegen.errors import CodegenError
+from codegen.files import reason_of
 from codegen.interrupts import deferred
 from hil_sim.frames import Frame
 from hil_sim.log_formats import FORMATS, Head, Mf4Writer, Writer
@@ -135,7 +136,8 @@ class BusLog:
 
 
 def _told(path: Path, error: Exception) -> CodegenError:
-    reason = getattr(error, "strerror", None) or str(error)
     return CodegenError(
-        f"the log cannot be written ({reason})", where=path, remedy="check that the folder exists, is writable and has space"
+        f"the log cannot be written ({reason_of(error)})",
+        where=path,
+        remedy="check that the folder exists, is writable and has space",
     )

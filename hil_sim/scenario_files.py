@@ -25,6 +25,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from codegen.config import Config, parse_toml, shown
 from codegen.errors import CodegenError, suggestion
+from codegen.files import read_text
 from codegen.sections import Range, Section, check_name
 from hil_sim import recorded_drives
 from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
@@ -46,24 +47,11 @@ def load(path: Path, config: Config | None = None) -> Scenario:
     """
     if path.suffix.lower() not in (".csv", ".toml"):
         raise CodegenError("neither .csv nor .toml", where=path, remedy="name a recording or a scenario file")
-    text = _read(path, MAX_FILE_BYTES if path.suffix.lower() == ".csv" else MAX_TOML_BYTES)
+    limit = MAX_FILE_BYTES if path.suffix.lower() == ".csv" else MAX_TOML_BYTES
+    text = read_text(path, limit, "name a .csv or .toml file, or cut it into shorter ones")
     if path.suffix.lower() == ".csv":
         return recorded_drives.parse(text, path)
     return _from_toml(text, path, Config() if config is None else config)
-
-
-def _read(path: Path, limit: int) -> str:
-    try:
-        if path.exists() and not path.is_file():  # a device would be read without end, a pipe waited for
-            raise CodegenError("not a file", where=path, remedy="name a .csv or .toml file")
-        if path.stat().st_size > limit:
-            raise CodegenError(f"over {limit >> 20} MiB", where=path, remedy="cut it into shorter files")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise CodegenError("not UTF-8 text", where=f"{path}, byte {error.start}", remedy="save it as UTF-8") from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CodegenError(f"cannot be read ({reason})", where=path, remedy="check the path") from None
 
 
 def _remedy(word: str, known: Collection[str], title: str = "known") -> str:

@@ -46,7 +46,7 @@ def prepare(
     """
     # The name is checked before the map is read: a bad one is the quicker thing to mend.
     options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)
-    data = archive.read_file(map_path)  # once: what is hashed is what is built from
+    data = archive.read_map_file(map_path)  # once: what is hashed is what is built from
     reference_map = npz.from_bytes(data, map_path)
     chosen = choose_config(reference_map, config_path)
     inputs = BuildInputs(

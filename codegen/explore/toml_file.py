@@ -15,7 +15,7 @@ from codegen.config import Config, parse, preset_text
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError
-from codegen.files import write_atomically
+from codegen.files import read_file, write_atomically
 from codegen.importing.toml_edit import replace_values
 
 REMARK = "codegen explore wrote into this table."
@@ -78,12 +78,7 @@ class Target:
     def _content(self) -> bytes | None:
         if not self.path.exists():
             return None
-        try:
-            if self.path.stat().st_size > BYTES_MAX:
-                raise ExploreError("over 1 MiB: no configuration", where=self.path, remedy="move it away")
-            return self.path.read_bytes()
-        except OSError as error:
-            raise ExploreError(f"cannot be read ({error.strerror})", where=self.path, remedy="check its permissions") from None
+        return read_file(self.path, BYTES_MAX, "check its permissions, or move it away", ExploreError)
 
     def _text(self, config: Config, before: bytes | None) -> tuple[str, bool]:
         """The text to write, and whether it is that of the file with other numbers."""

@@ -1,13 +1,12 @@
 """The bytes of an `.npz` file as arrays, nothing trusted: no pickle is read and no size believed.
 
-Layer 3: imports `errors` and NumPy.
+Layer 3: imports `errors`, `files` and NumPy.
 """
 
 from __future__ import annotations
 
 import io
 import math
-import stat
 import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import MapError
+from codegen.files import read_file, reason_of
 
 AnyArray = npt.NDArray[Any]
 
@@ -28,23 +28,9 @@ NPY_HEADER_BYTES = 128
 SAVE_AS = "save plain numeric arrays with numpy.savez(path, vx=..., delta_f=..., yaw_rate=...)"
 
 
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
-
-
-def read_file(path: Path) -> bytes:
-    """All bytes of a regular file, one more than the limit at most. Raises MapError."""
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):  # a pipe would be waited for, a device read without end
-            raise MapError("not a file", where=path, remedy="name an .npz file")
-        with path.open("rb") as file:
-            data = file.read(min(status.st_size, MAX_PACKED_BYTES) + 1)
-    except (OSError, ValueError) as error:
-        raise MapError(
-            f"cannot be read ({_reason(error)})", where=path, remedy="check the path; `codegen solve` makes a map"
-        ) from error
-    return data
+def read_map_file(path: Path) -> bytes:
+    """The bytes of an .npz file. Raises MapError."""
+    return read_file(path, MAX_PACKED_BYTES, "check the path, name an .npz file; `codegen solve` makes a map", MapError)
 
 
 def check_size(size: int, limit: int, where: object) -> None:
@@ -64,7 +50,9 @@ def _refuse_damage(where: object) -> Iterator[None]:
     except MapError:
         raise
     except Exception as error:
-        raise MapError(f"damaged or cut short ({_reason(error)})", where=where, remedy="copy or make the file again") from error
+        raise MapError(
+            f"damaged or cut short ({reason_of(error)})", where=where, remedy="copy or make the file again"
+        ) from error
 
 
 def read_archive(

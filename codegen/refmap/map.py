@@ -125,7 +125,7 @@ def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
 
 def load(path: Path) -> ReferenceMap:
     """Read and check a map. Raises MapError with file, key and index for everything that breaks the contract."""
-    return from_bytes(archive.read_file(path), path)
+    return from_bytes(archive.read_map_file(path), path)
 
 
 def from_bytes(data: bytes, where: object) -> ReferenceMap:

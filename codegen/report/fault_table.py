@@ -52,7 +52,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class FaultEntry(TypedDict):
-    """What `codegen faults --json` says of a fault; times in s."""
+    """Entry of a fault that `codegen faults --json` prints; times in s."""
 
     name: str
     injected: str

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import CodegenError
-from codegen.files import replace_durably, write_atomically
+from codegen.files import read_file, replace_durably, write_atomically
 from codegen.interrupts import deferred
 from codegen.sil.vector import ISAS
 from codegen.sweep.chunk import Table
@@ -43,6 +43,7 @@ WRITING: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True
 READING: Mapping[str, Any] = {"page_checksum_verification": True, "pre_buffer": False}
 """A page that a dying disk changed is told, and not counted. What is buffered ahead would stay until the file is closed."""
 
+FACTS_BYTES_MAX = 2**24
 FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 
 
@@ -99,10 +100,7 @@ def check_same(folder: Path, plan: Plan) -> None:
 def _facts(folder: Path) -> bytes | None:
     """What stands in `campaign.json`, be it text or not; None where there is none. Raises CodegenError."""
     path = folder / FACTS
-    try:
-        return path.read_bytes() if path.is_file() else None
-    except OSError as error:
-        raise CodegenError(f"cannot be read ({error.strerror})", where=path, remedy="check its rights") from None
+    return read_file(path, FACTS_BYTES_MAX, "check its rights") if path.is_file() else None
 
 
 def _check_finished(path: Path, plan: Plan) -> None:
@@ -227,7 +225,13 @@ def to_arrow(table: Table, plan: Plan) -> Any:
             columns[name] = pa.array(values == 1.0, mask=np.isnan(values))
         else:
             columns[name] = pa.array(values, mask=np.isnan(values))
-    return pa.table(columns).replace_schema_metadata({"campaign": facts_text(plan), "columns": ",".join(columns)})
+    made = pa.table(columns)
+    return made.replace_schema_metadata(_metadata(made, plan))
+
+
+def _metadata(table: Any, plan: Plan) -> dict[bytes, bytes]:
+    """What a part says of itself: the campaign, and the columns that it was written with."""
+    return {b"campaign": facts_text(plan).encode(), b"columns": ",".join(table.column_names).encode()}
 
 
 def merge(folder: Path, plan: Plan) -> Path:
@@ -277,8 +281,7 @@ def _part(folder: Path, chunk: int, plan: Plan) -> Any:
             table = file.read(use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise CodegenError(f"it cannot be read ({error})", where=path, remedy=remedy) from None
-    metadata = {"campaign": facts_text(plan), "columns": ",".join(table.column_names)}
-    if table.schema.metadata != {name.encode(): text.encode() for name, text in metadata.items()}:
+    if table.schema.metadata != _metadata(table, plan):
         raise CodegenError("it is of another campaign, or has other columns", where=path, remedy=remedy)
     if table.column("run").to_pylist() != list(plan.runs_of(chunk)):
         raise CodegenError("it holds other runs than its chunk", where=path, remedy=remedy)
