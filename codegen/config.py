@@ -144,8 +144,8 @@ class Config(Section):
             raise ValueError("controller.inputs.rear_angle_max_deg must not be below rear_actuator.angle_max_deg")
         if inputs.front_angle_max_deg < self.steering.front_angle_stop_deg:
             raise ValueError("controller.inputs.front_angle_max_deg must not be below steering.front_angle_stop_deg")
-        if inputs.speed_max_km_h <= self.controller.enable_speed_km_h:
-            raise ValueError("controller.inputs.speed_max_km_h must be above controller.enable_speed_km_h")
+        if self.controller.friction_min > self.road.friction:
+            raise ValueError("controller.friction_min must not be above road.friction")
         if min(self.steering.lag_s, self.rear_actuator.lag_s) < 2.0 * self.plant.sampling_time_s * (1.0 - 1e-9):
             raise ValueError("steering.lag_s and rear_actuator.lag_s must be at least twice plant.sampling_time_s")
         if inputs.friction_max < self.road.friction:

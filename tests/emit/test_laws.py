@@ -12,9 +12,11 @@ from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
+from codegen.refmap.solve import solve_case
 from codegen.sil.toolchain import compiler_command
 from tests import builds
 from tests.emit.rendered import laid_out
+from tests.refmap.cars import PAPER, changed
 
 
 def tracking(**keys: Any) -> Config:
@@ -60,9 +62,9 @@ def test_the_ends_of_what_a_configuration_takes_are_valid_parameters(
 ) -> None:
     """All at one end together: neither the units' factors nor the rounding to the target may lead outside."""
     speeds = ([1.0, 1.1], [400.0, 500.0])[end]
-    schedule = {"speed_km_h": speeds, "proportional_gain_s": [(0.0, 10.0)[end]] * 2, "integral_gain": [(0.0, 100.0)[end]] * 2}
+    schedule = {"speed_km_h": speeds, "proportional_gain_s": [(0.0, 2.0)[end]] * 2, "integral_gain": [(0.01, 20.0)[end]] * 2}
     data = tracking(schedule=schedule, **{name: ends[end] for name, ends in ENDS.items()}).model_dump()
-    data["controller"] |= {"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 1.0)[end]}
+    data["controller"] |= {"rear_angle_error_max_deg": (0.1, 20.0)[end], "friction_min": (0.02, 0.5)[end]}
     keys = ("opposite_phase_speed_km_h", "opposite_phase_max_deg", "rear_rate_max_deg_s", "in_phase_from_front_angle_deg")
     data["limiter"] = dict(zip(keys, limits, strict=True))
     config = Config.model_validate(data)
@@ -92,3 +94,22 @@ def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
     assert [values.tolist() for values in gains(speed[:2])] == [[0.01, 0.01], [1.0, 1.0]]
     for kind in ("feedforward", "proportional"):
         assert LAWS[kind].gains(builds.CONFIGS[kind]) is None
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        (
+            {"enable_speed_km_h": 100.0, "disable_speed_km_h": 90.0},
+            r"controller\.enable_speed_km_h: 100 km/h is not below the map's last speed, 90 km/h",
+        ),
+        (
+            {"inputs": {"yaw_rate_max_deg_s": 25.0}},
+            r"controller\.inputs\.yaw_rate_max_deg_s: 25 deg/s is below the map's largest",
+        ),
+    ],
+)
+def test_a_controller_that_takes_the_map_for_a_fault_is_refused(controller: dict[str, Any], words: str) -> None:
+    config = changed(PAPER, grid={"speed_max_km_h": 90.0}, controller=controller)
+    with pytest.raises(BuildError, match=words):
+        builds.render(solve_case(config, "4ws-2"), config)

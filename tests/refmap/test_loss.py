@@ -30,7 +30,7 @@ def bare(reference_map: ReferenceMap, **replaced: Any) -> ReferenceMap:
 
 def small(config: Config, case: str = "4ws-2") -> ReferenceMap:
     """Two speeds, so that a simulation is short."""
-    grid = {"speed_breakpoints_km_h": [40.0, 105.0], "front_angle_breakpoints_deg": [1.0, 2.0, 3.0, 4.0]}
+    grid = {"speed_breakpoints_km_h": [40.0, 94.0], "front_angle_breakpoints_deg": [1.0, 2.0, 3.0, 4.0]}
     return solve_case(changed(config, grid=grid), case)
 
 
@@ -57,7 +57,7 @@ def test_what_is_feasible_only_with_rear_steering(lost: LossOfFunction) -> None:
 def test_speeds_in_standby_or_without_a_feasible_cell_are_left_out() -> None:
     reference_map, feasible = small(PAPER, "fws"), small(PAPER, "fws").feasible.copy()
     fast, faster = (
-        changed(PAPER, controller={"disable_speed_km_h": speed, "enable_speed_km_h": speed + 4.0}) for speed in (100.0, 130.0)
+        changed(PAPER, controller={"disable_speed_km_h": speed, "enable_speed_km_h": speed + 2.0}) for speed in (90.0, 97.0)
     )
     np.testing.assert_array_equal(loss_of_function(reference_map, fast).speed, np.full(3, reference_map.speed[1]))
     assert loss_of_function(reference_map, faster).to_dict()["operating_points"]["speed_km_h"] == []

@@ -113,15 +113,15 @@ def rough_changes(built: Built) -> dict[str, dict[str, Any]]:
         }
     points = len(list(built.software.parameters().schedule_speed))
     rng = np.random.default_rng(8)
-    gains = ("proportional_gain", 0.3), ("integral_gain", 30.0)
+    gains = ("proportional_gain", 0.3), ("integral_gain", 20.0)
     odd = {name: rng.uniform(0.0, most, points).tolist() for name, most in gains}
-    sensitive = {"grip_shortfall": 0.1, "grip_loss_rate": 50.0, "grip_forgetting": 20.0, "friction_min": 0.01}
+    sensitive = {"grip_shortfall": 0.1, "grip_loss_rate": 50.0, "grip_forgetting": 20.0, "friction_min": 0.02}
     return {
         "free": free,
         "odd gains": {**free, **odd},
         "beyond the schedule": {
             **{**free, **odd, "schedule_speed": [0.1 + 0.05 * k for k in range(points)]},
-            "proportional_gain": [5.0, *odd["proportional_gain"][1:]],
+            "proportional_gain": [2.0, *odd["proportional_gain"][1:]],
             "inputs": {**OPEN, "speed_max": 200.0},
         },
         "no authority": {**free, **odd, "yaw_increasing_max": 0.0},

@@ -37,7 +37,7 @@ def check_step_of_each_signal(built: Built) -> None:
     as many steps more. One that jumps is wrong at once, and the others stand for it."""
     for field in SIGNALS:
         base = float(getattr(STRAIGHT, field))
-        step = 0.5 if field == "speed" else float(built.software.parameters().inputs.front_angle_step)
+        step = 0.5 if field == "speed" else float(getattr(built.software.parameters().inputs, f"{field}_step"))
         for missing, share, believed in ((0, 1.0, True), (1, 2.0, True), (0, 1.001, False), (1, 2.001, False)):
             for side in (1.0, -1.0):
                 changes = {**OPEN, f"{field}_step": step, "missing_samples_max": 2}
@@ -164,10 +164,10 @@ def check_turn_that_is_just_too_far_away(built: Built) -> None:
 def check_turn_beyond_its_range(built: Built) -> None:
     """What stands for a yaw rate lies in its range, on either side."""
     for side in (1.0, -1.0):
-        narrow = {**OPEN, "yaw_rate_max": 0.125, "expected_share": 1.0}
+        narrow = {**OPEN, "yaw_rate_max": 0.5, "expected_share": 1.0}
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": narrow}))
-        controller.run([Measurement(16.0, side * 0.1, side * 0.1, 0.0)] * 2)
-        assert controller.state.inputs.expected_yaw_rate == side * 0.125
+        controller.run([Measurement(16.0, side * 0.2, side * 0.1, 0.0)] * 2)
+        assert controller.state.inputs.expected_yaw_rate == side * 0.5
 
 
 def check_wrong_signal_proves_itself_in_a_turn(built: Built) -> None:

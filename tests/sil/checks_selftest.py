@@ -200,7 +200,7 @@ def _takes_another_calibration(alone: Alone) -> None:
 
 NUMBER = r"-?[0-9][0-9.e+-]*f"
 DAMAGED = (
-    ("src/ars_calibration.c", rf"(\.(?:proportional_gain|standby_rate) = (?:\{{\s*)?){NUMBER}", r"\g<1>9.1f"),
+    ("src/ars_calibration.c", rf"(\.(?:proportional_gain|standby_rate) = (?:\{{\s*)?){NUMBER}", r"\g<1>1.1f"),
     ("src/ars_calibration.c", r"(\.missing_samples_max = )\d+u", r"\g<1>7u"),
     ("src/ars_calibration.c", rf"(\.in_phase_from_front_angle = ){NUMBER}", r"\g<1>0.123f"),
     ("src/ars_calibration.c", rf"(_yaw_rate_table.*=\s*\{{[^}}]*?0\.0f, ){NUMBER}", r"\g<1>0.0123f"),

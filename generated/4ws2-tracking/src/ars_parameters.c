@@ -41,8 +41,8 @@ ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters
     for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
         valid = valid && is_between(parameters->schedule_speed[k], 0.0f, 200.0f);
         valid = valid && ((k == 0u) || (parameters->schedule_speed[k - 1u] < parameters->schedule_speed[k]));
-        valid = valid && is_between(parameters->proportional_gain[k], 0.0f, 10.0f);
-        valid = valid && is_between(parameters->integral_gain[k], 0.0f, 100.0f);
+        valid = valid && is_between(parameters->proportional_gain[k], 0.0f, 2.0f);
+        valid = valid && is_between(parameters->integral_gain[k], 0.01f, 20.0f);
         valid = valid && is_between(parameters->lead_time[k], -0.2f, 0.2f);
         valid = valid && is_between(parameters->response_gain[k], 0.0f, 2.0f);
     }
@@ -65,17 +65,16 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
         && is_between(parameters->rear_angle_max, 1.0e-04f, 0.061086524f)
         && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
-        && is_between(parameters->friction_min, 0.01f, 1.0f)
-        && is_between(parameters->enable_speed, 0.01f, 100.0f)
-        && is_between(parameters->disable_speed, 0.01f, 100.0f)
-        && is_between(parameters->standby_rate, 1.0e-05f, 100.0f)
-        && is_between(parameters->fail_safe_rate, 1.0e-05f, 100.0f)
+        && is_between(parameters->friction_min, 0.02f, 0.5f)
+        && is_between(parameters->enable_speed, 0.1388889f, 27.777779f)
+        && is_between(parameters->disable_speed, 0.027777778f, 27.777779f)
+        && is_between(parameters->standby_rate, 0.0034906585f, 1.7453293f)
+        && is_between(parameters->fail_safe_rate, 0.0034906585f, 1.7453293f)
         && is_between(parameters->actuator_share, 1.0e-04f, 1.0f)
         && is_between(parameters->actuator_error_max, 1.0e-04f, 1.5f)
         && (parameters->rear_angle_max <= parameters->inputs.rear_angle_max)
         && (parameters->disable_speed < parameters->enable_speed)
-        && (parameters->enable_speed <= parameters->inputs.speed_max)
-        && (parameters->friction_min <= parameters->inputs.friction_max)
+        && (parameters->enable_speed <= (0.5f * parameters->inputs.speed_max))
         && (parameters->inputs.speed_max <= parameters->limiter.speed_max)
         && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
         && (parameters->actuator_samples_max >= 1u)
