@@ -20,6 +20,11 @@ def note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
 
+def warn(text: str) -> None:
+    """Print a warning, on standard error."""
+    print(f"warning: {text}", file=sys.stderr)
+
+
 def print_json(data: Any) -> None:
     """A result for programs, on standard output."""
     print(json.dumps(data, indent=1, allow_nan=False))

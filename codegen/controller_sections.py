@@ -20,7 +20,8 @@ PROPORTIONAL_GAIN_MAX_S, INTEGRAL_GAIN_MIN, INTEGRAL_GAIN_MAX = 2.0, 0.01, 20.0
 LEAD_MAX_S, RESPONSE_GAIN_MAX_S, RESPONSE_AHEAD_MAX_S = 0.2, 2.0, 1.0
 """The lead below zero delays the feedforward."""
 RESPONSE_AHEAD_FACTORS = (1.0, 1.75, 2.5)
-"""Choices of `codegen tune` for `response_ahead_s`, over the actuator's lag and one sample."""
+"""Multiples of the actuator's lag and one sample that `codegen tune` tries for `response_ahead_s`. It takes the first with
+which the configured car keeps its limits; a slow actuator or a strongly understeering car needs more."""
 TRIM_MAX_PERCENT = 20.0
 """Of the map's yaw rate: a trim beyond has nothing of a trim."""
 

@@ -11,7 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from codegen.emit.folder import read_files, read_manifest
+from codegen.emit.folder import read_files
+from codegen.emit.manifest import read_build
 from codegen.errors import BuildError
 from codegen.sil.cache import cache_folder
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
@@ -43,7 +44,7 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
 
 
 def _require_xcp(build: Path) -> None:
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     source = f"linux/{manifest['options']['prefix']}_xcp.c"
     if source not in read_files(build, manifest, FOLDERS):
         raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
@@ -62,7 +63,7 @@ def compile_ecu(build: Path) -> Path:
     """
     if sys.platform != "linux":
         raise BuildError("the native ECU needs Linux", where=build, remedy="take --ecu cffi")
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     prefix, sources = manifest["options"]["prefix"], read_files(build, manifest, FOLDERS)
     program = f"linux/{prefix}_ecu.c"
     if program not in sources:

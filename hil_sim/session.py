@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.folder import read_manifest, verify_hashes
+from codegen.emit.folder import verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
 from codegen.errors import CheckFailed, CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Status, require_can_side
@@ -83,7 +84,7 @@ class BuildFacts:
     @classmethod
     def read(cls, build: Path) -> BuildFacts:
         """From its manifest. Raises BuildError."""
-        manifest = read_manifest(build)
+        manifest = read_build(build)
         prefix = manifest["options"]["prefix"]
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
         dbc, precision = build / f"{prefix}.dbc", manifest["options"]["precision"]

@@ -20,7 +20,7 @@ LEVELS = (
     ("codegen.design",),
     ("codegen.refmap",),
     ("codegen.emit", "codegen.importing"),
-    ("codegen.sil",),
+    ("codegen.plausibility", "codegen.sil"),
     ("codegen.tuning",),
     ("hil_sim",),
     ("codegen.sweep",),

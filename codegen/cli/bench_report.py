@@ -83,10 +83,12 @@ class Outputs:
         from codegen.report import plots
         from codegen.report.bench_summary import bus_facts, bus_lines
         from codegen.report.summary import metric_rows, table
-        from hil_sim.metrics import evaluate
+        from hil_sim.metrics import evaluate, verdict
         from hil_sim.recording import save_csv
 
         evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
+        controlled = next(iter(evaluation.runs.values()))
+        judged = verdict(controlled.metrics, controlled.spun_at, next(iter(runs.values())))
         with console.status("writing") if self.written else nullcontext():
             if self.csv is not None:
                 save_csv(runs["controlled"], self.csv)
@@ -96,12 +98,13 @@ class Outputs:
                 plots.save(plots.scenario_figure(scenario, config, runs, title, look_up=look_up), self.plot)
         if self.as_json:
             bus = {} if result is None else {"bus_figures": bus_facts(result, period), "ecu_counters": ecu_counters or None}
-            console.print_json({**facts, "metrics": evaluation.to_dict(), **bus, "files": self.written})
+            console.print_json({**facts, "metrics": evaluation.to_dict(), "verdict": judged, **bus, "files": self.written})
             return
         console.say(f"{title}: {scenario.title}")
         if facts.get("sensors", "ideal") != "ideal":
             console.say(f"measured by the sensors of the configuration, {facts['sensors']}")
         console.say(table(("", *evaluation.runs), metric_rows(evaluation)))
+        console.say(judged)
         if result is not None:
             if not result.received["commands"]:
                 console.note("no command came from any ECU; the rear wheels stayed where they were")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from codegen.cli import (
     a2l_command,
     bench_commands,
+    check_command,
     completion_command,
     doctor_command,
     explore_command,
@@ -25,6 +26,7 @@ __all__ = ["cli"]
 MODULES = (
     map_commands,
     show_command,
+    check_command,
     import_command,
     tune_command,
     explore_command,

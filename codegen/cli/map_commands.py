@@ -9,7 +9,6 @@ import click
 
 from codegen import console
 from codegen.cli.base import example, json_option
-from codegen.cli.show_command import note_lateral_acceleration
 from codegen.cli.values import (
     Quantity,
     case_names,
@@ -75,6 +74,8 @@ def init(folder: Path, preset: str) -> None:
 def solve(config_path: Path | None, case: str, output: Path, method: str, friction_list: str | None, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
+    from codegen.plausibility.car import car_warnings
+    from codegen.plausibility.map import map_warnings
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
     from codegen.refmap.solve import Method, solve_case
@@ -93,13 +94,17 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
             reference_map = solve_stack(chosen.config, case, friction, solver, progress)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
+    warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
     if as_json:
-        console.print_json({"map": str(output), "configuration": chosen.source, **summary.to_dict()})
+        facts = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
+        console.print_json({**facts, **summary.to_dict()})
         return
     for text in chosen.notes:
         console.note(text)
     if config_path is None:
         console.note("no --config: the paper's preset is taken")
+    for text in warnings:
+        console.warn(text)
     console.say(f"{output}: {summary.headline}")
 
 
@@ -120,6 +125,9 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
 )
 @click.option("--storage", type=click.Choice(["float", "int16"]), help="Of tables on chosen breakpoints; by default float.")
+@click.option(
+    "--beyond-grip", is_flag=True, help="Accept a map that asks for more lateral acceleration than road tyres can give."
+)
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 where DIR is not up to date.")
 @json_option
 def build(
@@ -131,15 +139,18 @@ def build(
     max_error: Quantity | None,
     max_flash: Quantity | None,
     storage: str | None,
+    beyond_grip: bool,
     check: bool,
     as_json: bool,
 ) -> None:
     """Generate the C of a map: controller, lookup, dynamics, CMake, README, manifest."""
-    from codegen.emit.evidence import critical_speed_note, cut_note, excess_note, margin_note
     from codegen.emit.folder import differences
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.write import check_target, write_folder
+    from codegen.plausibility.build import build_warnings, schedule_warnings
+    from codegen.plausibility.car import car_warnings
+    from codegen.plausibility.map import require_grip, slip_warnings
 
     request = _request(max_error, max_flash, storage)
     if request is not None and output is not None:
@@ -148,10 +159,11 @@ def build(
         prepared = prepare(
             map_path, config_path, output, prefix, "double" if precision == "double" else "single", request=request
         )
+    if not beyond_grip:
+        require_grip(prepared.reference_map, map_path)
     if not as_json:
         for text in prepared.chosen.notes:
             console.note(text)
-        note_lateral_acceleration(prepared.reference_map)
     target, files = prepared.target, [*sorted(prepared.folder.files), "manifest.json"]
     if check:
         found = differences(prepared.folder, target)
@@ -165,19 +177,19 @@ def build(
         return
     changed = write_folder(prepared.folder, target)
     manifest = prepared.folder.manifest
-    of_speed = critical_speed_note(prepared.chosen.config)
-    cautions = [text for text in (margin_note(manifest), of_speed, cut_note(manifest), excess_note(manifest)) if text]
-    notes = [*prepared.chosen.notes, *cautions]
+    config = prepared.chosen.config
+    warnings = [*car_warnings(config), *schedule_warnings(config), *slip_warnings(prepared.reference_map)]
+    warnings += build_warnings(manifest)
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     result["limiter_cut"] = manifest["limiter_cut"]
     if request is not None:
         result["placement"] = placement_summary(manifest)
     if as_json:
-        console.print_json({**result, "notes": notes})
+        console.print_json({**result, "notes": list(prepared.chosen.notes), "warnings": warnings})
         return
     state = "" if changed else " (unchanged)"
-    for text in cautions:
-        console.note(text)
+    for text in warnings:
+        console.warn(text)
     console.say(f"{target}: {len(files)} files{state}; start with {target / 'README.md'}")
     if not manifest["limiter_cut"]["cells"]:
         console.say("limiter: it cuts nothing off the map")

@@ -15,9 +15,6 @@ from codegen.errors import CodegenError, MapError, within
 if TYPE_CHECKING:
     from codegen.refmap.map import ReferenceMap
 
-LATERAL_ACCELERATION_NOTE_G = 1.5
-"""Maps that ask for more than this are built, but their user is asked about the units."""
-
 EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
 
 
@@ -37,6 +34,7 @@ EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --again
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
     from codegen.emit.outputs import check_output
+    from codegen.plausibility.map import beyond_grip
     from codegen.refmap import map as npz
     from codegen.report.summary import map_summary, table
 
@@ -61,7 +59,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
     if as_json:
         console.print_json({"map": str(map_path), **summary.to_dict(), "plot": None if plot is None else str(plot)})
         return
-    note_lateral_acceleration(reference_map)
+    if text := beyond_grip(reference_map):
+        console.warn(text)
     console.say(f"{map_path}: {summary.headline}")
     if summary.tyre_line:
         console.say(summary.tyre_line)
@@ -146,15 +145,6 @@ def _show_flash(
     console.say(table(HEADER, flash_rows(found)))
     if plot is not None:
         console.say(f"\nplot: {plot}")
-
-
-def note_lateral_acceleration(reference_map: ReferenceMap) -> None:
-    """Ask about the units of a map that asks for more than a car can do."""
-    import numpy as np
-
-    largest = float(np.nanmax(reference_map.speed[:, np.newaxis] * reference_map.yaw_rate)) / 9.81
-    if largest > LATERAL_ACCELERATION_NOTE_G:
-        console.note(f"the map asks for up to {largest:.2g} g of lateral acceleration; is vx in m/s and yaw_rate in rad/s?")
 
 
 COMMANDS = (show,)

@@ -155,7 +155,7 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
 
 def _run_scenario(chosen: Choices) -> None:
     from codegen.cli.bench_report import Outputs, note_edited
-    from codegen.emit.evidence import critical_speed_note
+    from codegen.plausibility.car import car_warnings
     from codegen.refmap import map as npz
     from codegen.sil.software import load
     from hil_sim.scenarios import find
@@ -176,8 +176,8 @@ def _run_scenario(chosen: Choices) -> None:
     with console.status(f"compiling {build_path}"):
         software = load(build_path, config)
     scenario = with_clocks(find(chosen.scenario, software.config), chosen.drift_ppm, chosen.jitter_ms)
-    if note := critical_speed_note(software.config):
-        console.note(note)
+    for text in car_warnings(software.config):
+        console.warn(text)
     if not software.selftest():
         raise CheckFailed("the generated self-test fails", where=build_path, remedy="build again with `codegen build`")
     with console.status(scenario.title):

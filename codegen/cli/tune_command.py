@@ -60,8 +60,10 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     keeps its slip bounds in steady state.
     """
     from codegen.design.margins import gains_of, weakest
-    from codegen.emit.evidence import critical_speed_note
     from codegen.emit.outputs import check_output
+    from codegen.plausibility.build import schedule_warnings
+    from codegen.plausibility.car import car_warnings
+    from codegen.plausibility.map import map_warnings
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
     from codegen.tuning.tune import tune as tune_map
@@ -81,17 +83,20 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     npz.save(_with_config(reference_map, config), output)
     least = weakest(config, gains_of(made.schedule))
     trim = _trim_facts(tuned, chosen.config.controller.tracking.trim_max_percent)
-    notes = [text for text in (*chosen.notes, critical_speed_note(config), _stability_note(tuned)) if text]
+    warnings = [*car_warnings(config), *schedule_warnings(config), *map_warnings(reference_map, config)]
+    warnings += [text for text in (_stability_note(tuned),) if text]
     if as_json:
-        facts = {"map": str(output), "configuration": chosen.source, "notes": notes}
+        facts = {"map": str(output), "configuration": chosen.source, "notes": list(chosen.notes), "warnings": warnings}
         responses = {
             "responses": [{**dataclasses.asdict(one), "is_met": one.is_met} for one in tuned.responses],
             "response_ahead_s": config.controller.tracking.response_ahead_s,
         }
         console.print_json({**facts, **_to_dict(config, made, least), **responses, **_fail_safe_facts(tuned), **trim})
         return
-    for text in notes:
+    for text in chosen.notes:
         console.note(text)
+    for text in warnings:
+        console.warn(text)
     _print(output, config, made, least)
     if tuned.responses:
         _print_responses(tuned.responses, config.controller.tracking.response_ahead_s)

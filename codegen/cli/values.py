@@ -213,6 +213,7 @@ memory_size = QuantityType("size", {"B": 1.0, "kB": 1e3, "KiB": 1024.0, "MB": 1e
 any_file = FileType()
 map_file, map_to_write = FileType((".npz",)), FileType((".npz",), to_write=True)
 configuration_file = FileType((".toml",))
+checked_path = FileType((".toml", ".npz"))
 build_folder = FileType((), builds=True)
 folder_to_write = FileType(())
 picture_to_write = FileType((".png",), to_write=True)

@@ -196,6 +196,12 @@ def gains_of(schedule: Schedule) -> Gains:
     return gains
 
 
+def margin_speeds(config: Config) -> FloatArray:
+    """Return the speeds (m/s) at which margins are computed: from where control starts to the largest that it accepts."""
+    controller = config.controller
+    return np.geomspace(controller.enable_speed_km_h * KM_H, controller.inputs.speed_max_km_h * KM_H, WEAKEST_SPEEDS)
+
+
 def weakest(config: Config, gains: Gains) -> Weakest:
     """The smallest margins of the configured car, from the speed at which the controller switches on to the largest it accepts.
 
@@ -204,9 +210,7 @@ def weakest(config: Config, gains: Gains) -> Weakest:
     Args:
         gains: speeds (n,) in m/s -> Kp, Ki (n,); `gains_of` makes it of a schedule.
     """
-    controller = config.controller
-    first, last = controller.enable_speed_km_h * KM_H, controller.inputs.speed_max_km_h * KM_H
-    speed = np.geomspace(first, last, WEAKEST_SPEEDS)
+    speed = margin_speeds(config)
     margins = nominal_margins(config, speed, *gains(speed))
     gain, phase = int(margins.gain_margin_db.argmin()), int(margins.phase_margin_deg.argmin())
     little = (margins.gain_margin_db < WARN_GAIN_MARGIN_DB) | (margins.phase_margin_deg < WARN_PHASE_MARGIN_DEG)

@@ -4,24 +4,18 @@ limiter cuts off the map, and by how much its reference model turns more than a 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from codegen.config import KM_H, Config
-from codegen.controller_sections import TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.emit.laws import law_of
-from codegen.emit.limiter_cut import LimiterCut, cut_text
+from codegen.emit.limiter_cut import LimiterCut
 from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.refmap.map import ReferenceMap
-from codegen.refmap.model_excess import COARSE, Excess, asks_for_more, model_excess
+from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
 from codegen.refmap.storage import Real
 from codegen.refmap.total import TotalMap
-from codegen.vehicle.single_track import SingleTrack
-
-MUCH = 2.0
-"""Times the trim that is needed: what is beyond is told, for it costs overshoot."""
 
 
 @dataclass(frozen=True)
@@ -123,72 +117,3 @@ def _text(value: float) -> str:
 
 def _km_h(speed: float | None) -> float | None:
     return None if speed is None else round(speed / KM_H, 1)
-
-
-def margin_note(manifest: Mapping[str, Any]) -> str:
-    """What to warn of; "" where the margins are enough or there is no feedback."""
-    margins = manifest["margins"]
-    if margins is None or margins["enough"]:
-        return ""
-    least = f"{margins['gain_margin_db']:g} dB, {margins['phase_margin_deg']:g} deg"
-    unstable = margins["unstable_from_km_h"]
-    found = f"{least} at least" if unstable is None else f"unstable from {unstable:.0f} km/h"
-    return (
-        f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
-        f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
-        'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
-    )
-
-
-def cut_note(manifest: Mapping[str, Any]) -> str:
-    """Return a warning where the limiter makes part of the map unreachable, else ""."""
-    found = manifest["limiter_cut"]
-    if not found["cells"]:
-        return ""
-    return (
-        f"the limiter cuts {cut_text(found)}; raise its bounds, "
-        'or take limiter.opposite_phase_speed_km_h = "from-car" with opposite_phase_max_deg = "from-car"'
-    )
-
-
-def critical_speed_note(config: Config) -> str:
-    """Return a warning where the controller accepts speeds at which its reference model is unstable, else ""."""
-    critical, top = SingleTrack.from_config(config).critical_speed / KM_H, config.controller.inputs.speed_max_km_h
-    if config.controller.kind != "tracking" or critical > top:
-        return ""
-    return (
-        f"the car is unstable from {critical:.0f} km/h without rear steering, and so is the controller's reference model: "
-        f"margins do not count there; set controller.inputs.speed_max_km_h below that (it is {top:g})"
-    )
-
-
-def excess_note(manifest: Mapping[str, Any]) -> str:
-    """What to warn of; "" where the trim takes back what the reference model turns too much and not much more, or nothing is
-    asked."""
-    found = manifest.get("reference_model_excess")
-    if found is None:
-        return ""
-    trim, needed = found["trim_max_percent"], max(math.ceil(found["percent"]), 1)
-    if found["enough"]:
-        if trim <= MUCH * needed:
-            return ""
-        return (
-            f"the trim may take {trim:g} % of the yaw rate back, and {needed} % are enough on these breakpoints: "
-            f"controller.tracking.trim_max_percent = {needed} has less overshoot"
-        )
-    place = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
-    enough = f"controller.tracking.trim_max_percent = {needed} keeps them, with more overshoot"
-    remedy = enough if needed <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {_closer(manifest['options'])}"
-    return (
-        f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
-        f"({place}), and its trim takes "
-        f"{trim:g} % back: there the slip bounds of the map are exceeded; {remedy}"
-    )
-
-
-def _closer(options: Mapping[str, Any]) -> str:
-    """What brings a build's tables closer to the optimum."""
-    for key, how in (("max_error_rad_s", "a smaller --max-error"), ("max_flash_bytes", "a larger --max-flash")):
-        if options.get(key) is not None:
-            return f"{how} brings what is interpolated closer to the optimum"
-    return COARSE

@@ -28,6 +28,8 @@ BESIDE = ("verify.json", "verify.md")
 
 FILE_BYTES_MAX = 2**28
 MANIFEST_BYTES_MAX = 16 * 2**20
+DEPTH_MAX = 32
+"""Largest depth of folders in a build; generated ones have two."""
 GENERATOR = "codegen"
 
 Kind = Literal["file", "folder", "other"]
@@ -183,7 +185,14 @@ def folders_of(paths: Iterable[str]) -> set[str]:
 
 
 def entries(folder: Path, below: str = "") -> Iterator[tuple[str, Kind]]:
-    """Everything in `folder` by relative path, sorted, a folder after what it holds; links are told, never followed."""
+    """Everything in `folder` by relative path, sorted, a folder after what it holds; links are told, never followed.
+
+    Raises:
+        BuildError: folders are nested deeper than any build's.
+    """
+    if below.count("/") > DEPTH_MAX:
+        what = f"folders nested deeper than {DEPTH_MAX}"
+        raise BuildError(what, where=folder / PurePosixPath(below).parts[0], remedy="move it out of the build")
     with os.scandir(folder / below) as listing:
         children = sorted(listing, key=lambda child: child.name)
     for child in children:

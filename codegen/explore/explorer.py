@@ -17,6 +17,7 @@ from codegen.explore import picture
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.picture import Data, FloatArray
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.plausibility.car import car_warnings
 from codegen.refmap import map as npz
 from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.map import ReferenceMap
@@ -96,6 +97,7 @@ class Explorer:
             "cut": cut,
             "step": runs,
             "margins": None if margins is None else {"now": margins, "start": self._begun_margins},
+            "warnings": list(car_warnings(config)),
             "took_ms": clock.laps,
         }
 

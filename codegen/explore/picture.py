@@ -15,10 +15,11 @@ import numpy.typing as npt
 
 from codegen.config import KM_H, Config
 from codegen.design.family import members
-from codegen.design.margins import Margins, concatenate, family_margins, nominal_margins
+from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
 from codegen.emit.laws import law_of
 from codegen.explore.controls import Step
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.plausibility.build import family_warnings
 from codegen.refmap.extend import TotalMap
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
@@ -38,7 +39,7 @@ Data = dict[str, Any]
 STEER_TIME, DURATION = 0.5, 4.5
 """s. From straight ahead nothing happens before the step; the paper's own recording is longer on both sides of it."""
 
-MARGIN_SPEEDS, FAMILY_SPEEDS = 61, 22
+FAMILY_SPEEDS = 22
 CUT_ANGLES = 121
 UNBOUNDED_DB, UNBOUNDED_DEG = 40.0, 180.0
 """Larger margins, and those without a limit, are drawn here; the page says so."""
@@ -138,14 +139,6 @@ def figures(record: FloatArray, config: Config) -> Data:
     }
 
 
-def margin_speeds(config: Config) -> FloatArray:
-    """m/s, from where the controller switches on to the end of the map, or beyond it by a quarter."""
-    controller = config.controller
-    top = min(1.25 * _last_speed(config), controller.inputs.speed_max_km_h)
-    speeds: FloatArray = np.linspace(controller.enable_speed_km_h, top, MARGIN_SPEEDS) * KM_H
-    return speeds
-
-
 def margins_of(config: Config) -> tuple[FloatArray, Margins] | None:
     """Speeds (n,) in m/s and the margins of the configured car there; None for a law without feedback."""
     gains = law_of(config).gains(config)
@@ -202,6 +195,8 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
         "speed_km_h": numbers(speeds / KM_H, 2),
         "gain_db": numbers(np.minimum(margins.gain_margin_db, UNBOUNDED_DB), 3),
         "phase_deg": numbers(np.minimum(margins.phase_margin_deg, UNBOUNDED_DEG), 3),
+        "stable": bool(margins.stable.all()),
+        "warnings": list(family_warnings(config, margins)),
     }
 
 

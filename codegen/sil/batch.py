@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.errors import BuildError
 from codegen.sil.batch_sources import PLANT_UNIT, batch_sources
 from codegen.sil.closed_loop import INPUT_COLUMNS
@@ -215,7 +216,7 @@ def load_batch(build: Path, isa: Isa | None = None) -> BatchSoftware:
     Raises:
         BuildError: not a build folder, no compiler, C that does not compile, or no vectors of the level that was asked for.
     """
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     require_can_side(manifest, build)
     files = read_files(build, manifest, ("include/", "src/"))
     return compile_batch(files, manifest, isa=isa, edited=tuple(verify_hashes(build)))

@@ -18,7 +18,8 @@ import numpy.typing as npt
 from codegen import config as configuration
 from codegen.config import Config
 from codegen.emit.can_view import task_name, task_view
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.render import render
 from codegen.emit.text import Precision, c_type, literal, numpy_type
 from codegen.errors import BuildError
@@ -196,7 +197,7 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
     Raises:
         BuildError: not a build folder, no compiler, or C that does not compile.
     """
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     require_can_side(manifest, build)
     files = read_files(build, manifest, ("include/", "src/"))
     return compile_build(files, manifest, config, flags=flags, edited=tuple(verify_hashes(build)))

@@ -17,7 +17,8 @@ import numpy as np
 
 from codegen import config as configuration
 from codegen.config import KM_H, Config
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within
 from codegen.sil.batch import Isa, best_isa
 from codegen.sweep import spec as specification
@@ -164,7 +165,7 @@ def read(path: Path, isa: Isa | None = None) -> Plan:
 
 def _build(name: str, path: Path, folder: str) -> Controller:
     place = path.parent / folder
-    manifest = read_manifest(place)
+    manifest = read_build(place)
     files = read_files(place, manifest, ("include/", "src/"))
     digest = hashlib.sha256(json.dumps(manifest["configuration"], sort_keys=True).encode())
     for file in sorted(files):

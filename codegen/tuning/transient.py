@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import RESPONSE_AHEAD_MAX_S
+from codegen.controller_sections import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.refmap.map import ReferenceMap
@@ -40,9 +40,6 @@ LAG_FACTORS = (0.4, 2.0)
 STATIC_OVERSHOOT_FACTOR = 0.6
 """The limit of a car with another lag is at least this factor times its overshoot without lead and response gain: rear wheels
 that follow late leave the beginning of a step to the front wheels."""
-AHEAD_FACTORS = (1.0, 1.75, 2.5)
-"""How far the model's yaw rate is looked ahead for the response gain, times the actuator's lag and one sample. The first counts
-with which the configured car keeps its limits: a slow actuator or a strongly understeering car needs more."""
 OVERSHOOT_PRICE_S = 0.005
 """s of t90 that a percent of overshoot of the worst of these is worth."""
 
@@ -135,7 +132,7 @@ def tune_response(
     """
     least = config.rear_actuator.lag_s + config.controller.sampling_time_s
     tried: list[tuple[float, tuple[Response, ...]]] = []
-    for factor in AHEAD_FACTORS:
+    for factor in RESPONSE_AHEAD_FACTORS:
         ahead = round(min(factor * least, RESPONSE_AHEAD_MAX_S), 4)
         search = _Search.of(reference_map, config, schedule, software, ahead)
         tried.append((ahead, _pairs(search, progress)))

@@ -17,8 +17,8 @@ from typing import Any, Self
 from codegen import __version__
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.folder import MANIFEST, read_files, read_manifest, verify_hashes
-from codegen.verify.manifest import require_whole
+from codegen.emit.folder import MANIFEST, read_files, verify_hashes
+from codegen.emit.manifest import read_build
 
 
 class Verdict(StrEnum):
@@ -88,8 +88,7 @@ class Subject:
         Raises:
             BuildError, ConfigError: not a build, or a file of it cannot be read.
         """
-        manifest = read_manifest(folder)
-        require_whole(manifest, folder / MANIFEST)
+        manifest = read_build(folder)
         files = read_files(folder, manifest, ("",))
         digest = hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest()
         return cls(folder.resolve().name, files, manifest, tuple(verify_hashes(folder)), digest)

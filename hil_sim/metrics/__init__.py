@@ -13,9 +13,21 @@ from codegen.config import Config
 from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
 from hil_sim.metrics.run import FloatArray, LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics
+from hil_sim.metrics.verdict import verdict
 from hil_sim.scenarios import Kind, Scenario
 
-__all__ = ["Evaluation", "Metric", "Run", "RunMetrics", "StepMetrics", "column", "evaluate", "spin_time", "step_metrics"]
+__all__ = [
+    "Evaluation",
+    "Metric",
+    "Run",
+    "RunMetrics",
+    "StepMetrics",
+    "column",
+    "evaluate",
+    "spin_time",
+    "step_metrics",
+    "verdict",
+]
 
 MEASURES: Mapping[Kind, Callable[[Run], list[Metric]]] = {
     "step": step.measure,

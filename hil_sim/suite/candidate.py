@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from codegen import config as configuration
 from codegen.config import Case, Config
-from codegen.emit.folder import read_manifest
 from codegen.emit.laws import LAWS, is_untuned
+from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
 from codegen.errors import BuildError, ConfigError, within
 from codegen.refmap.map import ReferenceMap
@@ -131,26 +130,16 @@ def of_folder(folder: Path) -> Candidate:
         BuildError: not a build folder, or one of a map that no configuration can be solved for again.
         ConfigError: its configuration is none of this version.
     """
-    manifest = read_manifest(folder)
+    manifest = read_build(folder)
     with within(folder):
-        config = configuration.parse(_entry(manifest, folder, "configuration"), "manifest.json: configuration")
-    case = _entry(manifest, folder, "inputs", "map").get("case")
-    solved_map = _entry(manifest, folder, "map")
-    if case is None or not solved_map.get("solved"):
+        config = configuration.parse(manifest["configuration"], "manifest.json: configuration")
+    case, solved_map = manifest["inputs"]["map"]["case"], manifest["map"]
+    if case is None or not solved_map["solved"]:
         raise BuildError(
             "its map is a table of your own, which cannot be solved again for its test set and baselines",
             where=folder,
             remedy="build a map made by `codegen solve`",
         )
     config.case(case, f"{folder}: [cases]")
-    frictions = tuple(sorted({config.road.friction, *solved_map.get("frictions", ())}))
-    options = _entry(manifest, folder, "options")
-    return Candidate(str(folder), config, case, frictions, folder, options.get("precision", "single"))
-
-
-def _entry(manifest: Any, folder: Path, *keys: str) -> Any:
-    for key in keys:
-        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), dict):
-            raise BuildError(f"its manifest has no {'.'.join(keys)}", where=folder, remedy="build it again")
-        manifest = manifest[key]
-    return manifest
+    frictions = tuple(sorted({config.road.friction, *solved_map["frictions"]}))
+    return Candidate(str(folder), config, case, frictions, folder, manifest["options"]["precision"])

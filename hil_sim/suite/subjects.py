@@ -12,7 +12,8 @@ from typing import Any
 from codegen import config as configuration
 from codegen.config import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
 from codegen.refmap import map as npz
 from codegen.refmap.map import ReferenceMap
@@ -117,7 +118,7 @@ def around_folder(folder: Path) -> Build:
     """The build of a folder, as its files are when they are first needed. Raises (then) BuildError."""
 
     def read() -> Generated:
-        manifest = read_manifest(folder)
+        manifest = read_build(folder)
         require_can_side(manifest, folder)
         return Generated(read_files(folder, manifest, ("include/", "src/")), manifest, tuple(verify_hashes(folder)))
 

@@ -133,6 +133,9 @@
       if (!ok || data.stale || asked !== wanted) return;
       picture.margins.family = data;
       await draw();
+      const took = element("took").textContent;
+      warn([...picture.warnings, ...data.warnings], data.stable);
+      element("took").textContent = took;
       element("margins").dataset.family = String(asked);
     } catch (problem) {
       tell(`The explorer does not answer: is \`codegen explore\` still running? (${problem.message})`, true);
@@ -148,7 +151,7 @@
     await draw();
     const took = Math.round(performance.now() - began);
     const server = Math.round(Object.values(data.took_ms).reduce((sum, part) => sum + part, 0));
-    tell("Up to date.", false);
+    warn(data.warnings, true);
     element("took").textContent = `${took} ms from the change to the picture, ${server} ms of them computing.`;
     document.dispatchEvent(new CustomEvent("explorer-drawn", { detail: { took, server } }));
     element("pictures").dataset.drawn = String(Number(element("pictures").dataset.drawn || 0) + 1);
@@ -242,6 +245,20 @@
       }
     }
     element("figures").replaceChildren(...rows);
+  }
+
+  /* Unstable settings are no configuration to keep: they cannot be written. */
+  function warn(texts, isStable) {
+    const list = element("warnings");
+    list.replaceChildren(...texts.map((text) => {
+      const item = document.createElement("li");
+      item.textContent = text;
+      return item;
+    }));
+    list.hidden = texts.length === 0;
+    element("write").disabled = !isStable;
+    const unstable = isStable ? "" : " A car of the family is unstable with these gains: they are not written.";
+    tell(texts.length ? `Up to date, with ${texts.length === 1 ? "a warning" : `${texts.length} warnings`}.${unstable}` : "Up to date.", false);
   }
 
   /* The status is read out: what it says already is not said again, and times stand beside it. */

@@ -71,6 +71,9 @@ def files(here: Path) -> None:
         ("explore --map bare.npz", "bare.npz: it was not solved here"),
         (f"explore --map {MAP} --folder gone", "gone: there is no such folder"),
         ("verify nowhere", "nowhere"),
+        ("check nowhere", "nowhere"),
+        ("check pipe.png", "pipe.png: not a file"),
+        ("check folder", "folder: no generated folder"),
     ],
 )
 def test_one_line(refused: Refused, files: None, command: str, words: str) -> None:

@@ -12,7 +12,7 @@ from codegen import config as configuration
 from codegen.cli import cli
 from codegen.sil.software import RECORD_COLUMNS
 
-from .conftest import BUILD, MAP, Run, edit, python
+from .conftest import BUILD, MAP, TRACKING, Run, edit, python
 
 
 def test_from_init_to_a_run(run: Run, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,7 +33,7 @@ def test_build_check(run: Run, here: Path) -> None:
     build = ("build", "--map", shutil.copy(MAP, "4ws2.npz"))
     assert run(*build, "--check").code == 1
     assert not Path("generated").exists()
-    assert json.loads(run(*build, "--json").out)["notes"]
+    assert "little margin" in json.loads(run(*build, "--json").out)["warnings"][-1]
     current = run(*build, "--check", "--json")
     assert current.code == 0 and json.loads(current.out)
     edited = Path("generated/4ws2/src/ars_controller.c")
@@ -41,6 +41,23 @@ def test_build_check(run: Run, here: Path) -> None:
     stale = run(*build, "--check")
     assert (stale.code, stale.err.count("\n")) == (1, 1)
     assert "src/ars_controller.c" in stale.err
+
+
+def test_check_warns_in_a_line_each_and_with_exit_code_1(run: Run, here: Path) -> None:
+    """A map in km/h is named by `check`, refused by `build` unless told otherwise; a folder of a build has its facts."""
+    assert (run("check", MAP.with_name("4ws2-tracking.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
+    speed, angle = np.array([20.0, 60.0, 120.0]), np.array([0.02, 0.05, 0.1])
+    np.savez("km-h.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 12.0, angle), 0.3))
+    answer = run("check", "km-h.npz")
+    *warnings, last = answer.err.splitlines()
+    assert (
+        answer.code == 1 and "is vx in km/h?" in warnings[0] and last.startswith(f"error: km-h.npz: {len(warnings)} warnings")
+    )
+    refused = run("build", "--map", "km-h.npz")
+    assert (refused.code, refused.err.count("\n")) == (2, 1) and "is vx in km/h?" in refused.err
+    assert run("build", "--map", "km-h.npz", "--beyond-grip").code == 0
+    found = json.loads(run("check", "generated/km-h", "--json").out)
+    assert found["kind"] == "build" and any("not verified" in text for text in found["warnings"])
 
 
 def test_a_bare_map_builds_with_the_papers_car(run: Run, here: Path) -> None:

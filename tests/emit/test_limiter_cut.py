@@ -8,9 +8,9 @@ import pytest
 
 from codegen import config as configuration
 from codegen.config import KM_H, Config
-from codegen.emit.evidence import critical_speed_note
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
+from codegen.plausibility.car import car_warnings
 from codegen.refmap.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.plants import changed
@@ -58,8 +58,10 @@ def test_an_oversteering_car_keeps_an_angle_for_its_feedback_and_is_warned_of() 
     critical = SingleTrack.from_config(config).critical_speed
     assert critical < speed[-1]
     np.testing.assert_allclose(opposite_phase_max(config)[1:], 4.0 * 2.6 / speed[1:] ** 2, rtol=1e-12)
-    assert f"unstable from {critical / KM_H:.0f} km/h" in critical_speed_note(config)
-    assert critical_speed_note(changed(config, {"controller": {"inputs": {"speed_max_km_h": 0.99 * critical / KM_H}}})) == ""
+    assert f"unstable from {critical / KM_H:.0f} km/h" in "\n".join(car_warnings(config))
+    assert "unstable from" not in "\n".join(
+        car_warnings(changed(config, {"controller": {"inputs": {"speed_max_km_h": 0.99 * critical / KM_H}}}))
+    )
 
 
 def test_share_of_the_map_that_the_limiter_cuts() -> None:

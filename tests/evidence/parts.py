@@ -145,6 +145,7 @@ KINDS = "the checks of the C pass for every kind of controller, precision, map a
 TOOLCHAINS = "the C builds and runs with other compilers, in CMake and Make projects, and as firmware in QEMU"
 IPOPT = "the optimum is that of IPOPT and of a search by brute force, on whole grids and for random cars"
 DRIVES = "long closed-loop suites, a second plant and campaigns end as they should"
+LOADERS = "damaged files of every kind are read, or answered in one line"
 INSTALL = "wheel, source distribution and make targets work in a fresh environment"
 BENCH = ("hil_sim/**/*", "templates/linux/*", "generated/4ws2*/linux/*", *C, *CONFIG)
 DRIVEN = ("codegen/sweep/**/*", "codegen/report/paper.py", "hil_sim/**/*", "generated/4ws2*/src/*", *TUNING, *CONFIG)
@@ -174,6 +175,7 @@ PARTS = (
     Part(
         "vcan", "the bench works on real SocketCAN", BENCH, runs=SIL, worker_count=0
     ),  # one guest for all tests, which go by its clock
+    Part("loaders", LOADERS, COMMANDS, f"{HERE}.loaders.cases"),
     Part("browser", "report and explorer work in a browser", PAGES, tools=("chromium",)),
     Part(
         "guide",

@@ -14,8 +14,8 @@ from benchmarks.dense_search import DenseSearch
 from benchmarks.random_cars import random_car, random_cells
 from codegen.config import Config, preset
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.emit.evidence import excess_note
 from codegen.emit.folder import Folder
+from codegen.plausibility.build import excess_warning
 from codegen.refmap import ipopt
 from codegen.refmap.extend import extend
 from codegen.refmap.map import Binding, ReferenceMap, load
@@ -120,7 +120,7 @@ def test_the_reference_model_has_the_steady_yaw_rate_of_the_plant(number: int) -
 def test_the_note_on_the_trim(percent: float, trim: float, options: dict[str, object], note: str) -> None:
     place = {"at_km_h": 120.0, "at_front_angle_deg": 4.3, "at_friction": 0.9}
     excess = {"percent": percent, **place, "trim_max_percent": trim, "enough": percent <= trim}
-    found = excess_note({"reference_model_excess": excess, "options": options})
+    found = excess_warning({"reference_model_excess": excess, "options": options})
     assert note in found and bool(note) == bool(found)
 
 

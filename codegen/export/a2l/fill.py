@@ -10,7 +10,8 @@ from pathlib import Path, PurePath
 from typing import Literal
 
 from codegen.emit.a2l_view import INSTANCE
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
 from codegen.export.a2l.elf import Elf, Place
@@ -67,7 +68,7 @@ def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
     Raises:
         BuildError: no build; a program without this build, or with another one; several instances.
     """
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     prefix = str(manifest["options"]["prefix"])
     path = f"{prefix}.a2l"
     text = read_files(build, manifest, (path,)).get(path, b"").decode("ascii", "replace")

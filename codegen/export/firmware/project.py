@@ -11,6 +11,7 @@ from typing import Any
 from codegen import __version__
 from codegen.emit.can_view import task_name
 from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.render import render
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
@@ -82,7 +83,7 @@ def project(build: Path) -> Project:
     Raises:
         BuildError: not a build, one of double precision, or C that does not compile.
     """
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     _refuse_what_no_image_can_be_made_of(manifest, build)
     software = load(build)
     files = {
@@ -133,8 +134,6 @@ def refuse_target(target: Path) -> None:
 
 
 def _refuse_what_no_image_can_be_made_of(manifest: Mapping[str, Any], build: Path) -> None:
-    if manifest.get("what", "build") != "build" or not {"name", "build_id", "options", "configuration"} <= manifest.keys():
-        raise BuildError("not a build", where=build, remedy="name a folder made by `codegen build`")
     if manifest["options"]["precision"] != "single":
         raise BuildError(
             "it computes in double precision, and the FPU of a Cortex-M4F is single",

@@ -12,7 +12,8 @@ from typing import Any
 
 from codegen import __version__
 from codegen import config as configuration
-from codegen.emit.folder import read_files, read_manifest, verify_hashes
+from codegen.emit.folder import read_files, verify_hashes
+from codegen.emit.manifest import read_build
 from codegen.emit.text import comment_text
 from codegen.export.fmu.archive import DESCRIPTION, pack
 from codegen.export.fmu.binary import FLAGS, compile_binary, library_path
@@ -55,7 +56,7 @@ def make_fmu(build: Path, what: What, version: Version) -> Fmu:
         CodegenError: no build, no compiler, C that does not compile, or fmpy is missing.
     """
     standard = headers(version)
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     require_can_side(manifest, build)
     files = read_files(build, manifest, ("include/", "src/"))
     maker = _Maker(what, version, manifest, files)

@@ -10,6 +10,7 @@ from typing import Any
 
 from codegen.emit.folder import BESIDE, MANIFEST, read_manifest, verify_hashes
 from codegen.emit.limiter_cut import cut_text
+from codegen.emit.manifest import read_build
 from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "failed": "bad"}
@@ -126,7 +127,7 @@ def manifest_blocks(folder: Path) -> Iterator[Block]:
     Raises:
         BuildError: not a build folder.
     """
-    manifest = read_manifest(folder)
+    manifest = read_build(folder)
     edited = verify_hashes(folder)
     if edited:
         yield Text(f"Edited since it was made: {', '.join(edited)}.", "notice")

@@ -22,6 +22,8 @@ BINS = 120
 TOOLS = 'pip install "ars-codegen[tools]"'
 LEAST_SPAN = 0.1
 """ms that a histogram spans at least."""
+TIME_MAX_S = 1e11
+"""Largest time stamp of a frame; Unix time stays below for 3,000 years."""
 ANSWER = "Command after the motion frame"
 
 
@@ -82,6 +84,9 @@ def read_log(path: Path, can: Can, name: str) -> BusTimes:
     if not any(times.values()):
         known = ", ".join(f"0x{message.id:x}" for message in messages)
         raise CodegenError(f"no frame with an id of the build ({known})", where=path, remedy="name its build with --build")
+    if not all(abs(stamp) <= TIME_MAX_S for of_message in times.values() for stamp in of_message):  # NaN neither
+        remedy = "give a log that `codegen hil --log` or another tool wrote"
+        raise CodegenError("a frame has a time that is none", where=path, remedy=remedy)
     stamps = {message.name: np.sort(np.array(times[message.id])) for message in messages}
     motion, command = stamps[can.vehicle_motion.name], stamps[can.rear_steer_command.name]
     cycle = float(can.vehicle_motion.cycle_time_ms or 10.0)

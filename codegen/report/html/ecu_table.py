@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.config import KM_H, Config
-from codegen.emit.folder import read_manifest
+from codegen.emit.manifest import read_build
 from codegen.refmap.extend import extend
 from codegen.refmap.total import RULE_TEXT, Rule
 from codegen.report.html.blocks import Chart, Table
@@ -53,7 +53,7 @@ class _Cells:
 
 def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
     """Of a build with breakpoints of its own, else of the map's."""
-    table = {} if build is None else read_manifest(build)["map"]
+    table = {} if build is None else read_build(build)["map"]
     if "placement" not in table:
         total = extend(one.map, config)
         return _Cells(total.speed, total.front_angle, total.rule)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from codegen import config as configuration
 from codegen.config import Config
-from codegen.emit.folder import read_manifest
 from codegen.emit.laws import is_untuned
+from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.refmap import map as npz
 from codegen.refmap.choose import choose_config
@@ -149,16 +149,15 @@ def _regions(loops: Mapping[str, Config], generated: Mapping[str, Generated]) ->
 
 
 def _config_of(build: Path) -> Config:
-    manifest = read_manifest(build)
+    manifest = read_build(build)
     with within(build):
-        return configuration.parse(manifest.get("configuration", {}), "manifest.json: configuration")
+        return configuration.parse(manifest["configuration"], "manifest.json: configuration")
 
 
 def _differences(request: Request, config: Config, own: Config | None) -> list[str]:
-    manifest = read_manifest(request.build) if request.build is not None else {}
-    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
     found = []
-    if manifest.get("inputs", {}).get("map", {}).get("sha256") != given:
+    given = hashlib.sha256(request.map_path.read_bytes()).hexdigest()
+    if request.build is None or read_build(request.build)["inputs"]["map"]["sha256"] != given:
         found.append(f"{request.build} was built from another map than {request.map_path}.")
     if own is not None and (own.vehicle, own.tyre, own.road) != (config.vehicle, config.tyre, config.road):
         found.append("The build's configuration describes another car than the map was solved for.")

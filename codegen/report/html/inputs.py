@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -107,12 +110,20 @@ def _read_parquet(path: Path) -> FloatArray:
     return _checked(np.column_stack(columns), path)
 
 
+def _close_quietly(file: Any) -> None:
+    """Close a file of asammdf. Its own destructor fails for a file that could not be opened, and Python prints a traceback."""
+    with contextlib.suppress(Exception):
+        file.close()
+
+
 def _read_mf4(path: Path) -> FloatArray | None:
     """None where the file is a log of the bus."""
     try:
         from asammdf import MDF
+        from asammdf.blocks.mdf_v4 import MDF4
     except ImportError:
         raise _missing("asammdf", path) from None
+    MDF4.__del__ = _close_quietly
     try:
         with MDF(path) as mdf:
             if RECORD_COLUMNS[1] not in mdf.channels_db:
@@ -145,8 +156,8 @@ def _checked(record: FloatArray, path: Path) -> FloatArray:
 
 
 def _no_run(path: Path, error: Exception) -> CodegenError:
-    columns = ", ".join(RECORD_COLUMNS)
-    return CodegenError(f"no run that can be read ({one_line(error)})", where=path, remedy=f"its columns are {columns}")
+    columns, reason = ", ".join(RECORD_COLUMNS), re.sub("'<.*>'", "it", one_line(error))  # asammdf names an object in memory
+    return CodegenError(f"no run that can be read ({reason})", where=path, remedy=f"its columns are {columns}")
 
 
 def _missing(package: str, path: Path) -> CodegenError:

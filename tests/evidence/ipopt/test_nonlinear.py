@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from codegen.config import KM_H, Config
-from codegen.emit.evidence import excess_note
+from codegen.plausibility.build import excess_warning
 from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.tyre import AxleTyres
@@ -57,10 +57,10 @@ def test_kind_tracking_keeps_them_at_the_edge_with_its_default_trim_and_a_smalle
     """At the operating point where the reference model turns most above the map."""
     small = tracking(0.5)
     lacking = built(with_car(nonlinear_map(), small), small)
-    assert "controller.tracking.trim_max_percent = " in excess_note(lacking.manifest)
+    assert "controller.tracking.trim_max_percent = " in excess_warning(lacking.manifest)
     config = tracking()
     folder = built(with_car(nonlinear_map(), config), config)
-    assert not excess_note(folder.manifest)
+    assert not excess_warning(folder.manifest)
     point = folder.manifest["reference_model_excess"]
     speed, front_angle = point["at_km_h"] * KM_H, math.radians(point["at_front_angle_deg"])
     slips = steady_slips(compile_build(folder.files, folder.manifest), config, speed, front_angle)

@@ -1,4 +1,4 @@
-"""What the checks read of a build's manifest, so that a damaged one is told before they run."""
+"""Reading the manifest of a build: complete and of the right types, or a BuildError that names the entry."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from codegen import config as configuration
 from codegen.config import Kind
+from codegen.emit.folder import MANIFEST, read_manifest
 from codegen.errors import BuildError
 
 Numbers = Annotated[list[float], Field(min_length=1)]
@@ -40,21 +41,42 @@ class _Map(_Read):
     lateral_acceleration_cap_m_s2: float
     lookup_error_bound_rad_s: float
     solved: bool
+    flash_bytes: int
+    rules: dict[str, dict[str, Any]]
+    rule_by_speed_and_front_angle: list[str]
     grip: _Grip | None = None
 
 
 class _Margins(_Read):
+    gain_margin_db: float | None
+    phase_margin_deg: float | None
     enough: bool
     warns_from_km_h: float | None
     unstable_from_km_h: float | None
 
 
-class _Source(_Read):
+class _LimiterCut(_Read):
+    cells: int
+    of: int
+    largest_deg_s: float
+    at_km_h: float | None
+    at_front_angle_deg: float | None
+
+
+class _ConfigurationSource(_Read):
     source: str
+    sha256: str
+
+
+class _MapSource(_Read):
+    file: str
+    sha256: str
+    case: str | None
 
 
 class _Inputs(_Read):
-    configuration: _Source
+    configuration: _ConfigurationSource
+    map: _MapSource
 
 
 class _Manifest(_Read):
@@ -64,9 +86,22 @@ class _Manifest(_Read):
     options: _Options
     map: _Map
     margins: _Margins | None
+    limiter_cut: _LimiterCut
+    tools: dict[str, str]
     inputs: _Inputs
     dynamics_library_functions: list[str]
     configuration: dict[str, Any]
+
+
+def read_build(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a build folder, complete and of the right types.
+
+    Raises:
+        BuildError: not a build; an entry is missing or of another type. ConfigError: its configuration is none.
+    """
+    manifest = read_manifest(folder)
+    require_whole(manifest, Path(folder) / MANIFEST)
+    return manifest
 
 
 def require_whole(manifest: Mapping[str, Any], place: Path) -> None:

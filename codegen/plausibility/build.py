@@ -1,0 +1,142 @@
+"""Warnings about a build, from its manifest and from the files beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.controller_sections import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
+from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins
+from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
+from codegen.emit.laws import is_untuned, law_of
+from codegen.plausibility.map import cut_warning
+from codegen.refmap.model_excess import COARSE
+
+TRIM_WARNING_FACTOR = 2.0
+"""Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""
+MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG = 0.05, 0.2
+"""`codegen tune` rounds gains to four digits."""
+AHEAD_TOLERANCE = 0.02
+
+
+def build_warnings(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Return the warnings that a build's manifest gives cause to: margins, limiter, trim of the reference model."""
+    yield from filter(None, (margin_warning(manifest), cut_warning(manifest["limiter_cut"]), excess_warning(manifest)))
+
+
+def margin_warning(manifest: Mapping[str, Any]) -> str:
+    """Return a warning about small margins of the configured car; "" where they are enough or there is no feedback."""
+    margins = manifest["margins"]
+    if margins is None or margins["enough"]:
+        return ""
+    least = f"{margins['gain_margin_db']:g} dB, {margins['phase_margin_deg']:g} deg"
+    unstable = margins["unstable_from_km_h"]
+    found = f"{least} at least" if unstable is None else f"unstable from {unstable:.0f} km/h"
+    return (
+        f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
+        f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
+        'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
+    )
+
+
+def excess_warning(manifest: Mapping[str, Any]) -> str:
+    """Return a warning where the trim does not take back what the reference model turns too much, or far more than that."""
+    found = manifest.get("reference_model_excess")
+    if found is None:
+        return ""
+    trim, needed = found["trim_max_percent"], max(math.ceil(found["percent"]), 1)
+    if found["enough"]:
+        if trim <= TRIM_WARNING_FACTOR * needed:
+            return ""
+        return (
+            f"the trim may take {trim:g} % of the yaw rate back, and {needed} % are enough on these breakpoints: "
+            f"controller.tracking.trim_max_percent = {needed} has less overshoot"
+        )
+    position = f"{found['at_km_h']:.0f} km/h, {found['at_front_angle_deg']:.1f} deg, friction {found['at_friction']:g}"
+    enough = f"controller.tracking.trim_max_percent = {needed} keeps them, with more overshoot"
+    remedy = enough if needed <= TRIM_MAX_PERCENT else f"no trim takes back so much, and {_closer(manifest['options'])}"
+    return (
+        f"in steady state the reference model turns up to {found['percent']:.1f} % more than this map allows "
+        f"({position}), and its trim takes "
+        f"{trim:g} % back: there the slip bounds of the map are exceeded; {remedy}"
+    )
+
+
+def _closer(options: Mapping[str, Any]) -> str:
+    """Return the option that brings a build's tables closer to the optimum."""
+    for key, how in (("max_error_rad_s", "a smaller --max-error"), ("max_flash_bytes", "a larger --max-flash")):
+        if options.get(key) is not None:
+            return f"{how} brings what is interpolated closer to the optimum"
+    return COARSE
+
+
+def schedule_warnings(config: Config) -> Iterator[str]:
+    """Return warnings about a gain schedule that does not suit the car: family margins, and the lag that it was tuned for."""
+    if not law_of_schedule(config):
+        return
+    tracking, lag = config.controller.tracking, config.rear_actuator.lag_s
+    schedule = tracking.schedule
+    assert schedule is not None
+    last = config.grid.speed_breakpoints_km_h[-1] if config.grid.speed_breakpoints_km_h else config.grid.speed_max_km_h
+    speed = np.array([value for value in schedule.speed_km_h if value <= last] or schedule.speed_km_h[:1]) * KM_H
+    gains = law_of(config).gains(config)
+    assert gains is not None
+    margins, _ = family_margins(config, speed, *gains(speed))
+    yield from family_warnings(config, margins)
+    if schedule.lead_s is None:
+        return
+    factor = tracking.response_ahead_s / (lag + config.controller.sampling_time_s)
+    if min(abs(factor / choice - 1.0) for choice in RESPONSE_AHEAD_FACTORS) > AHEAD_TOLERANCE:
+        yield (
+            f"lead and response gain of the schedule were tuned for another actuator than rear_actuator.lag_s = {lag:g}; "
+            "run `codegen tune`"
+        )
+
+
+def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
+    """Return a warning where the worst margins of the family of cars are below what [tuning] demands."""
+    tuning = config.tuning
+    gain, phase = float(margins.gain_margin_db.min()), float(margins.phase_margin_deg.min())
+    if gain < tuning.gain_margin_db - MARGIN_TOLERANCE_DB or phase < tuning.phase_margin_deg - MARGIN_TOLERANCE_DEG:
+        yield (
+            f"over the family of cars the gains keep {gain:.1f} dB and {phase:.0f} deg, less than the "
+            f"{tuning.gain_margin_db:g} dB and {tuning.phase_margin_deg:g} deg of [tuning]; run `codegen tune`"
+        )
+
+
+def law_of_schedule(config: Config) -> bool:
+    """Return whether the configuration has the kind "tracking" and a gain schedule."""
+    return config.controller.kind == "tracking" and not is_untuned(config)
+
+
+def folder_warnings(folder: Path) -> Iterator[str]:
+    """Return warnings about the files of a build: edited ones, and a missing, outdated or failed verification.
+
+    Raises:
+        BuildError: not a build folder.
+    """
+    edited = verify_hashes(folder)
+    if edited:
+        yield f"changed since the build: {', '.join(edited[:3])}{' and more' if len(edited) > 3 else ''}; build again"
+    remedy = f"run `codegen verify {folder}`"
+    try:
+        record = json.loads((folder / BESIDE[0]).read_bytes())
+        digest, counts = record["build"]["manifest_sha256"], record["counts"]
+        failed = int(counts["failed"])
+    except FileNotFoundError:
+        yield f"not verified; {remedy}"
+        return
+    except (OSError, ValueError, KeyError, TypeError):
+        yield f"{BESIDE[0]} cannot be read; {remedy}"
+        return
+    if digest != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
+        yield f"{BESIDE[0]} is of an older build; {remedy}"
+    elif failed:
+        yield f"{failed} checks of `codegen verify` failed; see {folder / BESIDE[1]}"

@@ -1,0 +1,144 @@
+"""Handling of the car, and warnings about its data and about keys that contradict each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from codegen.config import KM_H, Config
+from codegen.vehicle.single_track import SingleTrack
+
+DYNAMIC_INDEX = (0.6, 1.5)
+"""Range of k^2/(lf lr). Measured cars lie between 0.8 and 1.2 (G. J. Heydinger et al., Measured Vehicle Inertial Parameters,
+SAE 1999-01-1336)."""
+CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
+"""Range of an axle's slip angle for each g (R. T. Bundorf, R. L. Leffert, SAE 760713). A tyre that is twice as stiff as the
+stiffest of these has the stiffness of its axle."""
+UNDERSTEER_GRADIENT_DEG_PER_G = (-1.0, 6.0)
+TUNED_LAG_FACTOR = 1.5
+"""Factor by which the actuator's lag may lie outside the family for which the gains were designed."""
+LEAD_PER_LAG = (0.3, 1.0)
+"""Range of the lead of the front angle over the actuator's lag, where `codegen tune` has not chosen it for the car."""
+
+
+@dataclass(frozen=True)
+class Handling:
+    """Steady-state handling of the passive linear car. One of the two speeds is None."""
+
+    understeer_gradient_deg_per_g: float
+    characteristic_speed_km_h: float | None
+    critical_speed_km_h: float | None
+
+    @classmethod
+    def from_config(cls, config: Config) -> Handling:
+        """Return the handling of a configured car."""
+        car = SingleTrack.from_config(config)
+        coefficient = car.understeer_coefficient
+        characteristic = math.sqrt(car.wheelbase / coefficient) / KM_H if coefficient > 0.0 else None
+        critical = car.critical_speed / KM_H if coefficient < 0.0 else None
+        return cls(math.degrees(coefficient) * config.road.gravity_m_s2, characteristic, critical)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        gradient = f"understeer gradient {self.understeer_gradient_deg_per_g:.2f} deg/g"
+        if self.critical_speed_km_h is not None:
+            return f"{gradient}, critical speed {self.critical_speed_km_h:.0f} km/h"
+        if self.characteristic_speed_km_h is not None:
+            return f"{gradient}, characteristic speed {self.characteristic_speed_km_h:.0f} km/h"
+        return f"{gradient}, neutral"
+
+
+def car_warnings(config: Config) -> tuple[str, ...]:
+    """Return a warning for each implausible value and for each pair of keys that contradict each other."""
+    return (*_vehicle(config), *_tyres(config), *_actuator(config), *_controller(config))
+
+
+def _vehicle(config: Config) -> Iterator[str]:
+    vehicle = config.vehicle
+    arms = vehicle.cg_to_front_axle_m * vehicle.cg_to_rear_axle_m
+    index, (low, high) = vehicle.yaw_inertia_kg_m2 / (vehicle.mass_kg * arms), DYNAMIC_INDEX
+    if not low <= index <= high:
+        usual = vehicle.mass_kg * arms
+        yield (
+            f"vehicle.yaw_inertia_kg_m2 = {vehicle.yaw_inertia_kg_m2:g} is {index:.2g} times mass lf lr = {usual:.0f} kg m^2; "
+            f"cars have {low:g} to {high:g} times"
+        )
+    if 0.5 * vehicle.track_m < config.road.friction * vehicle.cg_height_m:
+        yield (
+            f"vehicle.cg_height_m = {vehicle.cg_height_m:g} and track_m = {vehicle.track_m:g}: the car rolls over before its "
+            f"tyres slide on friction {config.road.friction:g}; check both"
+        )
+    gradient, (low, high) = Handling.from_config(config).understeer_gradient_deg_per_g, UNDERSTEER_GRADIENT_DEG_PER_G
+    if not low <= gradient <= high:
+        yield f"the understeer gradient is {gradient:.1f} deg/g; cars have {low:g} to {high:g}; check stiffnesses and arms"
+
+
+def _tyres(config: Config) -> Iterator[str]:
+    car = SingleTrack.from_config(config)
+    low, high = CORNERING_COMPLIANCE_DEG_PER_G
+    for axle, slip, stiffness in (
+        ("front", car.front_slip_per_lateral_acceleration, 0.5 * car.front_stiffness),
+        ("rear", car.rear_slip_per_lateral_acceleration, 0.5 * car.rear_stiffness),
+    ):
+        compliance = math.degrees(slip) * config.road.gravity_m_s2
+        if compliance < low:
+            yield (
+                f"tyre.{axle}: {stiffness:.0f} N/rad for one tyre gives {compliance:.2g} deg of slip for each g; cars have "
+                f"{low:g} to {high:g}: is it the stiffness of the whole axle? Then halve it"
+            )
+        elif compliance > high:
+            yield (
+                f"tyre.{axle}: {stiffness:.0f} N/rad for one tyre gives {compliance:.2g} deg of slip for each g; cars have "
+                f"{low:g} to {high:g}: is it in N/deg, or half of a tyre's?"
+            )
+
+
+def _actuator(config: Config) -> Iterator[str]:
+    limit, actuator, controller = config.limits.rear_angle_max_deg, config.rear_actuator, config.controller
+    if limit > actuator.angle_max_deg:
+        yield (
+            f"limits.rear_angle_max_deg = {limit:g} is above rear_actuator.angle_max_deg = {actuator.angle_max_deg:g}: "
+            "the map uses angles that the actuator cannot reach; lower the limit"
+        )
+    for key, rate in (
+        ("controller.rear_rate_max_deg_s", controller.rear_rate_max_deg_s),
+        ("limiter.rear_rate_max_deg_s", config.limiter.rear_rate_max_deg_s),
+    ):
+        if not isinstance(rate, str) and rate > actuator.rate_max_deg_s:
+            yield (
+                f"{key} = {rate:g} is above rear_actuator.rate_max_deg_s = {actuator.rate_max_deg_s:g}: "
+                "the controller commands a rate that the actuator cannot follow"
+            )
+
+
+def _controller(config: Config) -> Iterator[str]:
+    controller, lag = config.controller, config.rear_actuator.lag_s
+    critical, top = SingleTrack.from_config(config).critical_speed / KM_H, controller.inputs.speed_max_km_h
+    if controller.kind != "tracking":
+        return
+    if critical <= top:
+        yield (
+            f"the car is unstable from {critical:.0f} km/h without rear steering, and so is the controller's reference model: "
+            f"margins do not count there; set controller.inputs.speed_max_km_h below that (it is {top:g})"
+        )
+    family = config.tuning.actuator_lag_s
+    if not min(family) / TUNED_LAG_FACTOR <= lag <= max(family) * TUNED_LAG_FACTOR:
+        yield (
+            f"rear_actuator.lag_s = {lag:g} is outside the lags for which gains are designed, tuning.actuator_lag_s = "
+            f"{min(family):g} to {max(family):g}; include it there and run `codegen tune`"
+        )
+    schedule, tracking = controller.tracking.schedule, controller.tracking
+    if schedule is None:
+        return
+    if schedule.lead_s is None:
+        low, high = LEAD_PER_LAG
+        if not low * lag <= tracking.lead_s <= high * lag:
+            yield (
+                f"controller.tracking.lead_s = {tracking.lead_s:g} does not suit rear_actuator.lag_s = {lag:g}; "
+                "`codegen tune` chooses it"
+            )

@@ -1,0 +1,233 @@
+"""Damaged files for every loader: seeds, the damage, and the loaders that must answer each with one line or read it."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import signal
+import subprocess
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.io import savemat
+
+from codegen import config as configuration
+from codegen.config import preset, preset_text
+from codegen.emit.manifest import read_build
+from codegen.errors import CodegenError
+from codegen.export import runs as exported
+from codegen.export.a2l.elf import Elf
+from codegen.importing.maps import Choices, import_map
+from codegen.importing.tyre import import_tyres
+from codegen.plausibility.build import folder_warnings
+from codegen.refmap import map as npz
+from codegen.report.html.inputs import read_files
+from codegen.sil.software import RECORD_COLUMNS
+from codegen.sil.toolchain import compiler_command
+from codegen.sweep import spec
+from hil_sim import scenario_files
+from hil_sim.frames import Frame
+from hil_sim.logs import BusLog
+
+ROOT = Path(__file__).resolve().parents[1]
+BUILD = ROOT / "generated" / "4ws2"
+PAPER = preset()
+CAN = PAPER.can
+HANG_S = 60
+"""A loader that takes so long is taken to hang; the slowest case takes under a second."""
+
+WORDS = (b"nan", b"inf", b"-1e308", b"1e400", b"0", b"-1", b"true", b"null", b'""', b"[]", b"{}", b"\x00", b"\xff", b"1" * 5000)
+"""What is put in place of a number or a word."""
+NESTED = (b"[" * 3000, b"{" * 3000, b'{"a":' * 2000, b"a." * 3000)
+
+
+@dataclass(frozen=True)
+class Loader:
+    """A loader of one kind of file.
+
+    Attributes:
+        name: file name of a damaged file, in a folder of its own.
+        seed: content of a good file.
+        load: reads a path; raises CodegenError for what cannot be read.
+        weight: share of the generated cases; less for slow readers.
+    """
+
+    name: str
+    seed: bytes
+    load: Callable[[Path], object]
+    weight: float = 1.0
+
+
+def _written(name: str, write: Callable[[Path], object]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+def _run(path: Path) -> None:
+    record = np.zeros((40, len(RECORD_COLUMNS)))
+    record[:, 0] = 0.01 * np.arange(40)
+    exported.save(record, path)
+
+
+def _log(path: Path) -> None:
+    with BusLog(path, start=1.7e9) as log:
+        for cycle in range(20):
+            for message in (CAN.vehicle_motion, CAN.vehicle_conditions, CAN.rear_steer_command):
+                log.write(Frame(message.id, bytes(8), 1.7e9 + 0.01 * cycle), message is CAN.rear_steer_command)
+
+
+def _table() -> bytes:
+    rows = [f"{speed};" + ";".join(f"{0.3 * speed * angle:g}" for angle in (0.01, 0.02, 0.03)) for speed in (5, 10, 20)]
+    return ("vx [m/s] \\ delta_f [rad];0.01;0.02;0.03\n" + "\n".join(rows) + "\n").encode()
+
+
+def _mat() -> bytes:
+    buffer = io.BytesIO()
+    savemat(buffer, {"vx": [5.0, 10.0], "delta_f": [0.1, 0.2], "yaw_rate": [[0.1, 0.2], [0.2, 0.3]]})
+    return buffer.getvalue()
+
+
+def _faults() -> bytes:
+    words = {"name": "frame-loss", "injected": "frames lost", "reached": "held", "defined": "held", "seen": ["DEGRADED"]}
+    times = dict.fromkeys(("held_after_s", "fail_safe_after_s", "recovered_after_s"), 0.1)
+    sizes = dict.fromkeys(("rear_angle_max_deg", "rear_rate_max_deg_s", "command_step_max_deg"), 1.0)
+    entry = {**words, **times, **sizes, "violations": []}
+    return json.dumps({"faults": [entry]}).encode()
+
+
+def _tyre(path: Path) -> object:
+    car = path.with_name("ars.toml")
+    car.write_text(preset_text(), encoding="utf-8")
+    return import_tyres([path], car)
+
+
+def _report_input(path: Path) -> object:
+    return read_files([str(path)], CAN)
+
+
+def loaders() -> Mapping[str, Loader]:
+    """Return all loaders by name, with seeds that they accept."""
+    sweep = 'samples = 10\n[controllers]\npi = "build"\n[factors]\nfriction = {uniform = [0.4, 0.9]}\nmass_percent = [0, 20]\n'
+    scenario = 'name = "mine"\nbase = "step-steer"\nspeed_km_h = 60.0\nsteering_wheel_angle_deg = 45.0\n'
+    steering = "time_s,steering_wheel_angle_rad,speed_m_s\n0,0,20\n1,0.2,20\n2,0.1,20\n"
+    manifest, verification = ((BUILD / name).read_bytes() for name in ("manifest.json", "verify.json"))
+    tyre = (ROOT / "tests/importing/data/mf61.tir").read_bytes()
+    found = {
+        "configuration": Loader("ars.toml", preset_text("recommended").encode(), configuration.load),
+        "map": Loader("map.npz", (ROOT / "generated/4ws2.npz").read_bytes(), npz.load, 0.3),
+        "manifest": Loader("manifest.json", manifest, lambda path: read_build(path.parent), 0.5),
+        "verification": Loader("verify.json", verification, _verification, 0.3),
+        "campaign": Loader("sweep.toml", sweep.encode(), spec.load),
+        "scenario": Loader("mine.toml", scenario.encode(), _scenario),
+        "recorded steering": Loader("mine.csv", steering.encode(), _scenario),
+        "text table": Loader("table.csv", _table(), _map),
+        "tyre": Loader("tyre.tir", tyre, _tyre),
+        "MATLAB file": Loader("map.mat", _mat(), _map, 0.02),
+        "faults": Loader("faults.json", _faults(), _report_input),
+        "program": Loader("program", _written("program", _program), Elf.read, 0.5),
+    }
+    for kind, weight in (("csv", 1.0), ("parquet", 0.5), ("mf4", 0.05)):
+        found[f"run, {kind}"] = Loader(f"run.{kind}", _written(f"run.{kind}", _run), _report_input, weight)
+    for kind in ("asc", "log", "blf"):
+        found[f"log, {kind}"] = Loader(f"bus.{kind}", _written(f"bus.{kind}", _log), _report_input, 0.5)
+    return found
+
+
+def _scenario(path: Path) -> object:
+    return scenario_files.load(path, PAPER)
+
+
+def _map(path: Path) -> object:
+    return import_map(path, Choices({}, "vx=m/s,delta_f=rad,yaw_rate=rad/s", None))
+
+
+def _program(path: Path) -> None:
+    source = path.with_suffix(".c")
+    source.write_text("int counter = 1;\nint main(void) { return counter; }\n", encoding="ascii")
+    subprocess.run([*compiler_command(), "-g", "-no-pie", str(source), "-o", str(path)], check=True)
+
+
+def _verification(path: Path) -> object:
+    path.with_name("manifest.json").write_bytes((BUILD / "manifest.json").read_bytes())
+    return list(folder_warnings(path.parent))
+
+
+def damaged(seed: bytes, generator: np.random.Generator) -> bytes:
+    """Return a seed with one to three kinds of damage."""
+    data = seed
+    for _ in range(int(generator.integers(1, 4))):
+        data = DAMAGES[int(generator.integers(len(DAMAGES)))](data, generator)
+    return data
+
+
+def _at(data: bytes, generator: np.random.Generator) -> int:
+    return int(generator.integers(len(data) + 1))
+
+
+def _cut(data: bytes, generator: np.random.Generator) -> bytes:
+    first, last = sorted((_at(data, generator), _at(data, generator)))
+    return data[:first] if generator.random() < 0.5 else data[:first] + data[last:]
+
+
+def _flip(data: bytes, generator: np.random.Generator) -> bytes:
+    changed = bytearray(data)
+    for _ in range(int(generator.integers(1, 9)) if changed else 0):
+        changed[int(generator.integers(len(changed)))] = int(generator.integers(256))
+    return bytes(changed)
+
+
+def _replace(data: bytes, generator: np.random.Generator) -> bytes:
+    """Put something else in place of one word or number."""
+    words = list(re.finditer(rb'"[^"\n]{0,40}"|[-+\w.]+', data[:200_000]))
+    if not words:
+        return data
+    word = words[int(generator.integers(len(words)))]
+    return data[: word.start()] + WORDS[int(generator.integers(len(WORDS)))] + data[word.end() :]
+
+
+def _repeat(data: bytes, generator: np.random.Generator) -> bytes:
+    """Drop, repeat or move a line."""
+    lines = data.splitlines(keepends=True)
+    if len(lines) < 2:
+        return data + data[: _at(data, generator)]
+    line = lines.pop(int(generator.integers(len(lines))))
+    for _ in range(int(generator.integers(3))):
+        lines.insert(int(generator.integers(len(lines) + 1)), line)
+    return b"".join(lines)
+
+
+def _nest(data: bytes, generator: np.random.Generator) -> bytes:
+    at = _at(data, generator)
+    return data[:at] + NESTED[int(generator.integers(len(NESTED)))] + data[at:]
+
+
+DAMAGES = (_cut, _flip, _replace, _replace, _replace, _repeat, _nest)
+
+
+def fault_of(loader: Loader, data: bytes, folder: Path) -> str:
+    """Return what is wrong with the answer to a file, "" if nothing is: an exception of another kind, or no single line."""
+    path = folder / loader.name
+    path.write_bytes(data)
+    before = signal.signal(signal.SIGALRM, _hung)
+    signal.alarm(HANG_S)
+    try:
+        loader.load(path)
+    except CodegenError as error:
+        text = str(error)
+        return "" if text and text.isprintable() else f"not one printable line: {text[:200]!r}"
+    except Exception as error:
+        return f"{type(error).__name__}: {str(error)[:200]}"
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    return ""
+
+
+def _hung(_signal: int, _frame: object) -> None:
+    raise TimeoutError(f"no answer after {HANG_S} s")

@@ -1,0 +1,131 @@
+"""Warnings of `codegen check`: each slip that was made with a real car is found, and no plausible car is accused."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen.config import Config, preset
+from codegen.plausibility.build import schedule_warnings
+from codegen.plausibility.car import Handling, car_warnings
+from codegen.plausibility.check import check_path
+from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
+from codegen.refmap import map as npz
+from codegen.refmap.solve import solve_case
+from hil_sim.suite.plants import changed
+from hil_sim.suite.random_cars import TEST_SEED, random_cars
+
+GENERATED = Path(__file__).resolve().parents[2] / "generated"
+COARSE = {"grid": {"speed_points": 7, "front_angle_points": 8}}
+
+
+def hatchback(**tables: Any) -> Config:
+    """A front-heavy car of 1,450 kg with 60 kN/rad for each tyre: 1.3 deg/g of understeer."""
+    tyre = {"cornering_stiffness_n_per_rad": 60e3}
+    vehicle = {"mass_kg": 1450.0, "yaw_inertia_kg_m2": 2300.0, "cg_height_m": 0.52, "track_m": 1.52}
+    arms = {"cg_to_front_axle_m": 1.05, "cg_to_rear_axle_m": 1.55}
+    own = {"vehicle": {**vehicle, **arms}, "tyre": {"front": tyre, "rear": tyre}}
+    return changed(changed(preset("recommended"), {**own, **COARSE}), tables)
+
+
+@pytest.mark.parametrize("number", range(40))
+def test_a_plausible_car_has_no_warning(number: int) -> None:
+    config = changed(random_cars(TEST_SEED, number + 1)[number], COARSE)
+    reference_map = solve_case(config.with_tyre_model("magic-formula"), "4ws-2")
+    assert (*car_warnings(config), *map_warnings(reference_map, config)) == ()
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"limits": {"rear_angle_max_deg": 5.0}}, "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5"),
+        ({"tyre": {"rear": {"cornering_stiffness_n_per_rad": 120e3}}}, "tyre.rear: 120000 N/rad .* Then halve it"),
+        ({"tyre": {"front": {"cornering_stiffness_n_per_rad": 10e3}}}, "tyre.front: 10000 N/rad .* half of a tyre's"),
+        (
+            {"vehicle": {"yaw_inertia_kg_m2": 210.0}},
+            r"vehicle.yaw_inertia_kg_m2 = 210 is 0\.089 times mass lf lr = 2360 kg m\^2",
+        ),
+        ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
+        ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
+        ({"rear_actuator": {"lag_s": 0.2}}, "rear_actuator.lag_s = 0.2 is outside the lags for which gains are designed"),
+        (
+            {"tyre": {"front": {"cornering_stiffness_n_per_rad": 140e3}}},
+            "the car is unstable from 137 km/h without rear steering",
+        ),
+    ],
+)
+def test_a_slip_in_the_configuration_is_found(tables: dict[str, Any], words: str) -> None:
+    assert car_warnings(hatchback()) == ()
+    assert any(re.search(words, text) for text in car_warnings(hatchback(**tables)))
+
+
+def test_handling_is_that_of_the_linear_car() -> None:
+    """K = m/L (lr/Cf - lf/Cr), in deg/g; the characteristic speed is sqrt(L/K)."""
+    coefficient = 1450.0 / 2.6 * (1.55 - 1.05) / 120e3
+    handling = Handling.from_config(hatchback())
+    assert handling.understeer_gradient_deg_per_g == pytest.approx(np.rad2deg(coefficient) * 9.81, rel=1e-12)
+    assert handling.characteristic_speed_km_h == pytest.approx(3.6 * np.sqrt(2.6 / coefficient), rel=1e-12)
+    assert str(handling) == "understeer gradient 1.31 deg/g, characteristic speed 120 km/h"
+
+
+def test_what_actuator_and_tyres_cannot_do_is_told_of_a_map() -> None:
+    """By the share of its cells that is beyond the actuator, and by its slip; and which constraint makes the car turn less."""
+    config = hatchback(limits={"rear_angle_max_deg": 5.0})
+    found = list(map_warnings(solve_case(config, "4ws-2"), config))
+    assert any(
+        re.search(r"% of the map's feasible cells use rear angles up to 5 deg, beyond the 3\.5 deg", text) for text in found
+    )
+    linear = solve_case(hatchback().with_tyre_model("linear"), "4ws-2")
+    assert [text for text in map_warnings(linear, hatchback()) if "rear slip bound" in text]
+    facts = MapFacts.of_map(linear, hatchback())
+    assert facts.reachable_percent == 100.0
+    assert sum(facts.turns_less_by.values()) == pytest.approx(facts.turns_less_percent)
+
+
+def test_a_gain_schedule_of_another_car_is_found() -> None:
+    config = npz.load(GENERATED / "4ws2-tracking.npz").config
+    assert config is not None and list(schedule_warnings(config)) == []
+    (text,) = schedule_warnings(changed(config, {"rear_actuator": {"lag_s": 0.08}}))
+    assert "tuned for another actuator than rear_actuator.lag_s = 0.08" in text
+    schedule = config.controller.tracking.schedule
+    assert schedule is not None
+    tripled = {
+        "proportional_gain_s": [3.0 * gain for gain in schedule.proportional_gain_s],
+        "integral_gain": [3.0 * gain for gain in schedule.integral_gain],
+    }
+    tracking = {"schedule": {**schedule.model_dump(mode="json"), **tripled}}
+    (text,) = schedule_warnings(changed(config, {"controller": {"tracking": tracking}}))
+    assert re.match("over the family of cars the gains keep 0.0 dB and 0 deg, less than the 8 dB and 45 deg", text)
+
+
+def test_wrong_units_and_a_transposed_table_are_named() -> None:
+    """The paper's map: a cell of 0.8 g becomes 2.9 g with km/h for m/s."""
+    own = npz.load(GENERATED / "4ws2.npz")
+    assert beyond_grip(own) == ""
+    assert "is vx in km/h?" in beyond_grip(replace(own, speed=3.6 * own.speed))
+    square = replace(own, front_angle=np.resize(own.front_angle, own.speed.size))
+    rates = np.nan_to_num(own.yaw_rate[:, : own.speed.size])
+    rates = np.pad(rates, ((0, 0), (0, own.speed.size - rates.shape[1])))
+    turned = replace(square, yaw_rate=rates.T, feasible=np.ones(rates.shape, dtype=bool))
+    assert "transpose yaw_rate: its rows are speeds" in beyond_grip(turned)
+
+
+def test_committed_files_and_a_build_that_was_changed(tmp_path: Path) -> None:
+    found = check_path(GENERATED / "4ws2-tracking.npz")
+    assert (found.kind, found.warnings) == ("map", ())
+    folder = tmp_path / "build"
+    (folder / "src").mkdir(parents=True)
+    manifest = json.loads((GENERATED / "4ws2-tracking/manifest.json").read_text(encoding="utf-8"))
+    manifest["files"] = {"src/ars_map.c": manifest["files"]["src/ars_map.c"]}
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    (folder / "src/ars_map.c").write_text("int x;\n", encoding="utf-8")
+    warnings = check_path(folder).warnings
+    assert any("changed since the build: src/ars_map.c" in text for text in warnings)
+    assert any(f"not verified; run `codegen verify {folder}`" in text for text in warnings)
+    for damaged in ("{}", "not JSON", '{"build": {"manifest_sha256": "0"}, "counts": {"failed": 0}}'):
+        (folder / "verify.json").write_text(damaged, encoding="utf-8")
+        assert any("verify.json" in text for text in check_path(folder).warnings)
