@@ -67,7 +67,8 @@ def take(handlers: Mapping[int, Handler]) -> None:
 
 def _is_swallowed(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_globals.get("__name__") in SWALLOWING:
+        # Python prints what a destructor raises, and goes on.
+        if frame.f_globals.get("__name__") in SWALLOWING or frame.f_code.co_name == "__del__":
             return True
         frame = frame.f_back
     return False

@@ -74,8 +74,8 @@ def init(folder: Path, preset: str) -> None:
 def solve(config_path: Path | None, case: str, output: Path, method: str, friction_list: str | None, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
-    from codegen.plausibility.car import car_warnings
-    from codegen.plausibility.map import map_warnings
+    from codegen.plausibility.car import Handling, car_warnings
+    from codegen.plausibility.map import MapFacts, map_warnings
     from codegen.refmap import map as npz
     from codegen.refmap.choose import choose_config
     from codegen.refmap.solve import Method, solve_case
@@ -94,10 +94,11 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
             reference_map = solve_stack(chosen.config, case, friction, solver, progress)
     npz.save(reference_map, output)
     summary = map_summary(reference_map)
+    handling, facts = Handling.from_config(chosen.config), MapFacts.of_map(reference_map, chosen.config)
     warnings = [*car_warnings(chosen.config), *map_warnings(reference_map, chosen.config)]
     if as_json:
-        facts = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
-        console.print_json({**facts, **summary.to_dict()})
+        origin = {"map": str(output), "configuration": chosen.source, "warnings": warnings}
+        console.print_json({**origin, "handling": handling.to_dict(), **facts.to_dict(), **summary.to_dict()})
         return
     for text in chosen.notes:
         console.note(text)
@@ -106,6 +107,9 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     for text in warnings:
         console.warn(text)
     console.say(f"{output}: {summary.headline}")
+    console.say(f"car: {handling}")
+    for line in facts.lines():
+        console.say(f"map: {line}")
 
 
 @click.command(short_help="Generate the C of a map.", epilog=example("codegen build --map 4ws2.npz"))

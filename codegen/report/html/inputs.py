@@ -123,7 +123,7 @@ def _read_mf4(path: Path) -> FloatArray | None:
         from asammdf.blocks.mdf_v4 import MDF4
     except ImportError:
         raise _missing("asammdf", path) from None
-    MDF4.__del__ = _close_quietly
+    MDF4.__del__ = _close_quietly  # type: ignore[method-assign]
     try:
         with MDF(path) as mdf:
             if RECORD_COLUMNS[1] not in mdf.channels_db:
