@@ -51,18 +51,18 @@ lock: ## requirements.lock from pyproject.toml (with UPGRADE=1: newest versions)
 		--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" $(if $(UPGRADE),--upgrade) -o requirements.lock
 
 generated: $(READY) ## the committed reference output in generated/, and README's pictures
-	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2.npz
-	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
+	@$(BIN)/codegen solve --case 4ws-2 -o generated/4ws2-paper.npz
+	@$(BIN)/codegen build --map generated/4ws2-paper.npz -o generated/4ws2-paper
 	@rm -rf build/recommended && $(BIN)/codegen init build/recommended >/dev/null
-	@$(BIN)/codegen solve --config build/recommended/ars.toml --case 4ws-2 -o generated/4ws2-tracking.npz
-	@$(BIN)/codegen tune --map generated/4ws2-tracking.npz -o generated/4ws2-tracking.npz
-	@$(BIN)/codegen build --map generated/4ws2-tracking.npz -o generated/4ws2-tracking
+	@$(BIN)/codegen solve --config build/recommended/ars.toml --case 4ws-2 -o generated/4ws2.npz
+	@$(BIN)/codegen tune --map generated/4ws2.npz -o generated/4ws2.npz
+	@$(BIN)/codegen build --map generated/4ws2.npz -o generated/4ws2
+	@$(BIN)/codegen verify generated/4ws2-paper >/dev/null
 	@$(BIN)/codegen verify generated/4ws2 >/dev/null
-	@$(BIN)/codegen verify generated/4ws2-tracking >/dev/null
 	@$(BIN)/codegen paper -o build >/dev/null
 	@mkdir -p docs/images && cp build/overview.png docs/images/overview.png
 	@$(BIN)/codegen sil --suite tracking --plot docs/images/tracking.png >/dev/null
-	@$(BIN)/codegen sil --build generated/4ws2 --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
+	@$(BIN)/codegen sil --build generated/4ws2-paper --can --scenario ecu-loss --plot docs/images/ecu-loss.png >/dev/null
 
 wheel: $(READY) ## sdist, and the wheel built from it, in dist/
 	@$(BIN)/python -m build --no-isolation --outdir dist

@@ -33,7 +33,7 @@ REQUIRED: dict[Isa, float | None] = {"x86-64-v4": 5000.0, "x86-64-v3": 2500.0, "
 
 NAMES: dict[Isa, str] = {"x86-64-v4": "AVX-512", "x86-64-v3": "AVX2", "none": "no vectors"}
 GENERATED = Path(__file__).resolve().parents[1] / "generated"
-BUILDS = {"PI": GENERATED / "4ws2", "tracking": GENERATED / "4ws2-tracking"}
+BUILDS = {"PI": GENERATED / "4ws2-paper", "tracking": GENERATED / "4ws2"}
 RUNS = 256
 REPEATS, QUICK_REPEATS = 15, 5
 

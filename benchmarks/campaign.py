@@ -34,7 +34,7 @@ lead_s = 0.1
 length_s = 3.0
 
 [controllers]
-pi = "{root}/generated/4ws2"
+pi = "{root}/generated/4ws2-paper"
 
 [factors]
 mass_percent = {{ uniform = [-15, 25] }}

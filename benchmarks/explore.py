@@ -27,7 +27,7 @@ from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from hil_sim.scenarios import find
 
-MAP = Path(__file__).resolve().parents[1] / "generated" / "4ws2-tracking.npz"
+MAP = Path(__file__).resolve().parents[1] / "generated" / "4ws2.npz"
 REPEATS, QUICK_REPEATS = 5, 2
 MOVES, QUICK_MOVES = 40, 10
 AIM_S = 0.2

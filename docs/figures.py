@@ -43,8 +43,8 @@ from codegen.report.plots import (  # noqa: E402
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAP = ROOT / "generated/4ws2.npz"
-BUILD, RECOMMENDED = ROOT / "generated/4ws2", ROOT / "generated/4ws2-tracking"
+MAP = ROOT / "generated/4ws2-paper.npz"
+BUILD, RECOMMENDED = ROOT / "generated/4ws2-paper", ROOT / "generated/4ws2"
 WIDTH = 7.4
 """inches of a figure over the whole width of a page."""
 

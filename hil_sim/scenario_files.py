@@ -16,7 +16,7 @@ For recordings see `hil_sim.recorded_drives`. A scenario file:
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -79,7 +79,7 @@ class FaultLine(Section):
 class ScenarioFile(Section):
     """A scenario file: a built-in scenario, what differs, and faults."""
 
-    name: Annotated[str, AfterValidator(check_name)]
+    name: Annotated[str, AfterValidator(check_name)] | None = None
     base: str
     speed_km_h: Annotated[float, Range(1.0, 400.0, "km/h")] | None = None
     steering_wheel_angle_deg: Annotated[float, Range(-1_500.0, 1_500.0, "deg")] | None = None
@@ -101,13 +101,39 @@ def _from_toml(text: str, path: Path, config: Config) -> Scenario:
     return _changed(BUILT_IN[given.base], given, path, config)
 
 
+def with_settings(base: Scenario, settings: Mapping[str, float]) -> Scenario:
+    """Return a scenario with other settings, by name (`speed_km_h`).
+
+    Raises:
+        CodegenError: the scenario does not take one of them.
+    """
+    for key in settings:
+        _require_adjustable(base, key, f"--{key.replace('_', '-')}")
+    return replace(base, settings=replace(base.settings, **settings)) if settings else base
+
+
+def _require_adjustable(base: Scenario, key: str, where: str) -> None:
+    if key not in base.adjustable:
+        remedy = f"it takes {', '.join(sorted(base.adjustable))}" if base.adjustable else "it takes none"
+        raise CodegenError(f"{base.name} does not take it", where=where, remedy=remedy)
+
+
+def _name_of(given: ScenarioFile, path: Path) -> str:
+    """Return the name in the file, or that of the file itself."""
+    if given.name is not None:
+        return given.name
+    try:
+        return check_name(path.stem)
+    except ValueError as error:
+        what, _, remedy = str(error).partition("; ")
+        raise CodegenError(what, where=path, remedy=f"rename the file, or give it a name: {remedy}") from None
+
+
 def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) -> Scenario:
     changes = given.model_dump(exclude_none=True, exclude={"name", "base", "faults"})
     for key in changes:
-        if key not in base.adjustable:
-            raise CodegenError(
-                f"{base.name} does not take it", where=f"{path}: {key}", remedy=f"it takes {', '.join(sorted(base.adjustable))}"
-            )
+        _require_adjustable(base, key, f"{path}: {key}")
+    name = _name_of(given, path)
     duration = changes.pop("duration_s", base.duration)
     if duration <= base.steer_time + MIN_DURATION:
         raise CodegenError(
@@ -127,8 +153,8 @@ def _changed(base: Scenario, given: ScenarioFile, path: Path, config: Config) ->
             )
     return replace(
         base,
-        name=given.name,
-        subject=f"{given.name} ({base.subject.lower()})",
+        name=name,
+        subject=f"{name} ({base.subject.lower()})",
         what=f"{base.what}, as {path.name} changes it",
         duration=duration,
         settings=replace(base.settings, **changes),

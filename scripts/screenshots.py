@@ -19,7 +19,7 @@ WIDTHS = (390, 820, 1440)
 SCHEMES = ("light", "dark")
 LENGTH = 6000
 REPORT, GUIDE = ROOT / "build" / "report.html", ROOT / "build" / "docs"
-MAP = ROOT / "generated" / "4ws2-tracking.npz"
+MAP = ROOT / "generated" / "4ws2.npz"
 PAGES = ("index.html", "tutorial.html", "theory-map.html", "ars-toml.html")
 
 

@@ -34,7 +34,7 @@ from hil_sim.frames import Frame
 from hil_sim.logs import BusLog
 
 ROOT = Path(__file__).resolve().parents[1]
-BUILD = ROOT / "generated" / "4ws2"
+BUILD = ROOT / "generated" / "4ws2-paper"
 PAPER = preset()
 CAN = PAPER.can
 HANG_S = 60
@@ -120,7 +120,7 @@ def loaders() -> Mapping[str, Loader]:
     tyre = (ROOT / "tests/importing/data/mf61.tir").read_bytes()
     found = {
         "configuration": Loader("ars.toml", preset_text("recommended").encode(), configuration.load),
-        "map": Loader("map.npz", (ROOT / "generated/4ws2.npz").read_bytes(), npz.load, 0.3),
+        "map": Loader("map.npz", (ROOT / "generated/4ws2-paper.npz").read_bytes(), npz.load, 0.3),
         "manifest": Loader("manifest.json", manifest, lambda path: read_build(path.parent), 0.5),
         "verification": Loader("verify.json", verification, _verification, 0.3),
         "campaign": Loader("sweep.toml", sweep.encode(), spec.load),

@@ -11,7 +11,7 @@ from codegen.cli.base import example, json_option
 from codegen.cli.values import build_folder, map_file, report_to_write, result_names, scenario_names
 
 EXAMPLE = (
-    "codegen report --map generated/4ws2-tracking.npz --build generated/4ws2-tracking -o report.html\n"
+    "codegen report --map generated/4ws2.npz --build generated/4ws2 -o report.html\n"
     "  codegen report --map 4ws2.npz --build generated/4ws2 --run C1=c1.csv --run bus=run.blf -o report.html"
 )
 

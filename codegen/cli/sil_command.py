@@ -19,7 +19,7 @@ from codegen.cli.run_options import (
     sensor_options,
     with_clocks,
 )
-from codegen.cli.values import build_folder, map_file
+from codegen.cli.values import FiniteRange, build_folder, map_file
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 
     Record = npt.NDArray[np.float64]
 
+SETTINGS = ("speed_km_h", "steering_wheel_angle_deg")
 OF_A_SCENARIO = (
-    *("map_path", "scenario", "baselines", "plant", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed", "csv"),
+    *("map_path", "scenario", *SETTINGS, "baselines", "plant", "through_can", "drift_ppm", "jitter_ms", "sensors", "seed"),
+    "csv",
 )
 """Parameters that do not go with --suite."""
 
@@ -48,6 +50,8 @@ class Choices:
     build_path: Path
     map_path: Path | None
     scenario: str
+    speed_km_h: float | None
+    steering_wheel_angle_deg: float | None
     baselines: bool
     plant: str
     through_can: bool
@@ -91,6 +95,15 @@ class Choices:
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 @click.option("--map", "map_path", type=map_file, metavar="MAP.npz", help="Take the car of this map instead of the build's.")
 @scenario_option
+@click.option(
+    "--speed-km-h", type=FiniteRange(min=1.0, max=400.0), metavar="KM/H", help="Speed, for a scenario that takes another one."
+)
+@click.option(
+    "--steering-wheel-angle-deg",
+    type=FiniteRange(min=-1500.0, max=1500.0),
+    metavar="DEG",
+    help="Angle of the steering wheel, for a scenario that takes another one.",
+)
 @click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
 @click.option(
     "--plant",
@@ -158,6 +171,7 @@ def _run_scenario(chosen: Choices) -> None:
     from codegen.plausibility.car import car_warnings
     from codegen.refmap import map as npz
     from codegen.sil.software import load
+    from hil_sim.scenario_files import with_settings
     from hil_sim.scenarios import find
 
     build_path = chosen.build_path
@@ -175,7 +189,9 @@ def _run_scenario(chosen: Choices) -> None:
         console.note(f"{chosen.map_path} brings no car; the build's own is taken")
     with console.status(f"compiling {build_path}"):
         software = load(build_path, config)
-    scenario = with_clocks(find(chosen.scenario, software.config), chosen.drift_ppm, chosen.jitter_ms)
+    settings = {key: value for key in SETTINGS if (value := getattr(chosen, key)) is not None}
+    base = with_settings(find(chosen.scenario, software.config), settings)
+    scenario = with_clocks(base, chosen.drift_ppm, chosen.jitter_ms)
     for text in car_warnings(software.config):
         console.warn(text)
     if not software.selftest():

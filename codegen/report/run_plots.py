@@ -15,6 +15,7 @@ from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_s
 from codegen.report.style import (
     BLACK,
     BLUE,
+    CONTROLLER_COLOURS,
     GREEN,
     GREY,
     ORANGE,
@@ -55,12 +56,17 @@ SIGNALS = (
 SPEED_SIGNAL = _Signal("Speed\n(km/h)", "speed_m_s")
 """Shown where the speed is not held."""
 RUN_LINES: Mapping[str, Mapping[str, Any]] = {
-    "C1": {"color": BLUE},
+    "C1": {"color": CONTROLLER_COLOURS["pi"]},
     "C2": {"color": GREY},
-    "C1 tracking": {"color": VERMILION},
-    "passive": {"color": BLACK, "linestyle": ":"},
+    "C1 tracking": {"color": CONTROLLER_COLOURS["tracking"]},
+    "passive": {"color": CONTROLLER_COLOURS["passive"], "linestyle": ":"},
+    **{kind: {"color": colour} for kind, colour in CONTROLLER_COLOURS.items() if kind != "passive"},
 }
 RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""Colours of runs that are not called by a kind of controller."""
+LIMIT_LINE: Mapping[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": (0, (5, 2)), "zorder": 1.5}
+LIMIT_IN_REACH = 0.6
+"""A limit is drawn where it is at most this share of the panel's height beyond the curves."""
 STATUS_COLOURS = {"LIMITED": "#F0E442", "STANDBY": "#BBBBBB", "DEGRADED": ORANGE, "FAIL_SAFE": VERMILION}
 STATUS_SHOWN = ("STANDBY", "DEGRADED", "FAIL_SAFE")
 
@@ -116,6 +122,8 @@ def run_figure(
     spans: Sequence[Span] = (),
     window: tuple[float, float] | None = None,
     of_map: FloatArray | None = None,
+    limits: Mapping[str, float] | None = None,
+    time_label: str = "Time (s)",
 ) -> Figure:
     """Runs (name -> array with columns RECORD_COLUMNS) over time, in panels below each other.
 
@@ -128,6 +136,8 @@ def run_figure(
         marks, spans: moments and stretches of time to point out.
         window: s to show, from and to; None takes what is worth showing.
         of_map: (samples,) rad/s, the map's steady yaw rate in the samples of the first run; None leaves it out.
+        limits: column -> limit to either side, in deg or m/s^2.
+        time_label: label of the time axis.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -148,11 +158,12 @@ def run_figure(
             handles += _draw_map(panels[0], next(iter(runs.values())), of_map, window)
         for axes, signal in zip(panels, signals, strict=False):
             _draw_spins(axes, runs, spun, looks, signal)
+        handles += _draw_limits(panels, signals, limits or {})
         handles += spin_handles(runs, spun) + draw_spans(panels, spans)
         draw_marks(panels, marks)
         if status:
             handles += _draw_status(panels[-1], status, window)
-        panels[-1].set(xlabel="Time (s)", xlim=window)
+        panels[-1].set(xlabel=time_label, xlim=window)
         figure.align_ylabels(panels[: len(signals)])
         figure.suptitle(heading(title))
         legend_below(figure, handles)
@@ -194,9 +205,10 @@ def looks_of(runs: Mapping[str, FloatArray]) -> dict[str, Mapping[str, Any]]:
                 where=f"run {name}",
                 remedy=f"give the columns {', '.join(RECORD_COLUMNS)}",
             )
-    free = [colour for colour in RUN_COLOURS if not ("C1" in runs and colour == BLUE)]
-    others = iter(free * len(runs))
-    return {name: RUN_LINES.get("passive" if _is_passive(name) else name) or {"color": next(others)} for name in runs}
+    named = {name: RUN_LINES.get("passive" if _is_passive(name) else name) for name in runs}
+    taken = {look["color"] for look in named.values() if look is not None}
+    others = iter([colour for colour in RUN_COLOURS if colour not in taken] * len(runs) or RUN_COLOURS)
+    return {name: look or {"color": next(others)} for name, look in named.items()}
 
 
 def _is_passive(name: str) -> bool:
@@ -241,6 +253,21 @@ def _draw_map(axes: Axes, run: FloatArray, of_map: FloatArray, window: tuple[flo
     inside = (time >= window[0]) & (time <= window[1])
     axes.plot(time[inside], np.degrees(of_map[inside]), **{**MAP_LINE, "label": "_"})
     return [Line2D([], [], **MAP_LINE)]
+
+
+def _draw_limits(panels: Sequence[Axes], signals: Sequence[_Signal], limits: Mapping[str, float]) -> list[Any]:
+    """Draw those limits that the curves come near; returns their legend entry."""
+    from matplotlib.lines import Line2D
+
+    drawn = False
+    for axes, signal in zip(panels, signals, strict=False):
+        low, high = axes.get_ylim()
+        reach = LIMIT_IN_REACH * (high - low)
+        for level in (limits[signal.column], -limits[signal.column]) if signal.column in limits else ():
+            if low - reach <= level <= high + reach:
+                axes.axhline(level, label="_", **LIMIT_LINE)
+                drawn = True
+    return [Line2D([], [], label="limit", **LIMIT_LINE)] if drawn else []
 
 
 def _has_incident(name: str, run: FloatArray, window: tuple[float, float]) -> bool:

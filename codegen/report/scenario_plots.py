@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 FIT_LINE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.1}
 GUIDE: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (1, 1.5)), "zorder": 1.5, "label": "_"}
+CONTROLLED = "controlled"
+"""Name of the run of the build in `runs`."""
 TITLE_LENGTH = 64
 """Characters of name and title that go on one line."""
 LINE_LENGTH = 78
@@ -55,7 +57,7 @@ def scenario_figure(
     """
     from hil_sim.metrics.run import Run
 
-    title = _title(scenario, name, details)
+    title, runs = _title(scenario, name, details), _named(runs, config)
     if scenario.kind == "frequency":
         return bode_figure(scenario, config, runs, title)
     if scenario.kind == "ramp":
@@ -67,7 +69,22 @@ def scenario_figure(
         return run_figure(runs, title, marks=marks, spans=spans, window=_whole(runs), of_map=of_map)
     if scenario.kind == "recording" or scenario.faults:
         return run_figure(runs, title, spans=spans, window=_whole(runs), of_map=of_map)
-    return run_figure(runs, title, of_map=of_map)
+    limits = {
+        "rear_angle_rad": config.rear_actuator.angle_max_deg,
+        "sideslip_rad": config.limits.sideslip_max_deg,
+        "lateral_acceleration_m_s2": config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
+    }
+    if scenario.kind != "step":
+        return run_figure(runs, title, of_map=of_map, limits=limits)
+    after = {run: np.column_stack([record[:, 0] - scenario.steer_time, record[:, 1:]]) for run, record in runs.items()}
+    return run_figure(after, title, of_map=of_map, limits=limits, time_label="Time after the step (s)")
+
+
+def _named(runs: Mapping[str, FloatArray], config: Config) -> dict[str, FloatArray]:
+    """Call the controlled run by its kind of controller."""
+    kind = config.controller.kind
+    own = kind if kind not in runs else f"{kind} (this build)"
+    return {own if name == CONTROLLED else name: run for name, run in runs.items()}
 
 
 def _title(scenario: Scenario, name: str, details: str) -> str:

@@ -32,6 +32,8 @@ FloatArray = npt.NDArray[np.float64]
 # M. Okabe, K. Ito, Color Universal Design (2008): told apart by all common kinds of colour vision.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 GREY, BLACK, WHITE = "#777777", "#000000", "#FFFFFF"
+CONTROLLER_COLOURS = {"tracking": BLUE, "pi": VERMILION, "feedforward": GREEN, "proportional": PURPLE, "passive": BLACK}
+"""Colour of each kind of controller, in all pictures."""
 INFEASIBLE_FACE, INFEASIBLE_HATCH = "#E2E2E2", "#A6A6A6"
 
 FRONT_ANGLE, REAR_ANGLE = r"$\delta_f$", r"$\delta_r$"

@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from codegen.report.style import (
     BLACK,
-    BLUE,
-    GREEN,
+    CONTROLLER_COLOURS,
     GREY,
     ORANGE,
-    PURPLE,
-    VERMILION,
     WHITE,
     plain,
 )
@@ -20,13 +17,6 @@ from codegen.report.style import (
 if TYPE_CHECKING:
     from hil_sim.suite.tracking import SuiteResult
 
-COLOURS = {
-    "tracking": BLUE,
-    "pi": VERMILION,
-    "feedforward": GREEN,
-    "proportional": PURPLE,
-    "passive": BLACK,
-}
 MORE_COLOURS = (ORANGE, GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P", "*")
 LIMIT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2)), "zorder": 1.5, "label": "_"}
@@ -39,7 +29,7 @@ def lines_of(result: SuiteResult) -> dict[str, dict[str, Any]]:
     spare = iter(MORE_COLOURS * len(result.subjects))
     looks: dict[str, dict[str, Any]] = {}
     for name in result.subjects:
-        looks[name] = {"color": COLOURS.get(name) or next(spare), "linewidth": 2.2 if name == result.tested else 1.3}
+        looks[name] = {"color": CONTROLLER_COLOURS.get(name) or next(spare), "linewidth": 2.2 if name == result.tested else 1.3}
         if name == "passive":
             looks[name]["linestyle"] = ":"
         looks[name]["zorder"] = 4 if name == result.tested else 3

@@ -6,7 +6,7 @@
     scenarios = ["step-steer", "sine-with-dwell"]
 
     [controllers]                       # name = folder made by codegen build, from where this file is; "passive" = "" has none
-    pi = "generated/4ws2"
+    pi = "generated/4ws2-paper"
 
     [factors]
     mass_percent = { uniform = [-20, 20] }  # of a factorial design: and points = 5

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILD = ROOT / "generated/4ws2-tracking"
+BUILD = ROOT / "generated/4ws2"
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

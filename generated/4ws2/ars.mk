@@ -31,7 +31,9 @@ ARS_SOURCES := $(addprefix $(ARS_DIR), \
     src/ars_e2e.c \
     src/ars_can.c \
     src/ars_task.c \
-    src/ars_selftest.c)
+    src/ars_selftest.c \
+    src/ars_grip.c \
+    src/ars_reference_model.c)
 # Not needed by the others, and the only one that calls the mathematical library: link it with -lm.
 ARS_DYNAMICS_SOURCES := $(ARS_DIR)src/ars_dynamics.c
 

@@ -13,7 +13,7 @@ import pytest
 from codegen import cli
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILD, TRACKING = ROOT / "generated" / "4ws2", ROOT / "generated" / "4ws2-tracking"
+BUILD, TRACKING = ROOT / "generated" / "4ws2-paper", ROOT / "generated" / "4ws2"
 MAP = BUILD.with_suffix(".npz")
 
 

@@ -51,6 +51,7 @@ def files(here: Path) -> None:
         (f"build --map {MAP} --storage int16", "add --max-error or --max-flash"),
         (f"{SIL} --scenario stepsteer", "did you mean 'step-steer'"),
         (f"{SIL} --scenario ecu-loss", "codegen hil"),
+        (f"{SIL} --scenario slalom --steering-wheel-angle-deg 9", "--steering-wheel-angle-deg: slalom does not take it"),
         (f"{SIL} --plot link.png", "not a file"),
         (f"{SIL} -o run", "run: no format for a run"),
         (f"{SIL} -o run.csv -o ./folder/../run.csv", "run.csv: it would be written twice; name each file once"),

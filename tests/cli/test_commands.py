@@ -45,7 +45,7 @@ def test_build_check(run: Run, here: Path) -> None:
 
 def test_check_warns_in_a_line_each_and_with_exit_code_1(run: Run, here: Path) -> None:
     """A map in km/h is named by `check`, refused by `build` unless told otherwise; a folder of a build has its facts."""
-    assert (run("check", MAP.with_name("4ws2-tracking.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
+    assert (run("check", MAP.with_name("4ws2.npz")).code, run("check", TRACKING, "--json").code) == (0, 0)
     speed, angle = np.array([20.0, 60.0, 120.0]), np.array([0.02, 0.05, 0.1])
     np.savez("km-h.npz", vx=speed, delta_f=angle, yaw_rate=np.minimum(np.outer(speed / 12.0, angle), 0.3))
     answer = run("check", "km-h.npz")

@@ -32,7 +32,7 @@ def test_it_serves_until_a_signal_and_keeps_its_key_from_other_users(here: Path)
         assert address.startswith("http://127.0.0.1:")
         assert process.stdout.readline() == "Ctrl-C ends it.\n"
         with urllib.request.urlopen(address, timeout=60) as answer:
-            assert b"<title>Explore 4ws2</title>" in answer.read()
+            assert b"<title>Explore 4ws2-paper</title>" in answer.read()
         process.send_signal(signal.SIGINT)  # it ends after the browser has been started, and not before
         out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (0, "", "")

@@ -20,6 +20,6 @@ def small_config(other: dict[str, Any] | None = None, /, **tuning: Any) -> Confi
 @pytest.fixture(scope="session")
 def committed() -> Schedule:
     """The schedule of the default configuration; the evidence tier designs it again."""
-    config = load(Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz").config
+    config = load(Path(__file__).resolve().parents[2] / "generated/4ws2.npz").config
     assert config is not None and config.controller.tracking.schedule is not None
     return config.controller.tracking.schedule

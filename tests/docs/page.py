@@ -17,7 +17,7 @@ from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason
     'pip install "ars-codegen[verify]"': "needs a package index",
     'pip install "ars-codegen[crosscheck]"': "needs a package index, as above",
-    "codegen sil --suite tracking --build generated/4ws2": "takes minutes; tests/cli has made results",
+    "make test": "needs the checkout; the page is about the run that this is a part of",
     "codegen sweep --spec sweep.toml --scheduler tcp://scheduler:8786 -o campaign": "needs a cluster; tests/sweep starts one",
     **dict.fromkeys(
         ("make evidence", "make evidence PART=mutation", "make evidence PART=mutation QUICK=1"),
@@ -48,7 +48,7 @@ def import_examples(folder: Path) -> None:
     import numpy as np
     from scipy.io import savemat
 
-    with np.load(ROOT / "generated/4ws2.npz") as archive:
+    with np.load(ROOT / "generated/4ws2-paper.npz") as archive:
         table = np.where(archive["feasible"], archive["yaw_rate"], np.nan)
         savemat(folder / "b.mat", {"map": {"vx": archive["vx"], "delta_f": archive["delta_f"], "yaw_rate": table.T}})
     own_configuration(folder)

@@ -14,7 +14,7 @@ from codegen.emit.folder import Folder
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 
-MAP = Path(__file__).parents[2] / "generated" / "4ws2.npz"
+MAP = Path(__file__).parents[2] / "generated" / "4ws2-paper.npz"
 
 SELFTEST_MAIN = """#include <stdio.h>
 #include "ars_controller.h"

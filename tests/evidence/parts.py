@@ -16,7 +16,7 @@ from codegen.verify.check import Effort, Outcome
 from tests.evidence.progress import Progress
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = (ROOT / "generated" / "4ws2", ROOT / "generated" / "4ws2-tracking")
+FOLDERS = (ROOT / "generated" / "4ws2-paper", ROOT / "generated" / "4ws2")
 RECORDS = ROOT / "docs" / "evidence"
 
 PACKAGES = {

@@ -18,7 +18,7 @@ from codegen.explore.toml_file import Target, preset_bases
 from codegen.refmap import map as npz
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
-KINDS = {"pi": "4ws2", "tracking": "4ws2-tracking"}
+KINDS = {"pi": "4ws2-paper", "tracking": "4ws2"}
 
 
 def small(kind: str) -> Config:

@@ -84,7 +84,7 @@ def test_links_folders_and_builds_are_refused(pi: Explorer, tmp_path: Path) -> N
     assert outside.read_text(encoding="utf-8") == "mine"
     path.unlink()
     path.mkdir()
-    build = GENERATED / "4ws2" / "ars.toml"
+    build = GENERATED / "4ws2-paper" / "ars.toml"
     for wrong, expected in ((path, "not a file"), (build, "inside a build"), (tmp_path / "gone/ars.toml", "does not exist")):
         with pytest.raises(CodegenError, match=expected):
             Target(wrong).write(pi.start, None)

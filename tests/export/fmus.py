@@ -24,7 +24,7 @@ from hil_sim.scenarios import find
 from tests import shared
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILDS = {"pi": ROOT / "generated" / "4ws2", "tracking": ROOT / "generated" / "4ws2-tracking"}
+BUILDS = {"pi": ROOT / "generated" / "4ws2-paper", "tracking": ROOT / "generated" / "4ws2"}
 STEP, SAMPLE, STEPS_PER_SAMPLE = 0.001, 0.01, 10
 
 FROM_SIL = {

@@ -19,7 +19,7 @@ from codegen.refmap import map as refmap
 from codegen.sil.toolchain import compiler_command
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
-BUILD = GENERATED / "4ws2-tracking"
+BUILD = GENERATED / "4ws2"
 OBJECT = re.compile(r"/begin (AXIS_PTS|CHARACTERISTIC|MEASUREMENT) (\S+) .*?/end \1", re.DOTALL)
 KINDS = ("AXIS_PTS", "CHARACTERISTIC", "MEASUREMENT")
 REFERENCES = ("REF_CHARACTERISTIC", "REF_MEASUREMENT")
@@ -158,7 +158,7 @@ def read_strictly(text: str, folder: Path) -> None:
 
 def test_the_orientation_of_the_map(tracking: Linked) -> None:
     """In ASAP2, ROW_DIR places the neighbours along the first axis, which is the front angle, side by side."""
-    text, solved = tracking.filled.text, refmap.load(GENERATED / "4ws2-tracking.npz")
+    text, solved = tracking.filled.text, refmap.load(GENERATED / "4ws2.npz")
     block = re.search(r"/begin CHARACTERISTIC ars.map.yaw_rate .*?/end CHARACTERISTIC", text, re.DOTALL)
     assert block is not None and "FNC_VALUES 1 FLOAT32_IEEE ROW_DIR DIRECT" in text
     assert re.findall(r"AXIS_PTS_REF (\S+)", block[0]) == ["ars.map.front_angle", "ars.map.speed"]
@@ -189,7 +189,7 @@ UNFIT: dict[str, Callable[[Path], Path]] = {
     "no symbols": lambda folder: compiled(BUILD, folder, EMPTY, "-s"),
     "no debug information": lambda folder: compiled(BUILD, folder, EMPTY, "-g0"),
     "no variable ars_epk": lambda folder: compiled(folder, folder, "int number = 1;\n" + EMPTY),
-    "it holds the build ": lambda folder: compiled(GENERATED / "4ws2", folder, EMPTY),
+    "it holds the build ": lambda folder: compiled(GENERATED / "4ws2-paper", folder, EMPTY),
 }
 
 

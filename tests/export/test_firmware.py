@@ -19,17 +19,17 @@ from tests.cli.conftest import Answer, everything_in, refused, run
 __all__ = ["refused", "run"]  # fixtures
 
 GENERATED = Path(__file__).parents[2] / "generated"
-BUILD = GENERATED / "4ws2"
+BUILD = GENERATED / "4ws2-paper"
 
 Run, Refused = Callable[..., Answer], Callable[..., str]
 
 
 @functools.cache
-def made(name: str = "4ws2") -> Project:
+def made(name: str = "4ws2-paper") -> Project:
     return project(GENERATED / name)
 
 
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-tracking"])
+@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
 def test_the_expected_frames_are_those_of_the_task_fed_with_the_trace(name: str) -> None:
     """The trace and the answers, read back from the files, against the task through cffi."""
     files = made(name).folder.files
@@ -55,7 +55,7 @@ def test_the_same_build_gives_the_same_bytes_which_name_the_build(tmp_path: Path
     assert not [path for path, content in again.files.items() if str(GENERATED).encode() in content]
     write_folder(again, tmp_path / "fw")
     manifest, source = read_manifest(tmp_path / "fw"), read_manifest(BUILD)
-    assert (manifest["what"], manifest["name"], manifest["build"]["id"]) == ("firmware", "4ws2", source["build_id"])
+    assert (manifest["what"], manifest["name"], manifest["build"]["id"]) == ("firmware", "4ws2-paper", source["build_id"])
 
 
 # --- the command ----------------------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Pa
     before = everything_in(tmp_path)
     assert "(unchanged)" in run("firmware", "--build", BUILD, "-o", tmp_path / "fw").out
     assert everything_in(tmp_path) == before
-    changed = Path(shutil.copytree(GENERATED / "4ws2-tracking", tmp_path / "changed"))
+    changed = Path(shutil.copytree(GENERATED / "4ws2", tmp_path / "changed"))
     (changed / "README.md").write_text("mine\n")
     answer = run("firmware", "--build", changed, "-o", tmp_path / "fw")
     assert answer.err == f"note: {changed / 'README.md'} was changed after the build; the firmware takes it as it is\n"
@@ -74,11 +74,11 @@ def test_a_project_is_written_again_only_where_it_differs(run: Run, tmp_path: Pa
 
 
 def test_builds_and_outputs_that_do_not_fit(refused: Refused, tmp_path: Path) -> None:
-    write_folder(prepare(GENERATED / "4ws2.npz", precision="double").folder, tmp_path / "double")
+    write_folder(prepare(GENERATED / "4ws2-paper.npz", precision="double").folder, tmp_path / "double")
     line = refused("firmware", "--build", tmp_path / "double", "-o", tmp_path / "fw")
     assert "computes in double precision" in line and "--precision single" in line
-    shutil.copytree(BUILD, tmp_path / "4ws2")
-    for output, reason in {"4ws2": "it is a build", "4ws2/fw": "inside a generated folder"}.items():
+    shutil.copytree(BUILD, tmp_path / "4ws2-paper")
+    for output, reason in {"4ws2-paper": "it is a build", "4ws2-paper/fw": "inside a generated folder"}.items():
         assert reason in refused("firmware", "--build", BUILD, "-o", tmp_path / output)
 
 
@@ -87,7 +87,7 @@ def test_work_of_the_user_in_the_project(refused: Refused, tmp_path: Path) -> No
     write_folder(made().folder, fw)
     board = fw / "src" / "board_mps2_an386.c"
     kept = board.read_bytes()
-    command = ("firmware", "--build", GENERATED / "4ws2-tracking", "-o", fw)
+    command = ("firmware", "--build", GENERATED / "4ws2", "-o", fw)
     board.write_bytes(kept + b"/* my chip */\n")
     assert "src/board_mps2_an386.c was changed since it was written" in refused(*command)
     board.write_bytes(kept)

@@ -12,9 +12,9 @@ def test_lines_and_branches_that_do_not_run_are_findings() -> None:
     counts = {3: (2, [1, 0]), 4: (0, [0, 0]), 5: (1, [])}
     lines = [{"line_number": line, "count": count, "branches": [{"count": each} for each in branches]}
              for line, (count, branches) in counts.items()]  # fmt: skip
-    unit = coverage._unit("4ws2", {"file": "src/a.c", "lines": [*lines, {"line_number": 9, "gcovr/noncode": True}]})
+    unit = coverage._unit("4ws2-paper", {"file": "src/a.c", "lines": [*lines, {"line_number": 9, "gcovr/noncode": True}]})
     outcome = coverage.outcome_of([unit])
-    assert outcome.findings == ("4ws2/src/a.c:4: never runs", "4ws2/src/a.c:3: branch 1 is never taken")
+    assert outcome.findings == ("4ws2-paper/src/a.c:4: never runs", "4ws2-paper/src/a.c:3: branch 1 is never taken")
     assert (outcome.verdict, outcome.figure) == (Verdict.FAILED, "2 of 3 lines, 1 of 4 branches")
     assert coverage.outcome_of([{**unit, "missed": []}]).verdict is Verdict.PASSED
 
@@ -24,13 +24,13 @@ def test_conditions_come_from_the_report_of_clang(tmp_path: Path) -> None:
     (tmp_path / "src/a.c").write_text("if ((a > 1)\n    && b) {\n", encoding="ascii")
     branches = [[1, 5, 1, 12, 3, 0, 0, 0, 4], [2, 8, 2, 9, 1, 2, 0, 0, 4], [9, 1, 9, 5, 1, 1, 0, 0, 4]]
     file = {"filename": "src/a.c", "branches": branches, "mcdc_records": [[1, 5, 2, 9, 0, 0, 0, 0, 5, [], [True, False]]]}
-    conditions = list(mcdc._conditions("4ws2", tmp_path, file))
-    assert conditions == [("4ws2/src/a.c:1", "(a > 1)", True), ("4ws2/src/a.c:2", "b", False)]
+    conditions = list(mcdc._conditions("4ws2-paper", tmp_path, file))
+    assert conditions == [("4ws2-paper/src/a.c:1", "(a > 1)", True), ("4ws2-paper/src/a.c:2", "b", False)]
     outcome = mcdc.outcome_of(conditions)
-    assert outcome.findings == ("4ws2/src/a.c:2: `b` is never shown to decide",)
+    assert outcome.findings == ("4ws2-paper/src/a.c:2: `b` is never shown to decide",)
     assert outcome.figure == "1 of 2 conditions decide"
     assert mcdc.outcome_of(conditions[:1]).verdict is Verdict.PASSED
-    assert list(mcdc._conditions("4ws2", tmp_path, {"filename": str(tmp_path / "bench/plant.c")})) == []
+    assert list(mcdc._conditions("4ws2-paper", tmp_path, {"filename": str(tmp_path / "bench/plant.c")})) == []
     assert coverage.outcome_of([]).verdict is mcdc.outcome_of([]).verdict is Verdict.FAILED, "nothing was measured"
 
 

@@ -66,7 +66,7 @@ def test_planted_faults_fail_their_claims_and_no_others(tmp_path: Path, monkeypa
     found = {next((name for name in expected if each.startswith(name)), each) for each in failed(outcome)}
     assert found == expected
     assert any("src/ars_can.c:75: undefined behaviour: " in finding for finding in outcome.findings)
-    start = "4ws2-tracking/src/ars_limiter.c: ars_limiter_init of 0x3F800000 (1): itself, or zero beyond one radian: 0, not 1; "
+    start = "4ws2/src/ars_limiter.c: ars_limiter_init of 0x3F800000 (1): itself, or zero beyond one radian: 0, not 1; "
     assert any(finding.startswith(start) for finding in outcome.findings)
     # Finished claims are not judged again.
     monkeypatch.setattr(exhaustive, "compile_program", None)
@@ -79,9 +79,9 @@ def test_helpers_without_claim_and_claims_without_helper_are_findings(tmp_path: 
     planted = changed(PI, tmp_path, ("limiter", old, new), ("limiter", "is_between", "is_from_to"))
     _, findings = exhaustive.claims_of(Source(Subject.read(planted)))
     assert set(findings) == {
-        "4ws2/src/ars_limiter.c: is_between is not there",
-        "4ws2/src/ars_limiter.c: doubled() takes a number and has neither a claim nor a reason for having none",
-        "4ws2/src/ars_limiter.c: is_from_to() takes a number and has neither a claim nor a reason for having none",
+        "4ws2-paper/src/ars_limiter.c: is_between is not there",
+        "4ws2-paper/src/ars_limiter.c: doubled() takes a number and has neither a claim nor a reason for having none",
+        "4ws2-paper/src/ars_limiter.c: is_from_to() takes a number and has neither a claim nor a reason for having none",
     }
 
 

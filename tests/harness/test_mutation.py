@@ -30,12 +30,12 @@ SAMPLE = 16
 def test_the_project_s_tests_kill_a_sample_and_a_killed_run_resumes(tmp_path: Path) -> None:
     path = tmp_path / "steps.jsonl"
     judges = [judge for judge in judges_of("pi", E2E) if judge != SANITIZED]
-    tally = campaign(["4ws2"], (E2E,), lambda *_: judges, SAMPLE, Progress(path))
+    tally = campaign(["4ws2-paper"], (E2E,), lambda *_: judges, SAMPLE, Progress(path))
     assert len(tally.judged) == SAMPLE < len(tally.exist) and tally.faults == []
     assert sum(one.by != SURVIVED for one in tally.judged) >= SAMPLE - 2, "some are equivalent"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(lines[:-3]) + lines[-3][:20], encoding="utf-8")  # a kill cuts the last line
-    again = campaign(["4ws2"], (E2E,), lambda *_: (), SAMPLE, Progress(path))
+    again = campaign(["4ws2-paper"], (E2E,), lambda *_: (), SAMPLE, Progress(path))
     assert [one.mutant.key for one in again.judged] == [one.mutant.key for one in tally.judged], "the same mutants each time"
     assert [one.by for one in again.judged[:-3]] == [one.by for one in tally.judged[:-3]], "judged before the kill"
     assert {one.by for one in again.judged[-3:]} == {SURVIVED}
@@ -47,7 +47,7 @@ def judged_by(judge: Callable[[int], None], most: int = 1) -> Tally:
     def run(case: Case) -> None:
         judge(case.mutated.number if case.mutated is not None else 0)
 
-    return campaign(["4ws2"], (E2E,), lambda *_: [Judge("judge", run)], most)
+    return campaign(["4ws2-paper"], (E2E,), lambda *_: [Judge("judge", run)], most)
 
 
 def test_a_loop_without_end_and_a_crash_kill_and_a_fault_of_the_machine_or_the_unaltered_c_does_not() -> None:
@@ -68,29 +68,31 @@ def test_a_loop_without_end_and_a_crash_kill_and_a_fault_of_the_machine_or_the_u
         judged_by(break_the_machine)
     outcome = outcome_of(judged_by(refuse), ())
     assert outcome.verdict is Verdict.FAILED
-    assert outcome.findings == ("4ws2: unaltered, it fails judge: AssertionError always",)
+    assert outcome.findings == ("4ws2-paper: unaltered, it fails judge: AssertionError always",)
 
 
 def test_a_judge_that_kills_nothing_is_found() -> None:
     blind = Judge("blind", lambda case: None)
-    tally = campaign(["4ws2"], (CALIBRATION,), lambda kind, path: [judges_of(kind, path)[0], blind])
+    tally = campaign(["4ws2-paper"], (CALIBRATION,), lambda kind, path: [judges_of(kind, path)[0], blind])
     assert tally.powerless == ["blind"]
 
 
 def made(fates: str) -> Tally:
     """Return a tally by letters: k for killed, s for survived."""
     mutants = [Mutant(Key("src/a.c", "f", "deletion", f"x = {k}"), k + 1, 0, "") for k in range(len(fates))]
-    judged = [Judged("4ws2", one, "a test" if letter == "k" else SURVIVED) for one, letter in zip(mutants, fates, strict=True)]
-    return Tally([("4ws2", one) for one in mutants], judged)
+    judged = [
+        Judged("4ws2-paper", one, "a test" if letter == "k" else SURVIVED) for one, letter in zip(mutants, fates, strict=True)
+    ]
+    return Tally([("4ws2-paper", one) for one in mutants], judged)
 
 
 def test_argued_mutants_may_survive_as_long_as_they_are_few_and_the_list_holds_nothing_else() -> None:
     tally, few = made("s" + "k" * 39), made("sss" + "k" * 18)
-    argued = [Equivalent("4ws2", Key("src/a.c", "f", "deletion", f"x = {k}"), "no input can tell") for k in range(41)]
+    argued = [Equivalent("4ws2-paper", Key("src/a.c", "f", "deletion", f"x = {k}"), "no input can tell") for k in range(41)]
     passed = outcome_of(tally, argued[:1], least=40)
     assert (passed.verdict, passed.figure) == (Verdict.PASSED, "39 of 40 mutants killed, 1 equivalent")
     for outcome, finding in (
-        (outcome_of(tally, (), 40), "4ws2/src/a.c:1: f: deletion: `x = 0`: no test sees it"),
+        (outcome_of(tally, (), 40), "4ws2-paper/src/a.c:1: f: deletion: `x = 0`: no test sees it"),
         (outcome_of(few, argued[:3], 20), "3 of 21 are argued to be equivalent: more than 5%"),
         (outcome_of(tally, argued[:2], 40), "`x = 1`: equivalent.toml argues that it is equivalent; a test sees it"),
         (outcome_of(tally, [argued[0], argued[40]], 40), "equivalent.toml: there is no such mutant"),

@@ -149,3 +149,22 @@ def test_faults_of_a_scenario_file() -> None:
 def test_file_that_cannot_be_used(text: str, words: str) -> None:
     """Scenario files have a name; all others are recordings."""
     assert words in refusal(written(text, "mine.toml" if text.startswith("name = ") else "mine.csv"))
+
+
+def test_a_file_without_a_name_is_called_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "wet-turn.toml"
+    path.write_text('base = "step-steer"\nfriction = 0.5\n', encoding="utf-8")
+    assert scenario_files.load(path, CONFIG).name == "wet-turn"
+    other = path.rename(tmp_path / "wet turn.toml")
+    with pytest.raises(CodegenError, match=r"wet turn\.toml: the name 'wet turn' .* rename the file, or give it a name"):
+        scenario_files.load(other, CONFIG)
+
+
+def test_settings_of_a_built_in_scenario() -> None:
+    scenario = scenario_files.with_settings(
+        scenario_files.BUILT_IN["step-steer"], {"speed_km_h": 100.0, "steering_wheel_angle_deg": 40.0}
+    )
+    assert scenario.title == "Step steer: 40 deg at the steering wheel, 100 km/h"
+    assert scenario_files.with_settings(scenario, {}) is scenario
+    with pytest.raises(CodegenError, match="--steering-wheel-angle-deg: slalom does not take it; it takes duration_s"):
+        scenario_files.with_settings(scenario_files.BUILT_IN["slalom"], {"steering_wheel_angle_deg": 10.0})

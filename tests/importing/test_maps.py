@@ -23,7 +23,7 @@ from codegen.importing.table import read_table
 from codegen.refmap import map as npz
 from tests.cli.conftest import Run
 
-COMMITTED = Path(__file__).resolve().parents[2] / "generated" / "4ws2.npz"
+COMMITTED = Path(__file__).resolve().parents[2] / "generated" / "4ws2-paper.npz"
 
 UNITS, ALL_THREE = "vx=m/s,delta_f=rad,yaw_rate=rad/s", "vx=km/h,delta_f=deg,yaw_rate=deg/s"
 GOOD = "vx_m_s,delta_f_rad,yaw_rate_rad_s\n5,0.1,0.1\n5,0.2,0.2\n9,0.1,0.2\n9,0.2,0.3\n"

@@ -87,7 +87,7 @@ def test_what_actuator_and_tyres_cannot_do_is_told_of_a_map() -> None:
 
 
 def test_a_gain_schedule_of_another_car_is_found() -> None:
-    config = npz.load(GENERATED / "4ws2-tracking.npz").config
+    config = npz.load(GENERATED / "4ws2.npz").config
     assert config is not None and list(schedule_warnings(config)) == []
     (text,) = schedule_warnings(changed(config, {"rear_actuator": {"lag_s": 0.08}}))
     assert "tuned for another actuator than rear_actuator.lag_s = 0.08" in text
@@ -104,7 +104,7 @@ def test_a_gain_schedule_of_another_car_is_found() -> None:
 
 def test_wrong_units_and_a_transposed_table_are_named() -> None:
     """The paper's map: a cell of 0.8 g becomes 2.9 g with km/h for m/s."""
-    own = npz.load(GENERATED / "4ws2.npz")
+    own = npz.load(GENERATED / "4ws2-paper.npz")
     assert beyond_grip(own) == ""
     assert "is vx in km/h?" in beyond_grip(replace(own, speed=3.6 * own.speed))
     square = replace(own, front_angle=np.resize(own.front_angle, own.speed.size))
@@ -115,11 +115,11 @@ def test_wrong_units_and_a_transposed_table_are_named() -> None:
 
 
 def test_committed_files_and_a_build_that_was_changed(tmp_path: Path) -> None:
-    found = check_path(GENERATED / "4ws2-tracking.npz")
+    found = check_path(GENERATED / "4ws2.npz")
     assert (found.kind, found.warnings) == ("map", ())
     folder = tmp_path / "build"
     (folder / "src").mkdir(parents=True)
-    manifest = json.loads((GENERATED / "4ws2-tracking/manifest.json").read_text(encoding="utf-8"))
+    manifest = json.loads((GENERATED / "4ws2/manifest.json").read_text(encoding="utf-8"))
     manifest["files"] = {"src/ars_map.c": manifest["files"]["src/ars_map.c"]}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     (folder / "src/ars_map.c").write_text("int x;\n", encoding="utf-8")

@@ -60,7 +60,7 @@ def built(reference_map: ReferenceMap, config: Config, **options: object) -> Fol
     return build(reference_map, config, BuildOptions("test", **options), BuildInputs("test.npz", "0" * 64, "map"))  # type: ignore[arg-type]
 
 
-COMMITTED = Path(__file__).resolve().parents[2] / "generated/4ws2-tracking.npz"
+COMMITTED = Path(__file__).resolve().parents[2] / "generated/4ws2.npz"
 
 
 @functools.cache

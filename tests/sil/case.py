@@ -33,7 +33,7 @@ from tests.sil.units import Units
 FAST_FRACTION = 0.15
 """Fraction of the random samples that `make test` uses; the mutation campaign uses all of them."""
 GENERATED = Path(__file__).parents[2] / "generated"
-COMMITTED = {name: GENERATED / name for name in ("4ws2", "4ws2-tracking")}
+COMMITTED = {name: GENERATED / name for name in ("4ws2-paper", "4ws2")}
 
 
 @dataclass(frozen=True)

@@ -299,7 +299,7 @@ def test_what_cannot_be_run_is_refused(best: BatchSoftware, scenario: FloatArray
 
 @pytest.mark.parametrize("isa", HERE)
 def test_the_plant_calls_functions_of_vectors_and_of_nothing_else(isa: Isa) -> None:
-    compiled = load_batch(GENERATED / "4ws2", isa).software.compiled
+    compiled = load_batch(GENERATED / "4ws2-paper", isa).software.compiled
     assert [other for other in VECTORS if vector.is_vectorised(compiled, other)] == [one for one in VECTORS if one == isa]
     assert (b"\0atan\0" in compiled.path.read_bytes()) == (isa == "none")
 
@@ -334,6 +334,6 @@ def test_a_machine_without_vectors_runs_one_number_after_the_other(monkeypatch: 
 
 def test_numbers_below_the_normal_ones_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Flags of fast mathematics at the linker would set the processor of the whole process to drop them."""
-    load_batch(GENERATED / "4ws2").run(PROFILES["step steer"], Lanes(ONE))
+    load_batch(GENERATED / "4ws2-paper").run(PROFILES["step steer"], Lanes(ONE))
     assert np.float64(5e-324) * np.float64(1.0) > 0.0
     assert np.float64(2.3e-308) / np.float64(4.0) > 0.0

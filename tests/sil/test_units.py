@@ -12,8 +12,8 @@ from tests.sil.case import case
 from tests.sil.suite import SANITIZED, UNITS, Judge, whole
 
 KINDS: dict[str, Kind] = {
-    "4ws2": "pi",
-    "4ws2-tracking": "tracking",
+    "4ws2-paper": "pi",
+    "4ws2": "tracking",
     "feedforward single": "feedforward",
     "proportional single": "proportional",
     "pi double": "pi",
@@ -45,7 +45,7 @@ def _judged() -> list[Any]:
         judges = whole(kind, ("map",))
         judges = [judge for judge in judges if not (judge.of_single and "with" in name)]  # they write no such calibration
         found += [(name, judge) for judge in judges if not (judge.of_one_layer and "stack" in name)]
-    found += [(name, SANITIZED) for name in ("4ws2", "4ws2-tracking", "tracking rough stack")]
+    found += [(name, SANITIZED) for name in ("4ws2-paper", "4ws2", "tracking rough stack")]
     return [pytest.param(name, judge, id=f"{name}: {judge.name}") for name, judge in found]
 
 

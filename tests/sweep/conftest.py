@@ -24,8 +24,8 @@ lead_s = 0.2
 length_s = 3.9
 
 [controllers]
-pi = "{root}/generated/4ws2"
-tracking = "{root}/generated/4ws2-tracking"
+pi = "{root}/generated/4ws2-paper"
+tracking = "{root}/generated/4ws2"
 passive = ""
 
 [factors]

@@ -45,8 +45,8 @@ def test_an_edited_scenario_is_another_campaign(tmp_path: Path, base: str, one: 
 
 
 def test_builds_may_move_and_the_order_of_controllers_counts(plan: Plan, tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "generated/4ws2", tmp_path / "moved")
-    moved = edited(tmp_path, (f'{ROOT}/generated/4ws2"', 'moved"'), samples=SAMPLES)
+    shutil.copytree(ROOT / "generated/4ws2-paper", tmp_path / "moved")
+    moved = edited(tmp_path, (f'{ROOT}/generated/4ws2-paper"', 'moved"'), samples=SAMPLES)
     assert store.facts_text(planning.read(moved)) == store.facts_text(plan)
     assert list(json.loads(store.facts_text(plan))["tools"]) == ["codegen", "numpy", "scipy", "casadi"]
     folder, passive = tmp_path / "out", 'passive = ""\n'

@@ -26,7 +26,7 @@ def recorded(name: str) -> Manifest:
     return json.loads((COMMITTED / name / "verify.json").read_bytes())  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-tracking"])
+@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
 def test_the_committed_manual_is_made_of_the_committed_record_of_these_files(name: str) -> None:
     outcomes, record, subject = {}, recorded(name), Subject.read(COMMITTED / name)
     assert record["build"]["manifest_sha256"] == subject.manifest_sha256
@@ -169,7 +169,7 @@ def section_of(name: str, figures: Manifest) -> str:
 @pytest.mark.parametrize("name", [check.name for check in CHECKS])
 def test_incomplete_figures_give_no_broken_table(name: str) -> None:
     """A check may end before it has its figures."""
-    figures = recorded("4ws2-tracking")["checks"][name]["figures"]
+    figures = recorded("4ws2")["checks"][name]["figures"]
     for table in section_of(name, figures).split("\n\n"):
         lines = [line for line in table.splitlines() if line.startswith("|")]
         assert len({line.count("|") for line in lines}) <= 1

@@ -14,7 +14,7 @@ from codegen.verify import manual, record, runner
 from codegen.verify.check import Effort, Subject, Verdict
 from codegen.verify.runner import CRASHED, LEFT_OUT, Registered, Report
 
-BUILD = Path(__file__).parents[2] / "generated" / "4ws2"
+BUILD = Path(__file__).parents[2] / "generated" / "4ws2-paper"
 PASSED, FAILED, NOT_RUN = Verdict.PASSED, Verdict.FAILED, Verdict.NOT_RUN
 
 

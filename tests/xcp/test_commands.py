@@ -60,9 +60,10 @@ def test_the_session(program: Path) -> None:
 
 def test_identification(slave: Slave) -> None:
     check(slave, ("CMD_SYNCH", "SYNCH"), (bytes.fromhex("00 00 00 00 00 00 10"), "GET_COMM_MODE_INFO"))
-    for kind, name in enumerate((b"4ws2", b"ars")):
+    for kind, name in enumerate((b"4ws2-paper", b"ars")):
         check(slave, (PADDING + dword(len(name)), "GET_ID", kind), ("WRITE_PROTECTED", "DOWNLOAD", 1, 0))
-        check(slave, (name, "UPLOAD", len(name)), ("ACCESS_DENIED", "UPLOAD", 1), ("ACCESS_DENIED", "DOWNLOAD", 1, 0))
+        check(slave, *((name[k : k + 7], "UPLOAD", len(name[k : k + 7])) for k in range(0, len(name), 7)))
+        check(slave, ("ACCESS_DENIED", "UPLOAD", 1), ("ACCESS_DENIED", "DOWNLOAD", 1, 0))
     check(slave, (bytes(7), "GET_ID", 2))  # no length: there is no such identification
 
 

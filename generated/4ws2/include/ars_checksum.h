@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ARS_CHECKSUM_BUILD 0xE839B0CCu
+#define ARS_CHECKSUM_BUILD 0x3CA513E9u
 
 /* Return the checksum so far with one more number, of 4 bytes. */
 uint32_t ars_checksum_real(uint32_t crc, float value);

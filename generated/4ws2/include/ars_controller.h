@@ -1,5 +1,5 @@
 /*
- * Yaw-rate controller for active rear steering, kind "pi".
+ * Yaw-rate controller for active rear steering, kind "tracking".
  *
  * Call ars_controller_init() once, then ars_controller_step() every 10 ms. All memory is the caller's: one
  * ars_controller_t for each controlled axle. Nothing here allocates, blocks, reads a clock or calls a library; instances are
@@ -17,21 +17,25 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_grip.h"
 #include "ars_inputs.h"
 #include "ars_law.h"
 #include "ars_limiter.h"
 #include "ars_parameters.h"
 
-#if ARS_INPUTS_BUILD != 0xE839B0CCu
+#if ARS_GRIP_BUILD != 0x3CA513E9u
+#error "ars_grip.h and this source come from different builds"
+#endif
+#if ARS_INPUTS_BUILD != 0x3CA513E9u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LAW_BUILD != 0xE839B0CCu
+#if ARS_LAW_BUILD != 0x3CA513E9u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xE839B0CCu
+#if ARS_LIMITER_BUILD != 0x3CA513E9u
 #error "ars_limiter.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xE839B0CCu
+#if ARS_PARAMETERS_BUILD != 0x3CA513E9u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -39,7 +43,7 @@
 extern "C" {
 #endif
 
-#define ARS_CONTROLLER_BUILD 0xE839B0CCu
+#define ARS_CONTROLLER_BUILD 0x3CA513E9u
 
 /* What the last step did. In every state the command is finite and within its limits. */
 typedef enum {
@@ -60,6 +64,7 @@ typedef struct {
 /* Memory between two steps. Private: read it in a debugger, write it only through the functions below. */
 typedef struct {
     ars_law_t law;                      /* the control law */
+    ars_grip_t grip;                    /* of the road */
     float rear_angle;                   /* rad, last command */
     float yaw_rate_reference;           /* rad/s, last reference */
     float yaw_rate_error;               /* rad/s, last reference less measured yaw rate; 0 where control is off */
@@ -94,8 +99,8 @@ ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Return the CRC-32 over the map and ars_parameters_default in memory. Takes about
- * 85276 table look-ups of four bits.
+ * Return the CRC-32 over the map, ars_parameters_default and the tyre curves of the reference model in memory. Takes about
+ * 170196 table look-ups of four bits.
  */
 uint32_t ars_calibration_checksum(void);
 

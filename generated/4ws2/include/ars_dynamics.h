@@ -17,7 +17,7 @@
 extern "C" {
 #endif
 
-#define ARS_DYNAMICS_BUILD 0xE839B0CCu
+#define ARS_DYNAMICS_BUILD 0x3CA513E9u
 
 /* State, or its derivative (each field then for each second). */
 typedef struct {

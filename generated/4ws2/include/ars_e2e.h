@@ -26,7 +26,7 @@
 extern "C" {
 #endif
 
-#define ARS_E2E_BUILD 0xE839B0CCu
+#define ARS_E2E_BUILD 0x3CA513E9u
 
 /* What a check found. Only with OK, INITIAL and OK_SOME_LOST are the data used here. */
 typedef enum {

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define ARS_INPUTS_BUILD 0xE839B0CCu
+#define ARS_INPUTS_BUILD 0x3CA513E9u
 
 /* One sample of what the vehicle measures. */
 typedef struct {

@@ -1,5 +1,5 @@
 /*
- * Control law, kind "pi": the paper's PI on the yaw-rate error.
+ * Control law, kind "tracking": feedforward of the optimum, reference model, scheduled feedback.
  *
  * One part of the controller (ars_controller.h), which decides when the law runs and what happens otherwise.
  *
@@ -16,19 +16,23 @@
 
 #include "ars_inputs.h"
 #include "ars_parameters.h"
+#include "ars_reference_model.h"
 
-#if ARS_INPUTS_BUILD != 0xE839B0CCu
+#if ARS_INPUTS_BUILD != 0x3CA513E9u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xE839B0CCu
+#if ARS_PARAMETERS_BUILD != 0x3CA513E9u
 #error "ars_parameters.h and this source come from different builds"
+#endif
+#if ARS_REFERENCE_MODEL_BUILD != 0x3CA513E9u
+#error "ars_reference_model.h and this source come from different builds"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define ARS_LAW_BUILD 0xE839B0CCu
+#define ARS_LAW_BUILD 0x3CA513E9u
 
 /* What the law does in a sample. */
 typedef enum {
@@ -39,7 +43,14 @@ typedef enum {
 
 /* Memory between two samples. Private: read it in a debugger, write it only through the functions below. */
 typedef struct {
+    ars_reference_model_t model;        /* of the car */
+    float trim;                         /* rad/s, towards the map's yaw rate */
     float integral;                     /* rad, of rear angle */
+    float front_angle;                  /* rad, of the last sample */
+    float front_rate;                   /* rad/s, smoothed */
+    float previous_model_yaw_rate;      /* rad/s, one sample ago */
+    uint16_t missed_samples;            /* that were predicted since the last good one */
+    float yaw_rate;                     /* rad/s, of the last sample */
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;
 

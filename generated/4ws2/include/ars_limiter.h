@@ -22,16 +22,16 @@
 extern "C" {
 #endif
 
-#define ARS_LIMITER_BUILD 0xE839B0CCu
+#define ARS_LIMITER_BUILD 0x3CA513E9u
 
 enum { ARS_LIMITER_POINTS = 6 };
 
 /* Everything that calibration may change. Ask ars_limiter_parameters_valid() after each change. */
 typedef struct {
     float rear_angle_max;                                   /* rad, of the demand in any case */
-    float rear_rate_max;                                    /* rad/s (off) */
+    float rear_rate_max;                                    /* rad/s */
     float opposite_phase_speed[ARS_LIMITER_POINTS];         /* m/s, breakpoints, increasing */
-    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad against the front wheels, at those speeds (off) */
+    float opposite_phase_max[ARS_LIMITER_POINTS];           /* rad against the front wheels, at those speeds */
     float in_phase_from_front_angle;                        /* rad of front angle from which on all of rear_angle_max is free in phase */
     float speed_max;                                        /* m/s, beyond it a speed is none */
     float front_angle_max;                                  /* rad, beyond it a front angle is none */

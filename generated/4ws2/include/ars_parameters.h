@@ -1,5 +1,5 @@
 /*
- * Parameters of the controller, kind "pi": all that calibration may change beside the map.
+ * Parameters of the controller, kind "tracking": all that calibration may change beside the map.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left.
  *
@@ -15,10 +15,10 @@
 #include "ars_inputs.h"
 #include "ars_limiter.h"
 
-#if ARS_INPUTS_BUILD != 0xE839B0CCu
+#if ARS_INPUTS_BUILD != 0x3CA513E9u
 #error "ars_inputs.h and this source come from different builds"
 #endif
-#if ARS_LIMITER_BUILD != 0xE839B0CCu
+#if ARS_LIMITER_BUILD != 0x3CA513E9u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 
@@ -26,15 +26,31 @@
 extern "C" {
 #endif
 
-#define ARS_PARAMETERS_BUILD 0xE839B0CCu
+#define ARS_PARAMETERS_BUILD 0x3CA513E9u
+
+enum { ARS_SCHEDULE_POINTS = 14 };
 
 /* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
 typedef struct {
-    float proportional_gain;            /* s: rad of rear angle for each rad/s of error */
-    float integral_gain;                /* rad of rear angle for each rad of integrated error */
+    float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
+    float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
+    float integral_gain[ARS_SCHEDULE_POINTS];/* rad of rear angle for each rad of integrated error */
+    float lead_time[ARS_SCHEDULE_POINTS];/* s, how far the front angle that enters the map is looked ahead */
+    float response_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s that the model lacks of the map's yaw rate */
+    float lead_smoothing;               /* share of a new rate of the front angle that counts at once */
+    float lead_angle_max;               /* rad, bound of that */
+    float response_samples;             /* samples that the model's yaw rate is looked ahead for the response gain */
+    float yaw_increasing_max;           /* rad that feedback may add where it makes the car turn more */
+    float trim_share;                   /* of the map's yaw rate: bound of the trim */
+    float trim_rate;                    /* 1/s, how fast the trim follows */
+    float grip_shortfall;               /* m/s^2 of missing lateral acceleration that is no loss of grip */
+    float grip_loss_rate;               /* 1/s, how fast the grip follows a larger one */
+    float grip_forgetting;              /* 1/s, how fast what was reached is forgotten */
+    float grip_recovery;                /* m/s^2 that the grip recovers in a second of a turn */
+    float grip_recovery_idle;           /* m/s^2 where less than half of it is asked for */
     float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
     float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
-    float rear_rate_max;                /* rad/s, bound on the command's rate (off) */
+    float rear_rate_max;                /* rad/s, bound on the command's rate */
     float friction_min;                 /* a lower estimate counts as this */
     float enable_speed;                 /* m/s, control starts from here */
     float disable_speed;                /* m/s, standby below */

@@ -23,13 +23,13 @@
 #include "ars_controller.h"
 #include "ars_e2e.h"
 
-#if ARS_CAN_BUILD != 0xE839B0CCu
+#if ARS_CAN_BUILD != 0x3CA513E9u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
+#if ARS_CONTROLLER_BUILD != 0x3CA513E9u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_E2E_BUILD != 0xE839B0CCu
+#if ARS_E2E_BUILD != 0x3CA513E9u
 #error "ars_e2e.h and this source come from different builds"
 #endif
 
@@ -37,7 +37,7 @@
 extern "C" {
 #endif
 
-#define ARS_TASK_BUILD 0xE839B0CCu
+#define ARS_TASK_BUILD 0x3CA513E9u
 
 /* Bits of the signal "Diagnostics": what was seen since the call before. Both messages MISSING: the task
  * came early, or the bus is silent. */

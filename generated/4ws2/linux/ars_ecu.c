@@ -51,19 +51,19 @@
 #include "ars_task.h"
 #include "ars_xcp.h"
 
-#if ARS_CAN_BUILD != 0xE839B0CCu
+#if ARS_CAN_BUILD != 0x3CA513E9u
 #error "ars_can.h and this source come from different builds"
 #endif
-#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
+#if ARS_CONTROLLER_BUILD != 0x3CA513E9u
 #error "ars_controller.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xE839B0CCu
+#if ARS_MAP_BUILD != 0x3CA513E9u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_TASK_BUILD != 0xE839B0CCu
+#if ARS_TASK_BUILD != 0x3CA513E9u
 #error "ars_task.h and this source come from different builds"
 #endif
-#if ARS_XCP_BUILD != 0xE839B0CCu
+#if ARS_XCP_BUILD != 0x3CA513E9u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 
@@ -126,6 +126,7 @@ enum {
         + sizeof ars_map_speed_breakpoints
         + sizeof ars_map_front_angle_breakpoints
         + sizeof ars_map_yaw_rate_table
+        + sizeof ars_map_rear_angle_table
 };
 
 static uint8_t working_page[CALIBRATION_MAX];

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#if ARS_XCP_BUILD != 0xE839B0CCu
+#if ARS_XCP_BUILD != 0x3CA513E9u
 #error "ars_xcp.h and this source come from different builds"
 #endif
 

@@ -27,7 +27,7 @@
 extern "C" {
 #endif
 
-#define ARS_XCP_BUILD 0xE839B0CCu
+#define ARS_XCP_BUILD 0x3CA513E9u
 
 /* Identifiers of the CAN frames that carry the packets. */
 enum {

@@ -8,7 +8,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xE839B0CCu
+#if ARS_CHECKSUM_BUILD != 0x3CA513E9u
 #error "ars_checksum.h and this source come from different builds"
 #endif
 

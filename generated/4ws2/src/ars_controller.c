@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_CONTROLLER_BUILD != 0xE839B0CCu
+#if ARS_CONTROLLER_BUILD != 0x3CA513E9u
 #error "ars_controller.h and this source come from different builds"
 #endif
 
@@ -84,18 +84,12 @@ ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_p
     }
 }
 
-/* The estimate of the friction, not below the smallest that is believed. */
-ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters, float estimate)
-{
-    return (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
-}
-
 /* One sample of the control law, from what is believed of the measurement. */
 ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, ars_law_phase_t phase)
 {
     const ars_measurement_t *const sample = &self->sample;
-    const float friction = known_friction(parameters, sample->friction);
+    const float friction = ars_grip_friction(&self->grip, parameters, sample->friction);
     const ars_law_output_t output
         = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
 
@@ -108,6 +102,9 @@ ARS_SECTION_CODE static void control(
         } else {
             self->status = self->law.is_limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
         }
+        if (!sample->inhibit && (self->quality == ARS_QUALITY_GOOD)) {
+            ars_grip_update(&self->grip, parameters, sample->speed, output.yaw_rate_reference, sample->yaw_rate);
+        }
     }
 }
 
@@ -119,6 +116,7 @@ ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t
     self->yaw_rate_error = 0.0f;
     if (self->status == ARS_STATUS_STANDBY) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
+        ars_grip_recover(&self->grip, parameters);
     } else if (self->status == ARS_STATUS_FAIL_SAFE) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
     } else {
@@ -163,6 +161,7 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     ars_inputs_init(&self->inputs, true);
     ars_limiter_init(&self->limiter, start);
     ars_law_init(&self->law, start);
+    ars_grip_init(&self->grip);
 }
 
 /* False for memory that was never initialised, and where a number of the state is none or far too large. */
@@ -170,10 +169,20 @@ ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 {
     float squares = 0.0f;
 
+    squares += self->law.trim * self->law.trim;
     squares += self->law.integral * self->law.integral;
+    squares += self->law.front_angle * self->law.front_angle;
+    squares += self->law.front_rate * self->law.front_rate;
+    squares += self->law.previous_model_yaw_rate * self->law.previous_model_yaw_rate;
+    squares += self->law.yaw_rate * self->law.yaw_rate;
     squares += self->rear_angle * self->rear_angle;
     squares += self->yaw_rate_reference * self->yaw_rate_reference;
     squares += self->yaw_rate_error * self->yaw_rate_error;
+    squares += self->law.model.sideslip_angle * self->law.model.sideslip_angle;
+    squares += self->law.model.yaw_rate * self->law.model.yaw_rate;
+    squares += self->law.model.rear_angle * self->law.model.rear_angle;
+    squares += self->grip.reached * self->grip.reached;
+    squares += self->grip.available * self->grip.available;
     squares += self->inputs.speed.value * self->inputs.speed.value;
     squares += self->inputs.front_angle.value * self->inputs.front_angle.value;
     squares += self->inputs.yaw_rate.value * self->inputs.yaw_rate.value;

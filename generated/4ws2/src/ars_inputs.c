@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_INPUTS_BUILD != 0xE839B0CCu
+#if ARS_INPUTS_BUILD != 0x3CA513E9u
 #error "ars_inputs.h and this source come from different builds"
 #endif
 

@@ -1,5 +1,5 @@
 /*
- * Control law, kind "pi". See ars_law.h.
+ * Control law, kind "tracking". See ars_law.h.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -9,10 +9,10 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_LAW_BUILD != 0xE839B0CCu
+#if ARS_LAW_BUILD != 0x3CA513E9u
 #error "ars_law.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xE839B0CCu
+#if ARS_MAP_BUILD != 0x3CA513E9u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -74,64 +74,219 @@ ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
     return ((own < behind) ? own : behind) * sampling_time;
 }
 
-/* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
+/* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
+ * angle, a little ahead of the front wheels; the error is taken to what the car can do with it, by the reference model. The
+ * integral is kept in rad of rear angle, sign included. */
+
+/* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
+ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
+
+typedef struct {
+    float proportional;
+    float integral;
+    float lead_time;
+    float response;
+} gains_t;
+
+/* Where demand and feedback may move. */
+typedef struct {
+    float low;
+    float high;
+} range_t;
+
+ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float share)
+{
+    return values[lower] + (share * (values[lower + 1u] - values[lower]));
+}
+
+/* Between the breakpoints linear, beyond them held. */
+ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
+{
+    const float *const at = parameters->schedule_speed;
+    uint32_t lower = 0u;
+    float share;
+    gains_t gains;
+
+    /* Each stride halves what is left of the cells; all together reach the last one. */
+    if (speed >= at[lower + 6u]) {
+        lower += 6u;
+    }
+    if (speed >= at[lower + 3u]) {
+        lower += 3u;
+    }
+    if (speed >= at[lower + 2u]) {
+        lower += 2u;
+    }
+    if (speed >= at[lower + 1u]) {
+        lower += 1u;
+    }
+    share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
+    gains.proportional = interpolated(parameters->proportional_gain, lower, share);
+    gains.integral = interpolated(parameters->integral_gain, lower, share);
+    gains.lead_time = interpolated(parameters->lead_time, lower, share);
+    gains.response = interpolated(parameters->response_gain, lower, share);
+    return gains;
+}
 
 ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
 {
-    self->integral = rear_angle;
+    ars_reference_model_start(&self->model, 0.0f, 0.0f, rear_angle);
+    self->trim = 0.0f;
+    self->integral = 0.0f;
+    self->front_angle = 0.0f;
+    self->front_rate = 0.0f;
+    self->missed_samples = 0u;
+    self->yaw_rate = 0.0f;
     self->is_limited = false;
+    self->previous_model_yaw_rate = 0.0f;
 }
 
-/* What the angle limit and the distance to the actuator let through: one that is stuck or slow must not wind the integral up. */
-ARS_SECTION_CODE static float allowed(
-    const ars_parameters_t *parameters, const ars_measurement_t *sample, float demand)
+/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise.
+ * Its rear angle is that of the steady turn. On the way there it steers against what the model will still lack in yaw rate
+ * when the rear wheels act. */
+ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
+    float friction, ars_law_phase_t phase)
 {
-    const float ahead = parameters->rear_angle_error_max;
-    const float near = clamp(demand, sample->rear_angle - ahead, sample->rear_angle + ahead);
+    ars_map_reference_t reference;
+    float lead;
+    float expected_yaw_rate;
 
-    return bounded(near, parameters->rear_angle_max);
+    if (phase == ARS_LAW_PREDICTS) {
+        self->missed_samples++;
+    } else {
+        const float age = sampling_time * ((float)self->missed_samples + 1.0f);
+        const float rate = (sample->front_angle - self->front_angle) / age;
+
+        self->front_angle = sample->front_angle;
+        self->front_rate += parameters->lead_smoothing * (rate - self->front_rate);
+        self->missed_samples = 0u;
+    }
+    lead = bounded(gains->lead_time * self->front_rate, parameters->lead_angle_max);
+    reference = ars_map_reference(sample->speed, sample->front_angle + lead, friction);
+    expected_yaw_rate = self->model.yaw_rate
+        + (parameters->response_samples * (self->model.yaw_rate - self->previous_model_yaw_rate));
+    reference.rear_angle -= gains->response * (reference.yaw_rate - expected_yaw_rate);
+    reference.rear_angle = bounded(reference.rear_angle, parameters->rear_angle_max);
+    return reference;
+}
+
+/* Bumpless: the model starts from the measured motion. */
+ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t *sample, float rear_angle)
+{
+    self->front_angle = sample->front_angle;
+    self->front_rate = 0.0f;
+    self->yaw_rate = sample->yaw_rate;
+    self->trim = 0.0f;
+    ars_reference_model_start(&self->model, sample->speed, sample->yaw_rate, rear_angle);
+    self->previous_model_yaw_rate = self->model.yaw_rate;
+}
+
+/* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
+ARS_SECTION_CODE static float reachable_yaw_rate(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
+{
+    const float bound = parameters->trim_share * magnitude(map->yaw_rate);
+    const float missing = bounded(map->yaw_rate - self->model.yaw_rate, bound);
+    const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
+
+    self->trim += (parameters->trim_rate * sampling_time) * (missing - self->trim);
+    return bounded(self->model.yaw_rate + self->trim, limit);
+}
+
+/* Feedback may add a little where it makes the car turn more; against the turn it is free. Which way it turns is asked of two
+ * samples, so that one wrong sign opens neither side. */
+ARS_SECTION_CODE static range_t feedback_range(
+    const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward)
+{
+    /* The demand may run ahead of the actuator by so much and no more: one that is stuck or slow must not wind the integral up. */
+    range_t range = {
+        bounded(sample->rear_angle - parameters->rear_angle_error_max, parameters->rear_angle_max),
+        bounded(sample->rear_angle + parameters->rear_angle_error_max, parameters->rear_angle_max)
+    };
+
+    if ((sample->yaw_rate > 0.0f) || (self->yaw_rate > 0.0f)) {
+        range.low = clamp(feedforward - parameters->yaw_increasing_max, range.low, range.high);
+    }
+    if ((sample->yaw_rate < 0.0f) || (self->yaw_rate < 0.0f)) {
+        range.high = clamp(feedforward + parameters->yaw_increasing_max, range.low, range.high);
+    }
+    range.low -= feedforward;
+    range.high -= feedforward;
+    return range;
+}
+
+/* One sample of the running law. */
+ARS_SECTION_CODE static ars_law_output_t track(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
+    float friction, float rear_angle, float yaw_rate_error)
+{
+    const gains_t gains = gains_at(parameters, sample->speed);
+    const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
+    const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
+    const float reference = reachable_yaw_rate(self, parameters, &map, sample->speed);
+    /* Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
+    const float error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
+    const range_t range = feedback_range(self, parameters, sample, map.rear_angle);
+    const float proportional = gains.proportional * error;
+    const float step = command_step(parameters);
+    float integral;
+    float feedback;
+    float demand;
+    ars_law_output_t output;
+    bool limited = false;
+
+    output.yaw_rate_reference = reference;
+    if (phase == ARS_LAW_STARTS) {
+        self->integral = rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
+    }
+    integral = self->integral;
+    if (!sample->inhibit) {
+        integral -= (gains.integral * sampling_time) * error;
+    }
+    feedback = integral - proportional;
+    if (feedback > range.high) {
+        feedback = range.high;
+        limited = true;
+    } else if (feedback < range.low) {
+        feedback = range.low;
+        limited = true;
+    } else {
+        /* within the range */
+    }
+    if (limited && !sample->inhibit) {
+        /* The integral stays, held within the limit: where its step would lead back, it starts so far outside that it ends at
+         * the limit too. What is proportional to one sample's error is not kept. */
+        integral = clamp(self->integral, range.low, range.high);
+    }
+
+    demand = map.rear_angle + feedback;
+    /* Where the rate limit acts: let the integral not move further ahead of the command. */
+    if (demand > (rear_angle + step)) {
+        output.rear_angle = rear_angle + step;
+        limited = true;
+        integral = (integral > self->integral) ? self->integral : integral;
+    } else if (demand < (rear_angle - step)) {
+        output.rear_angle = rear_angle - step;
+        limited = true;
+        integral = (integral < self->integral) ? self->integral : integral;
+    } else {
+        output.rear_angle = demand;
+    }
+    self->integral = integral;
+    self->yaw_rate = sample->yaw_rate;
+    self->is_limited = limited;
+    self->previous_model_yaw_rate = self->model.yaw_rate;
+    ars_reference_model_step(&self->model, &input);
+    return output;
 }
 
 ARS_SECTION_CODE ars_law_output_t ars_law_step(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
     float friction, float rear_angle, float yaw_rate_error)
 {
-    const float reference = ars_map_yaw_rate_on_road(sample->speed, sample->front_angle, friction);
-    const float error = reference - sample->yaw_rate;
-    const float proportional = parameters->proportional_gain * error;
-    const float step = command_step(parameters);
-    /* Bumpless: with this integral the first demand is the angle that is commanded now. */
-    const float before = (phase == ARS_LAW_STARTS) ? (rear_angle + proportional) : self->integral;
-    float integral = before;
-    float wanted;
-    float demand;
-    ars_law_output_t output;
-    bool limited;
-
-    (void)yaw_rate_error; /* the integral keeps what it needs */
-    output.yaw_rate_reference = reference;
-    if (!sample->inhibit) {
-        integral -= (parameters->integral_gain * sampling_time) * error;
+    if (phase == ARS_LAW_STARTS) {
+        start_law(self, sample, rear_angle);
     }
-    wanted = integral - proportional;
-    demand = allowed(parameters, sample, wanted);
-    limited = (demand > wanted) || (demand < wanted);
-    if (limited && !sample->inhibit) {
-        integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
-    }
-    /* Where the rate limit acts: let the integral not move further ahead of the command. */
-    if (demand > (rear_angle + step)) {
-        output.rear_angle = rear_angle + step;
-        limited = true;
-        integral = (integral > before) ? before : integral;
-    } else if (demand < (rear_angle - step)) {
-        output.rear_angle = rear_angle - step;
-        limited = true;
-        integral = (integral < before) ? before : integral;
-    } else {
-        output.rear_angle = demand;
-    }
-    self->integral = integral;
-    self->is_limited = limited;
-    return output;
+    return track(self, parameters, sample, phase, friction, rear_angle, yaw_rate_error);
 }

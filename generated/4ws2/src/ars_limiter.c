@@ -10,7 +10,7 @@
 
 #include "ars_sections.h"
 
-#if ARS_LIMITER_BUILD != 0xE839B0CCu
+#if ARS_LIMITER_BUILD != 0x3CA513E9u
 #error "ars_limiter.h and this source come from different builds"
 #endif
 

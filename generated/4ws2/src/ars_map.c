@@ -11,10 +11,10 @@
 #include "ars_checksum.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xE839B0CCu
+#if ARS_CHECKSUM_BUILD != 0x3CA513E9u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xE839B0CCu
+#if ARS_MAP_BUILD != 0x3CA513E9u
 #error "ars_map.h and this source come from different builds"
 #endif
 
@@ -32,9 +32,17 @@ typedef struct {
 /* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
  * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
  * asks for. */
-ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
-ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.07279f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 5.6364336f;
 ARS_SECTION_CONST static const float map_friction = 0.9f;
+
+/* The linear car, for the steering that goes with a capped yaw rate: m, s^2/m, m, rad s^2/m, rad, rad. */
+ARS_SECTION_CONST static const float wheelbase = 3.14f;
+ARS_SECTION_CONST static const float understeer_coefficient = -1.3035295e-05f;
+ARS_SECTION_CONST static const float rear_arm = 1.566f;
+ARS_SECTION_CONST static const float rear_slip_per_lateral_acceleration = 0.0048840423f;
+ARS_SECTION_CONST static const float sideslip_max = 0.05235988f;
+ARS_SECTION_CONST static const float rear_angle_max = 0.061086524f;
 
 /* Where to look. */
 typedef struct {
@@ -144,6 +152,12 @@ ARS_SECTION_CODE static float uncapped_yaw_rate(const place_t *place)
     return interpolate(ars_map_yaw_rate_table, place);
 }
 
+/* rad, before the road's cap. */
+ARS_SECTION_CODE static float rear_angle_of_table(const place_t *place)
+{
+    return interpolate(ars_map_rear_angle_table, place);
+}
+
 ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *road)
 {
     float result = yaw_rate;
@@ -174,6 +188,46 @@ ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
 ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 {
     return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
+}
+
+/* Where the cap takes yaw rate away, the rear wheels turn with the front ones by what the linear car needs for that: as far as
+ * its sideslip stays inside the bound. */
+ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float excess, float yaw_rate, float speed)
+{
+    const float top = ars_map_speed_breakpoints[101];
+    const float clamped = (speed > top) ? top : speed;
+    const float bound = sideslip_max - (yaw_rate * ((rear_arm / clamped) - (rear_slip_per_lateral_acceleration * clamped)));
+    float wanted = rear_angle + (excess * ((wheelbase / clamped) + (understeer_coefficient * clamped)));
+
+    if (wanted > bound) {
+        wanted = bound;
+    }
+    if (wanted > rear_angle_max) {
+        wanted = rear_angle_max;
+    }
+    return (wanted > rear_angle) ? wanted : rear_angle;
+}
+
+ARS_SECTION_CODE ars_map_reference_t ars_map_reference(
+    float speed, float front_angle, float friction)
+{
+    const road_t road = road_of(friction);
+    const place_t place = place_of(speed, magnitude(front_angle));
+    const float yaw_rate = uncapped_yaw_rate(&place);
+    ars_map_reference_t reference;
+
+    reference.yaw_rate = capped(yaw_rate, speed, &road);
+    reference.rear_angle = rear_angle_of_table(&place);
+    reference.lateral_acceleration_max = road.lateral_acceleration_max;
+    if (yaw_rate > reference.yaw_rate) {
+        reference.rear_angle
+            = capped_rear_angle(reference.rear_angle, yaw_rate - reference.yaw_rate, reference.yaw_rate, speed);
+    }
+    if (front_angle < 0.0f) {
+        reference.yaw_rate = -reference.yaw_rate;
+        reference.rear_angle = -reference.rear_angle;
+    }
+    return reference;
 }
 
 /* False for NaN. */
@@ -227,6 +281,7 @@ ARS_SECTION_CODE bool ars_map_valid(void)
     valid = valid && are_even(&ars_map_front_angle_breakpoints[0], 100u);
     for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
         valid = valid && are_between(ars_map_yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS, 0.0f, 10.0f);
+        valid = valid && are_between(ars_map_rear_angle_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS, -0.5f, 0.5f);
     }
     return valid;
 }
@@ -248,6 +303,9 @@ ARS_SECTION_CODE uint32_t ars_map_crc(uint32_t start)
     uint32_t row;
     for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
         crc = crc_of(crc, ars_map_yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
+    }
+    for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
+        crc = crc_of(crc, ars_map_rear_angle_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
     }
     crc = crc_of(crc, ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS);
     crc = crc_of(crc, ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);

@@ -12,13 +12,13 @@
 #include "ars_map.h"
 #include "ars_sections.h"
 
-#if ARS_CHECKSUM_BUILD != 0xE839B0CCu
+#if ARS_CHECKSUM_BUILD != 0x3CA513E9u
 #error "ars_checksum.h and this source come from different builds"
 #endif
-#if ARS_MAP_BUILD != 0xE839B0CCu
+#if ARS_MAP_BUILD != 0x3CA513E9u
 #error "ars_map.h and this source come from different builds"
 #endif
-#if ARS_PARAMETERS_BUILD != 0xE839B0CCu
+#if ARS_PARAMETERS_BUILD != 0x3CA513E9u
 #error "ars_parameters.h and this source come from different builds"
 #endif
 
@@ -33,10 +33,35 @@ ARS_SECTION_CODE static bool is_between(float value, float low, float high)
     return (value >= low) && (value <= high);
 }
 
+ARS_SECTION_CODE static bool are_valid_arrays(const ars_parameters_t *parameters)
+{
+    bool valid = true;
+    uint32_t k;
+
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        valid = valid && is_between(parameters->schedule_speed[k], 0.0f, 200.0f);
+        valid = valid && ((k == 0u) || (parameters->schedule_speed[k - 1u] < parameters->schedule_speed[k]));
+        valid = valid && is_between(parameters->proportional_gain[k], 0.0f, 2.0f);
+        valid = valid && is_between(parameters->integral_gain[k], 0.01f, 20.0f);
+        valid = valid && is_between(parameters->lead_time[k], -0.2f, 0.2f);
+        valid = valid && is_between(parameters->response_gain[k], 0.0f, 2.0f);
+    }
+    return valid;
+}
+
 ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
 {
-    return is_between(parameters->proportional_gain, 0.0f, 2.0f)
-        && is_between(parameters->integral_gain, 0.01f, 20.0f)
+    return is_between(parameters->lead_smoothing, 0.01f, 1.0f)
+        && is_between(parameters->lead_angle_max, 0.0f, 0.5f)
+        && is_between(parameters->response_samples, 0.0f, 1000.0f)
+        && is_between(parameters->yaw_increasing_max, 0.0f, 1.0f)
+        && is_between(parameters->trim_share, 0.0f, 0.2f)
+        && is_between(parameters->trim_rate, 0.01f, 20.0f)
+        && is_between(parameters->grip_shortfall, 0.1f, 20.0f)
+        && is_between(parameters->grip_loss_rate, 0.1f, 50.0f)
+        && is_between(parameters->grip_forgetting, 0.01f, 50.0f)
+        && is_between(parameters->grip_recovery, 0.01f, 100.0f)
+        && is_between(parameters->grip_recovery_idle, 0.01f, 100.0f)
         && is_between(parameters->rear_angle_error_max, 1.0e-04f, 1.0f)
         && is_between(parameters->rear_angle_max, 1.0e-04f, 0.061086524f)
         && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
@@ -54,6 +79,7 @@ ARS_SECTION_CODE bool ars_parameters_valid(const ars_parameters_t *parameters)
         && (parameters->inputs.front_angle_max <= parameters->limiter.front_angle_max)
         && (parameters->actuator_samples_max >= 1u)
         && (parameters->actuator_samples_max <= 60000u)
+        && are_valid_arrays(parameters)
         && (parameters->limiter.rear_angle_max <= parameters->rear_angle_max)
         && ars_inputs_parameters_valid(&parameters->inputs)
         && ars_limiter_parameters_valid(&parameters->limiter)
@@ -66,8 +92,32 @@ ARS_SECTION_CODE uint32_t ars_parameters_crc(uint32_t start)
     uint32_t crc = start;
     uint32_t k;
 
-    crc = ars_checksum_real(crc, parameters->proportional_gain);
-    crc = ars_checksum_real(crc, parameters->integral_gain);
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->schedule_speed[k]);
+    }
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->proportional_gain[k]);
+    }
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->integral_gain[k]);
+    }
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->lead_time[k]);
+    }
+    for (k = 0u; k < (uint32_t)ARS_SCHEDULE_POINTS; k++) {
+        crc = ars_checksum_real(crc, parameters->response_gain[k]);
+    }
+    crc = ars_checksum_real(crc, parameters->lead_smoothing);
+    crc = ars_checksum_real(crc, parameters->lead_angle_max);
+    crc = ars_checksum_real(crc, parameters->response_samples);
+    crc = ars_checksum_real(crc, parameters->yaw_increasing_max);
+    crc = ars_checksum_real(crc, parameters->trim_share);
+    crc = ars_checksum_real(crc, parameters->trim_rate);
+    crc = ars_checksum_real(crc, parameters->grip_shortfall);
+    crc = ars_checksum_real(crc, parameters->grip_loss_rate);
+    crc = ars_checksum_real(crc, parameters->grip_forgetting);
+    crc = ars_checksum_real(crc, parameters->grip_recovery);
+    crc = ars_checksum_real(crc, parameters->grip_recovery_idle);
     crc = ars_checksum_real(crc, parameters->rear_angle_error_max);
     crc = ars_checksum_real(crc, parameters->rear_angle_max);
     crc = ars_checksum_real(crc, parameters->rear_rate_max);

@@ -32,8 +32,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
             for identifier, after in ((0x101, 0.0), (0x102, 1e-4), (0x201, 4e-3)):
                 time = 0.01 * cycle + 1e-4 * (cycle % 7) ** 2 + after * (1 + cycle % 3)
                 log.write(Frame(identifier, bytes(8), time), received=identifier == 0x201)
-    build = GENERATED / "4ws2-tracking"
-    request = Request(GENERATED / "4ws2-tracking.npz", build=build, runs=[str(folder / "bus.blf")])
+    build = GENERATED / "4ws2"
+    request = Request(GENERATED / "4ws2.npz", build=build, runs=[str(folder / "bus.blf")])
     made = list(sections(gather(read(request), lambda done, total: None)))
     path = folder / "report.html"
     path.write_bytes(render("A report", made))
@@ -93,7 +93,7 @@ def test_a_slider_moves_its_cut_by_keyboard(page: Any, slider: str, moved: str, 
 
 
 def test_values_shown_are_those_of_the_map(page: Any) -> None:
-    one = npz.load(GENERATED / "4ws2-tracking.npz")
+    one = npz.load(GENERATED / "4ws2.npz")
     speed, angle = (float(page.inner_text(f"#{name}-value").split()[0]) for name in ("cut-speed", "cut-angle"))
     row = int(np.argmin(np.abs(one.speed * 3.6 - speed)))
     column = int(np.argmin(np.abs(np.degrees(one.front_angle) - angle)))

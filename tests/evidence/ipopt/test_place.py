@@ -172,7 +172,7 @@ def test_the_excess_of_the_reference_model_is_the_largest_of_every_friction_and_
 
 def test_the_committed_schedule_is_the_design_of_the_recommended_preset() -> None:
     """A gain has four digits, and another machine's linear algebra may change the last one."""
-    config = load(Path(__file__).resolve().parents[3] / "generated/4ws2-tracking.npz").config
+    config = load(Path(__file__).resolve().parents[3] / "generated/4ws2.npz").config
     assert config is not None and config.controller.tracking.schedule is not None
     made = design(preset("recommended"))
     committed, fresh = config.controller.tracking.schedule.model_dump(), made.schedule.model_dump()

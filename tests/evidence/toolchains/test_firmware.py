@@ -19,7 +19,7 @@ FAULT, LATE, SELFTEST = 2, 1, 3
 """Exit codes of the image."""
 
 
-def ran(files: Mapping[str, bytes], name: str = "4ws2", toolchain: Toolchain = "gcc") -> ImageRun:
+def ran(files: Mapping[str, bytes], name: str = "4ws2-paper", toolchain: Toolchain = "gcc") -> ImageRun:
     return run_image(files, made(name).sent, toolchain)
 
 
@@ -32,7 +32,7 @@ def changed(path: str, old: str, new: str, files: Mapping[str, bytes] | None = N
 
 
 @pytest.mark.parametrize("toolchain", TOOLCHAINS)
-@pytest.mark.parametrize("name", ["4ws2", "4ws2-tracking"])
+@pytest.mark.parametrize("name", ["4ws2-paper", "4ws2"])
 def test_the_frames_are_those_of_the_software_in_the_loop(name: str, toolchain: Toolchain) -> None:
     found = ran(made(name).folder.files, name, toolchain)
     assert found.passed, found

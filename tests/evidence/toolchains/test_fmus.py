@@ -30,7 +30,7 @@ def test_another_configuration(tmp_path: Path) -> None:
     settings, build = tmp_path / "ars.toml", tmp_path / "build"
     plant = "[plant]\ncommand_delay_samples = 2\nrelaxation_length_m = 0.3\n"
     settings.write_text(f'[controller]\nkind = "pi"\n{plant}', encoding="utf-8")
-    write_folder(prepare(fmus.ROOT / "generated" / "4ws2.npz", settings, build, "rear", "double").folder, build)
+    write_folder(prepare(fmus.ROOT / "generated" / "4ws2-paper.npz", settings, build, "rear", "double").folder, build)
     known = fmus.unpacked(tmp_path / "fmu", "other", make_fmu(build, "loop", "3"))
     assert validate_fmu(str(known.path)) == []
     slave = fmus.Slave(known).start()

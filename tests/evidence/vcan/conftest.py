@@ -16,7 +16,7 @@ from tests.evidence.vcan.interfaces import INTERFACE, is_up, set_interface
 from tests.evidence.vcan.vcan_run import UNAVAILABLE
 
 HERE = Path(__file__).resolve().parent
-FOLDER = HERE.parents[2] / "generated/4ws2"
+FOLDER = HERE.parents[2] / "generated/4ws2-paper"
 STATE = "VCAN_TESTS"
 """Environment variable: `done` when the marked tests have run, `unavailable` when this machine has no way to run them."""
 

@@ -56,9 +56,9 @@ def corner(duration: float, *faults: Fault) -> Scenario:
 @pytest.mark.parametrize(
     ("build", "scenario", "kind"),
     [
-        ("4ws2", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "native"),
-        ("4ws2", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "cffi"),
-        pytest.param("4ws2-tracking", find("sine-with-dwell"), "native", marks=pytest.mark.long),
+        ("4ws2-paper", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "native"),
+        ("4ws2-paper", replace(find("step-steer"), duration=2.0, steer_time=1.0, drive=manoeuvres.step(1.0)), "cffi"),
+        pytest.param("4ws2", find("sine-with-dwell"), "native", marks=pytest.mark.long),
     ],
 )
 def test_in_lock_step_the_bits_are_those_in_process(address: BusAddress, build: str, scenario: Scenario, kind: EcuKind) -> None:

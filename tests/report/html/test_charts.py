@@ -38,7 +38,7 @@ FEASIBLE = np.array([[True, True], [True, True], [True, False]])
 
 @pytest.fixture(scope="module")
 def solved() -> NamedMap:
-    return NamedMap("4ws2", npz.load(GENERATED / "4ws2.npz"))
+    return NamedMap("4ws2", npz.load(GENERATED / "4ws2-paper.npz"))
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_maps_are_compared_on_the_axes_of_the_first(bare: NamedMap) -> None:
 
 def test_cells_of_the_ecu_are_counted_as_in_the_manifest(solved: NamedMap) -> None:
     chart, table = extended(solved, preset())
-    manifest = read_manifest(GENERATED / "4ws2")
+    manifest = read_manifest(GENERATED / "4ws2-paper")
     counts = {row[1].partition(", from there")[0]: int(row[2].replace(",", "")) for row in table.rows}
     assert counts == {rule["text"]: rule["cells"] for rule in manifest["map"]["rules"].values()}
     codes = chart.figure["data"][0]["codes"]
@@ -153,7 +153,7 @@ def test_losses_are_those_of_the_simulation(solved: NamedMap) -> None:
 
 def test_margins_are_those_of_the_design() -> None:
     """The recommended controller keeps the margins of its design; the paper's does not, at speed."""
-    config = npz.load(GENERATED / "4ws2-tracking.npz").config
+    config = npz.load(GENERATED / "4ws2.npz").config
     chart = margins_chart({"tracking": config, "pi": preset()})
 
     def least(name: str, axis: str) -> float:

@@ -35,7 +35,7 @@ def nothing(done: int, total: int) -> None: ...
 
 def test_the_page_of_a_build_is_reproducible_self_contained_and_linked() -> None:
     """Everything that could load something, outside of Plotly's own code, which a test in the browser watches."""
-    material = gather(read(Request(GENERATED / "4ws2.npz", build=GENERATED / "4ws2", simulate=False)), nothing)
+    material = gather(read(Request(GENERATED / "4ws2-paper.npz", build=GENERATED / "4ws2-paper", simulate=False)), nothing)
     first, second = (page.render("report", list(sections(material))) for _ in range(2))
     assert first == second
     own = re.sub(r"<script>.*?</script>", "", first.decode("utf-8"), flags=re.DOTALL)
@@ -56,11 +56,11 @@ def test_text_is_escaped() -> None:
 
 
 def test_the_record_of_the_verification_is_complete_current_or_named_as_neither(tmp_path: Path) -> None:
-    tables = [block for block in build.verification_blocks(GENERATED / "4ws2") if isinstance(block, Table)]
+    tables = [block for block in build.verification_blocks(GENERATED / "4ws2-paper") if isinstance(block, Table)]
     assert [row[3] for row in tables[0].rows] == ["passed"] * len(CHECKS)
     captions = [block.caption.partition(" (")[0] for block in tables[1:]]
     assert captions == ["Budgets on a Cortex-M4F", "Stack", "Memory map", "What the caller provides", "What is not shown"]
-    folder = shutil.copytree(GENERATED / "4ws2", tmp_path / "4ws2")
+    folder = shutil.copytree(GENERATED / "4ws2-paper", tmp_path / "4ws2")
     with (folder / "manifest.json").open("ab") as file:
         file.write(b"\n")
     for content, words in (

@@ -1,0 +1,31 @@
+/*
+ * Checksum of the calibration: CRC-32 (IEEE 802.3), number by number.
+ *
+ * Each number counts by its bits, least significant byte first, so that neither byte order nor padding matters. A checksum starts
+ * with 0xFFFFFFFF; its bits are inverted at the end.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#ifndef ARS_CHECKSUM_H
+#define ARS_CHECKSUM_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ARS_CHECKSUM_BUILD 0x4E569E35u
+
+/* Return the checksum so far with one more number, of 4 bytes. */
+uint32_t ars_checksum_real(uint32_t crc, float value);
+
+/* Return the checksum so far with one more whole number, of two bytes. */
+uint32_t ars_checksum_whole(uint32_t crc, uint16_t value);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ARS_CHECKSUM_H */

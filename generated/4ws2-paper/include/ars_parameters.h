@@ -1,0 +1,75 @@
+/*
+ * Parameters of the controller, kind "pi": all that calibration may change beside the map.
+ *
+ * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#ifndef ARS_PARAMETERS_H
+#define ARS_PARAMETERS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ars_inputs.h"
+#include "ars_limiter.h"
+
+#if ARS_INPUTS_BUILD != 0x4E569E35u
+#error "ars_inputs.h and this source come from different builds"
+#endif
+#if ARS_LIMITER_BUILD != 0x4E569E35u
+#error "ars_limiter.h and this source come from different builds"
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ARS_PARAMETERS_BUILD 0x4E569E35u
+
+/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
+typedef struct {
+    float proportional_gain;            /* s: rad of rear angle for each rad/s of error */
+    float integral_gain;                /* rad of rear angle for each rad of integrated error */
+    float rear_angle_error_max;         /* rad, how far the demand may run ahead of the measured rear angle */
+    float rear_angle_max;               /* rad, bound on the command; at most what the actuator can */
+    float rear_rate_max;                /* rad/s, bound on the command's rate (off) */
+    float friction_min;                 /* a lower estimate counts as this */
+    float enable_speed;                 /* m/s, control starts from here */
+    float disable_speed;                /* m/s, standby below */
+    float standby_rate;                 /* rad/s, return to zero in standby */
+    float fail_safe_rate;               /* rad/s, return to zero in fail-safe */
+    float actuator_share;               /* of the way to the command that the actuator goes in a sample */
+    float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
+    uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
+    ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
+    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
+} ars_parameters_t;
+
+/* The parameters that this build was made with. */
+extern const ars_parameters_t ars_parameters_default;
+
+/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
+extern const char ars_epk[9];
+
+/*
+ * What ars_calibration_checksum() has to be for the self-test to pass (ars_controller.h). Whoever freezes a calibration gives
+ * it what that function returns then.
+ */
+extern const uint32_t ars_calibration_expected_checksum;
+
+/*
+ * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
+ * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
+ */
+bool ars_parameters_valid(const ars_parameters_t *parameters);
+
+/* Return the checksum so far (ars_checksum.h) with ars_parameters_default, field by field in the order of the structs. */
+uint32_t ars_parameters_crc(uint32_t start);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ARS_PARAMETERS_H */

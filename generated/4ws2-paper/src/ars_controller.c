@@ -1,0 +1,228 @@
+/*
+ * Yaw-rate controller for active rear steering. See ars_controller.h.
+ *
+ * Order of a step: what is believed of the sample, the status, then control, predict or ramp; the limiter comes last.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_controller.h"
+
+#include "ars_sections.h"
+
+#if ARS_CONTROLLER_BUILD != 0x4E569E35u
+#error "ars_controller.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
+
+/* Of memory that ars_controller_init() has been at; not zero, which is what memory holds before. */
+ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
+
+/* The squares of the state's numbers never add up to so much. */
+ARS_SECTION_CONST static const float squares_max = 1.0e+12f;
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
+    }
+    return result;
+}
+
+ARS_SECTION_CODE static float toward_zero(float value, float step)
+{
+    float result = 0.0f;
+
+    if (value > step) {
+        result = value - step;
+    } else if (value < -step) {
+        result = value + step;
+    } else {
+        /* closer to zero than one step */
+    }
+    return result;
+}
+
+/* Control starts at the enabling speed and ends below the disabling one. */
+ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_parameters_t *parameters, float speed)
+{
+    if (speed >= parameters->enable_speed) {
+        self->enabled = true;
+    } else if (speed < parameters->disable_speed) {
+        self->enabled = false;
+    } else {
+        /* between the two speeds nothing changes */
+    }
+    if (!self->enabled) {
+        self->status = ARS_STATUS_STANDBY;
+    }
+}
+
+/* The estimate of the friction, not below the smallest that is believed. */
+ARS_SECTION_CODE static float known_friction(const ars_parameters_t *parameters, float estimate)
+{
+    return (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
+}
+
+/* One sample of the control law, from what is believed of the measurement. */
+ARS_SECTION_CODE static void control(
+    ars_controller_t *self, const ars_parameters_t *parameters, ars_law_phase_t phase)
+{
+    const ars_measurement_t *const sample = &self->sample;
+    const float friction = known_friction(parameters, sample->friction);
+    const ars_law_output_t output
+        = ars_law_step(&self->law, parameters, sample, phase, friction, self->rear_angle, self->yaw_rate_error);
+
+    self->rear_angle = output.rear_angle;
+    self->yaw_rate_reference = output.yaw_rate_reference;
+    if (phase != ARS_LAW_PREDICTS) {
+        self->yaw_rate_error = output.yaw_rate_reference - sample->yaw_rate;
+        if (self->quality == ARS_QUALITY_REPLACED) {
+            self->status = ARS_STATUS_DEGRADED;
+        } else {
+            self->status = self->law.is_limited ? ARS_STATUS_LIMITED : ARS_STATUS_TRACKING;
+        }
+    }
+}
+
+/* A sample without control. In standby and fail-safe the rear angle returns to zero, at a rate each: at speed, taking it away at
+ * once can spin the car, and holding it spins a car whose driver steers back. */
+ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    self->yaw_rate_reference = 0.0f;
+    self->yaw_rate_error = 0.0f;
+    if (self->status == ARS_STATUS_STANDBY) {
+        self->rear_angle = toward_zero(self->rear_angle, parameters->standby_rate * sampling_time);
+    } else if (self->status == ARS_STATUS_FAIL_SAFE) {
+        self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
+    } else {
+        /* degraded: the angle is held */
+    }
+}
+
+/* The last word on the command. */
+ARS_SECTION_CODE static void limit(
+    ars_controller_t *self, const ars_parameters_t *parameters)
+{
+    const ars_limiter_input_t input = { self->sample.speed, self->sample.front_angle, self->rear_angle };
+    const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
+
+    if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
+        self->status = ARS_STATUS_LIMITED;
+    }
+    self->rear_angle = limited;
+}
+
+ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
+{
+    float start = 0.0f;
+
+    if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
+        start = bounded(rear_angle, actuator_angle_max);
+    }
+    self->rear_angle = start;
+    self->yaw_rate_reference = 0.0f;
+    self->yaw_rate_error = 0.0f;
+    self->sample.speed = 0.0f;
+    self->sample.front_angle = 0.0f;
+    self->sample.yaw_rate = 0.0f;
+    self->sample.rear_angle = start;
+    self->sample.friction = 0.0f;
+    self->sample.lateral_acceleration = 0.0f;
+    self->sample.inhibit = true;
+    self->enabled = false;
+    self->quality = ARS_QUALITY_GOOD;
+    self->status = ARS_STATUS_STANDBY;
+    self->initialised = initialised;
+    ars_inputs_init(&self->inputs, true);
+    ars_limiter_init(&self->limiter, start);
+    ars_law_init(&self->law, start);
+}
+
+/* False for memory that was never initialised, and where a number of the state is none or far too large. */
+ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
+{
+    float squares = 0.0f;
+
+    squares += self->law.integral * self->law.integral;
+    squares += self->rear_angle * self->rear_angle;
+    squares += self->yaw_rate_reference * self->yaw_rate_reference;
+    squares += self->yaw_rate_error * self->yaw_rate_error;
+    squares += self->inputs.speed.value * self->inputs.speed.value;
+    squares += self->inputs.front_angle.value * self->inputs.front_angle.value;
+    squares += self->inputs.yaw_rate.value * self->inputs.yaw_rate.value;
+    squares += self->inputs.expected_yaw_rate * self->inputs.expected_yaw_rate;
+    squares += self->inputs.least * self->inputs.least;
+    squares += self->inputs.least_of_front * self->inputs.least_of_front;
+    squares += self->inputs.yaw_rate_offset * self->inputs.yaw_rate_offset;
+    squares += self->inputs.beyond_linear * self->inputs.beyond_linear;
+    squares += self->inputs.friction * self->inputs.friction;
+    squares += self->limiter.rear_angle * self->limiter.rear_angle;
+    squares += self->limiter.speed * self->limiter.speed;
+    squares += self->limiter.front_angle * self->limiter.front_angle;
+    return (self->initialised == initialised) && (squares <= squares_max); /* false for NaN */
+}
+
+ARS_SECTION_CODE ars_command_t ars_controller_step(
+    ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement)
+{
+    ars_law_phase_t phase;
+    ars_command_t command;
+
+    if (!is_sound(self)) { /* afresh, from where the rear wheels stand, and not before good samples */
+        ars_controller_init(self, measurement->rear_angle);
+        ars_inputs_init(&self->inputs, false);
+    }
+    self->quality = ars_inputs_step(&self->inputs, &parameters->inputs, measurement, self->rear_angle, &self->sample);
+    phase = self->enabled ? ARS_LAW_CONTINUES : ARS_LAW_STARTS;
+    if (self->quality == ARS_QUALITY_UNUSABLE) {
+        self->status = ARS_STATUS_FAIL_SAFE;
+        self->enabled = false;
+    } else if (self->quality == ARS_QUALITY_MISSING) {
+        if (self->status != ARS_STATUS_FAIL_SAFE) {
+            self->status = ARS_STATUS_DEGRADED;
+        }
+        if (self->sample.speed < parameters->disable_speed) {
+            self->enabled = false;
+        }
+        phase = ARS_LAW_PREDICTS; /* what was measured last stands for what is missing */
+    } else {
+        choose_by_speed(self, parameters, self->sample.speed);
+    }
+    if (self->enabled) {
+        control(self, parameters, phase);
+    } else {
+        rest(self, parameters);
+    }
+    limit(self, parameters);
+    command.rear_angle = self->rear_angle;
+    command.yaw_rate_reference = self->yaw_rate_reference;
+    command.status = self->status;
+    return command;
+}

@@ -1,0 +1,137 @@
+/*
+ * Control law, kind "pi". See ars_law.h.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_law.h"
+
+#include "ars_map.h"
+#include "ars_sections.h"
+
+#if ARS_LAW_BUILD != 0x4E569E35u
+#error "ars_law.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0x4E569E35u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
+{
+    float result = low; /* NaN too */
+
+    if (value > high) {
+        result = high;
+    } else if (value >= low) {
+        result = value;
+    } else {
+        /* below, or NaN */
+    }
+    return result;
+}
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+ARS_SECTION_CODE static float bounded(float value, float largest)
+{
+    float result = largest;
+
+    if (magnitude(value) <= largest) {
+        result = value;
+    } else if (value < 0.0f) {
+        result = -largest;
+    } else {
+        /* above, or NaN */
+    }
+    return result;
+}
+
+/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
+ * did not know of it would run away from the command. */
+ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
+{
+    const float own = parameters->rear_rate_max;
+    const float behind = parameters->limiter.rear_rate_max;
+
+    return ((own < behind) ? own : behind) * sampling_time;
+}
+
+/* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
+
+ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
+{
+    self->integral = rear_angle;
+    self->is_limited = false;
+}
+
+/* What the angle limit and the distance to the actuator let through: one that is stuck or slow must not wind the integral up. */
+ARS_SECTION_CODE static float allowed(
+    const ars_parameters_t *parameters, const ars_measurement_t *sample, float demand)
+{
+    const float ahead = parameters->rear_angle_error_max;
+    const float near = clamp(demand, sample->rear_angle - ahead, sample->rear_angle + ahead);
+
+    return bounded(near, parameters->rear_angle_max);
+}
+
+ARS_SECTION_CODE ars_law_output_t ars_law_step(
+    ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
+    float friction, float rear_angle, float yaw_rate_error)
+{
+    const float reference = ars_map_yaw_rate_on_road(sample->speed, sample->front_angle, friction);
+    const float error = reference - sample->yaw_rate;
+    const float proportional = parameters->proportional_gain * error;
+    const float step = command_step(parameters);
+    /* Bumpless: with this integral the first demand is the angle that is commanded now. */
+    const float before = (phase == ARS_LAW_STARTS) ? (rear_angle + proportional) : self->integral;
+    float integral = before;
+    float wanted;
+    float demand;
+    ars_law_output_t output;
+    bool limited;
+
+    (void)yaw_rate_error; /* the integral keeps what it needs */
+    output.yaw_rate_reference = reference;
+    if (!sample->inhibit) {
+        integral -= (parameters->integral_gain * sampling_time) * error;
+    }
+    wanted = integral - proportional;
+    demand = allowed(parameters, sample, wanted);
+    limited = (demand > wanted) || (demand < wanted);
+    if (limited && !sample->inhibit) {
+        integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
+    }
+    /* Where the rate limit acts: let the integral not move further ahead of the command. */
+    if (demand > (rear_angle + step)) {
+        output.rear_angle = rear_angle + step;
+        limited = true;
+        integral = (integral > before) ? before : integral;
+    } else if (demand < (rear_angle - step)) {
+        output.rear_angle = rear_angle - step;
+        limited = true;
+        integral = (integral < before) ? before : integral;
+    } else {
+        output.rear_angle = demand;
+    }
+    self->integral = integral;
+    self->is_limited = limited;
+    return output;
+}

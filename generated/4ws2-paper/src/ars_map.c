@@ -1,0 +1,255 @@
+/*
+ * Yaw-rate reference map: bilinear lookup. See ars_map.h.
+ *
+ * The numbers are in ars_calibration.c. Nothing here takes one of them for a constant: calibration may change it.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_map.h"
+
+#include "ars_checksum.h"
+#include "ars_sections.h"
+
+#if ARS_CHECKSUM_BUILD != 0x4E569E35u
+#error "ars_checksum.h and this source come from different builds"
+#endif
+#if ARS_MAP_BUILD != 0x4E569E35u
+#error "ars_map.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+/* Where a value lies on an axis: the breakpoint below it, and 0 to 1 from there to the next. */
+typedef struct {
+    uint32_t lower;
+    float fraction;
+} position_t;
+
+/* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
+ * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
+ * asks for. */
+ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
+ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
+ARS_SECTION_CONST static const float map_friction = 0.9f;
+
+/* Where to look. */
+typedef struct {
+    position_t row;
+    position_t column;
+} place_t;
+
+/* What the road allows. */
+typedef struct {
+    float lateral_acceleration_max; /* m/s^2 */
+} road_t;
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+/* Speed: even but for the first cell. NaN and what is below zero count as zero; beyond the last breakpoint the last one holds. */
+ARS_SECTION_CODE static position_t locate_speed(float speed)
+{
+    const float *const at = ars_map_speed_breakpoints;
+    const float steps = ((speed - at[1]) / (at[101] - at[1])) * 100.0f;
+    position_t position = { 0u, 0.0f };
+
+    if (steps >= 100.0f) {
+        position.lower = 100u;
+        position.fraction = 1.0f;
+    } else if (speed >= at[1]) {
+        const uint32_t whole = (uint32_t)steps;
+
+        position.lower = whole + 1u;
+        position.fraction = steps - (float)whole;
+    } else if (speed > 0.0f) {
+        position.fraction = speed / at[1];
+    } else {
+        /* zero, below it, or NaN */
+    }
+    return position;
+}
+
+/* Front angle: even but for the last cell. Not negative; NaN counts as zero; beyond the last breakpoint the last one holds. */
+ARS_SECTION_CODE static position_t locate_front_angle(float turned)
+{
+    const float *const at = ars_map_front_angle_breakpoints;
+    position_t position = { 0u, 0.0f };
+
+    if (turned < at[100]) {
+        const float steps = (turned / at[100]) * 100.0f;
+        const uint32_t whole = (uint32_t)steps;
+
+        position.lower = whole;
+        position.fraction = steps - (float)whole;
+    } else if (turned >= at[100]) {
+        const float fraction = (turned - at[100]) / (at[101] - at[100]);
+
+        position.lower = 100u;
+        position.fraction = (fraction < 1.0f) ? fraction : 1.0f;
+    } else {
+        /* NaN */
+    }
+    return position;
+}
+
+/* Every table is for positive front angles: one search serves all of them. */
+ARS_SECTION_CODE static place_t place_of(float speed, float turned)
+{
+    const place_t place = { locate_speed(speed), locate_front_angle(turned) };
+
+    return place;
+}
+
+ARS_SECTION_CODE static road_t road_of(float friction)
+{
+    road_t road = { lateral_acceleration_cap }; /* for NaN too */
+
+    if (friction <= 0.0f) {
+        road.lateral_acceleration_max = 0.0f;
+    } else if (friction < map_friction) {
+        road.lateral_acceleration_max = lateral_acceleration_cap_per_friction * friction;
+    } else {
+        /* the map's own */
+    }
+    return road;
+}
+
+ARS_SECTION_CODE static float interpolate(
+    const float table[][ARS_MAP_FRONT_ANGLE_POINTS], const place_t *place)
+{
+    const float *const slower = &table[place->row.lower][place->column.lower];
+    const float *const faster = &table[place->row.lower + 1u][place->column.lower];
+    const float left = slower[0] + (place->row.fraction * (faster[0] - slower[0]));
+    const float right = slower[1] + (place->row.fraction * (faster[1] - slower[1]));
+
+    return left + (place->column.fraction * (right - left));
+}
+
+/* rad/s, before the road's cap. */
+ARS_SECTION_CODE static float uncapped_yaw_rate(const place_t *place)
+{
+    return interpolate(ars_map_yaw_rate_table, place);
+}
+
+ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *road)
+{
+    float result = yaw_rate;
+
+    if ((yaw_rate * speed) > road->lateral_acceleration_max) {
+        result = road->lateral_acceleration_max / speed;
+    }
+    return result;
+}
+
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float turned, const road_t *road)
+{
+    const place_t place = place_of(speed, turned);
+
+    return capped(uncapped_yaw_rate(&place), speed, road);
+}
+
+/* The map is odd in the front angle. */
+ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
+    float speed, float front_angle, float friction)
+{
+    const road_t road = road_of(friction);
+    const float yaw_rate = yaw_rate_at(speed, magnitude(front_angle), &road);
+
+    return (front_angle < 0.0f) ? -yaw_rate : yaw_rate;
+}
+
+ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
+{
+    return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
+}
+
+/* False for NaN. */
+ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, float low, float high)
+{
+    bool inside = true;
+    uint32_t k;
+
+    for (k = 0u; k < count; k++) {
+        inside = inside && (numbers[k] >= low) && (numbers[k] <= high);
+    }
+    return inside;
+}
+
+/* From zero or below, each above the one before. */
+ARS_SECTION_CODE static bool are_increasing(const float *breakpoints, uint32_t count)
+{
+    bool increasing = breakpoints[0] <= 0.0f;
+    uint32_t k;
+
+    for (k = 1u; k < count; k++) {
+        increasing = increasing && (breakpoints[k - 1u] < breakpoints[k]);
+    }
+    return increasing;
+}
+
+/* Whether they lie where the search, which only looks at the ends, takes them to be: within a share of a step. */
+ARS_SECTION_CODE static bool are_even(const float *breakpoints, uint32_t cells)
+{
+    const float step = (breakpoints[cells] - breakpoints[0]) / (float)cells;
+    const float tolerance = 0.01f * step;
+    bool even = true;
+    uint32_t k;
+
+    for (k = 1u; k < cells; k++) {
+        const float deviation = (breakpoints[k] - breakpoints[0]) - ((float)k * step);
+        even = even && (deviation >= -tolerance) && (deviation <= tolerance);
+    }
+    return even;
+}
+
+ARS_SECTION_CODE bool ars_map_valid(void)
+{
+    bool valid = are_between(ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS, 0.0f, 150.0f);
+    uint32_t row;
+
+    valid = valid && are_between(ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS, 0.0f, 1.2f);
+    valid = valid && are_increasing(ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS);
+    valid = valid && are_even(&ars_map_speed_breakpoints[1], 100u);
+    valid = valid && are_increasing(ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
+    valid = valid && are_even(&ars_map_front_angle_breakpoints[0], 100u);
+    for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
+        valid = valid && are_between(ars_map_yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS, 0.0f, 10.0f);
+    }
+    return valid;
+}
+
+ARS_SECTION_CODE static uint32_t crc_of(uint32_t start, const float *numbers, uint32_t count)
+{
+    uint32_t crc = start;
+    uint32_t index;
+
+    for (index = 0u; index < count; index++) {
+        crc = ars_checksum_real(crc, numbers[index]);
+    }
+    return crc;
+}
+
+ARS_SECTION_CODE uint32_t ars_map_crc(uint32_t start)
+{
+    uint32_t crc = start;
+    uint32_t row;
+    for (row = 0u; row < (uint32_t)ARS_MAP_SPEED_POINTS; row++) {
+        crc = crc_of(crc, ars_map_yaw_rate_table[row], (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
+    }
+    crc = crc_of(crc, ars_map_speed_breakpoints, (uint32_t)ARS_MAP_SPEED_POINTS);
+    crc = crc_of(crc, ars_map_front_angle_breakpoints, (uint32_t)ARS_MAP_FRONT_ANGLE_POINTS);
+    return crc;
+}

@@ -1,0 +1,366 @@
+/*
+ * The cyclic task. See ars_task.h.
+ *
+ * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_task.h"
+
+#include "ars_sections.h"
+
+#if ARS_CAN_BUILD != 0x4E569E35u
+#error "ars_can.h and this source come from different builds"
+#endif
+#if ARS_CONTROLLER_BUILD != 0x4E569E35u
+#error "ars_controller.h and this source come from different builds"
+#endif
+#if ARS_E2E_BUILD != 0x4E569E35u
+#error "ars_e2e.h and this source come from different builds"
+#endif
+#if ARS_TASK_BUILD != 0x4E569E35u
+#error "ars_task.h and this source come from different builds"
+#endif
+
+/* NaN is an input here; a compiler that may assume there is none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+/* Diagnostics of the second message lie so many bits above those of the first. */
+ARS_SECTION_CONST static const uint32_t conditions_shift = 3u;
+
+/* Periods that the calls may stay behind the sender: two clocks and their jitter take up to two. One is forgiven in every 64 calls;
+ * the drift of two quartz clocks takes thousands of calls for one. So many steps at once fill the backlog. */
+ARS_SECTION_CONST static const uint32_t backlog_max = 3u;
+ARS_SECTION_CONST static const uint32_t forgiven_every = 64u;
+ARS_SECTION_CONST static const uint8_t advance_max = 6u;
+
+/* Each return from a disturbance adds the weight, each call without one takes one away, and above the limit the bus is intermittent.
+ * It stays so as long as a disturbance comes in every ten calls. */
+ARS_SECTION_CONST static const uint32_t disturbance_weight = 10u;
+ARS_SECTION_CONST static const uint32_t disturbance_max = 40u;
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+ARS_SECTION_CODE static void input_init(ars_task_input_t *self)
+{
+    ars_e2e_receiver_init(&self->receiver);
+    ars_e2e_supervision_init(&self->supervision);
+    self->causes = 0u;
+    self->frames = 0u;
+    self->advance = 0u;
+    self->disturbed = false;
+    self->usable = false;
+}
+
+ARS_SECTION_CODE static void input_disturb(ars_task_input_t *self, uint32_t cause)
+{
+    self->causes |= (uint16_t)cause;
+    self->disturbed = true;
+}
+
+/* Returns whether the frame is good. */
+ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data_id, const uint8_t *data)
+{
+    uint8_t advance = 0u;
+
+    if (self->frames < UINT8_MAX) {
+        self->frames++;
+    }
+    switch (ars_e2e_check(&self->receiver, data_id, data)) {
+    case ARS_E2E_OK:
+    case ARS_E2E_INITIAL:
+        advance = 1u;
+        break;
+    case ARS_E2E_OK_SOME_LOST:
+        advance = 2u;
+        input_disturb(self, 0u);
+        break;
+    case ARS_E2E_WRONG_CRC:
+        input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        break;
+    case ARS_E2E_REPEATED:
+    case ARS_E2E_SYNC:
+    case ARS_E2E_WRONG_SEQUENCE:
+    case ARS_E2E_NO_NEW_DATA: /* never of a frame that came */
+    default:
+        input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
+        break;
+    }
+    if (self->advance < advance_max) {
+        self->advance = (uint8_t)(self->advance + advance);
+    }
+    return advance > 0u;
+}
+
+/* A good frame came, and something was wrong or lost before it. */
+ARS_SECTION_CODE static bool input_returned(const ars_task_input_t *self)
+{
+    return self->disturbed && (self->advance > 0u);
+}
+
+/* The end of a cycle for one message: its diagnostics; ready for the next cycle. */
+ARS_SECTION_CODE static uint32_t input_close(ars_task_input_t *self)
+{
+    const bool good = self->advance > 0u;
+    const bool damaged = (self->causes & (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC) != 0u;
+    const bool valid = ars_e2e_supervise(&self->supervision, good, damaged) == ARS_E2E_STATE_VALID;
+    uint32_t causes = self->causes;
+
+    if (self->frames == 0u) {
+        (void)ars_e2e_no_new_data(&self->receiver);
+        causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_MISSING;
+    }
+    if (good && !valid) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER;
+    }
+    self->usable = good && valid;
+    self->disturbed = self->disturbed && !good;
+    self->causes = 0u;
+    self->frames = 0u;
+    self->advance = 0u;
+    return causes;
+}
+
+ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *parameters)
+{
+    self->parameters = parameters;
+    ars_controller_init(&self->controller, 0.0f);
+    input_init(&self->motion_input);
+    input_init(&self->conditions_input);
+    self->motion.speed = ars_can_not_available();
+    self->motion.front_angle = ars_can_not_available();
+    self->motion.yaw_rate = ars_can_not_available();
+    self->conditions.rear_angle = ars_can_not_available();
+    self->conditions.friction = ars_can_not_available();
+    self->conditions.lateral_acceleration = ars_can_not_available();
+    self->conditions.inhibit = false;
+    self->counter = 0u;
+    self->backlog = 0u;
+    self->disturbance = 0u;
+    self->actuator_samples = 0u;
+    self->expected_angle = 0.0f;
+    self->conditions_close = false;
+    self->started = false;
+    self->samples_without_angle = 0u;
+    self->cycles = 0u;
+    self->late_cycles = 0u;
+    self->early_cycles = 0u;
+    self->lost_samples = 0u;
+}
+
+ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length)
+{
+    const bool motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
+    const bool conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
+
+    if ((motion || conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
+        /* Its data are not read: damaged, and no frame as far as its counter goes. */
+        if (motion) {
+            input_disturb(&self->motion_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        } else {
+            input_disturb(&self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
+        }
+    } else if (motion) {
+        if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data)) {
+            ars_can_unpack_vehicle_motion(data, &self->motion);
+        }
+    } else if (conditions) {
+        self->conditions_close = self->motion_input.frames > 0u;
+        if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
+            ars_can_unpack_vehicle_conditions(data, &self->conditions);
+        }
+    } else {
+        /* another node's */
+    }
+}
+
+ARS_SECTION_CODE bool ars_task_is_complete(const ars_task_t *self)
+{
+    return self->conditions_close;
+}
+
+/* How often the task comes compared with the frames. One late call is the rule where clocks run freely; a task is late where its
+ * calls stay behind the counter of the first message more and more. */
+ARS_SECTION_CODE static uint32_t check_rhythm(ars_task_t *self)
+{
+    uint32_t backlog = (uint32_t)self->backlog + self->motion_input.advance;
+
+    self->cycles++;
+    if ((self->motion_input.frames > 1u) || (self->conditions_input.frames > 1u)) {
+        self->late_cycles++;
+    } else if ((self->motion_input.frames == 0u) && (self->conditions_input.frames == 0u)) {
+        self->early_cycles++;
+    } else {
+        /* one frame of each, or one is missing */
+    }
+    if (backlog > 0u) { /* this call makes up for one step */
+        backlog--;
+    }
+    if ((backlog > 0u) && ((self->cycles % forgiven_every) == 0u)) {
+        backlog--;
+    }
+    if (backlog > (backlog_max + 2u)) { /* one that is forgiven does not end the event */
+        backlog = backlog_max + 2u;
+    }
+    self->backlog = (uint8_t)backlog;
+    return (backlog > backlog_max) ? (uint32_t)ARS_DIAGNOSTICS_TASK_LATE : 0u;
+}
+
+/* How often the bus is disturbed and comes back. A fault that stays is none of this. */
+ARS_SECTION_CODE static uint32_t check_bus(ars_task_t *self)
+{
+    uint32_t disturbance = self->disturbance;
+
+    if (input_returned(&self->motion_input) || input_returned(&self->conditions_input)) {
+        disturbance += disturbance_weight;
+        if (disturbance > (disturbance_max + disturbance_weight)) {
+            disturbance = disturbance_max + disturbance_weight;
+        }
+    } else if (disturbance > 0u) {
+        disturbance--;
+    } else {
+        /* calm */
+    }
+    self->disturbance = (uint8_t)disturbance;
+    return (disturbance > disturbance_max) ? (uint32_t)ARS_DIAGNOSTICS_INTERMITTENT : 0u;
+}
+
+/* Whether the rear wheels follow the commands before this sample, as an actuator with its lag does. While it has a way to go, it may
+ * be off by twice that way more: a lag of twice the size and two samples of delay take less. An angle that is not measured (NaN) is
+ * no difference. */
+ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool good)
+{
+    const ars_parameters_t *parameters = self->parameters;
+    const float command = self->controller.rear_angle;
+    const float moved = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
+    const float largest = parameters->inputs.rear_angle_max;
+    /* False for NaN too, which would stay. */
+    const float expected = (magnitude(moved) <= largest) ? moved : command;
+    const float way = magnitude(command - expected);
+    const float tolerance = parameters->actuator_error_max + (way + way);
+    const float difference = magnitude(self->conditions.rear_angle - expected);
+    uint32_t samples = self->actuator_samples;
+
+    self->expected_angle = expected;
+    if (good) {
+        if (difference > tolerance) {
+            samples = (samples <= parameters->actuator_samples_max) ? (samples + 1u) : samples;
+        } else if (samples > 0u) {
+            samples--;
+        } else {
+            /* it follows */
+        }
+        self->actuator_samples = (uint16_t)samples;
+    }
+    return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
+}
+
+/* Control starts from the angle that the actuator holds. An angle that cannot be is waited out; one that is not available is
+ * taken for a car that does not measure it, and for zero, only after as many samples as a recovery takes. */
+ARS_SECTION_CODE static void start(ars_task_t *self)
+{
+    const float rear_angle = self->conditions.rear_angle;
+    const float largest = self->parameters->inputs.rear_angle_max;
+
+    if (magnitude(rear_angle) <= largest) {
+        self->started = true;
+    } else if (magnitude(rear_angle) > largest) {
+        self->samples_without_angle = 0u;
+    } else {
+        self->samples_without_angle++;
+        self->started = self->samples_without_angle > self->parameters->inputs.recovery_samples;
+    }
+    if (self->started) {
+        ars_controller_init(&self->controller, rear_angle);
+        self->expected_angle = self->controller.rear_angle;
+    }
+}
+
+/* What did not come is told to the controller by signals that are not available. An inhibit holds over single frames that are lost. */
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
+{
+    const bool motion_usable = self->motion_input.usable;
+    const bool conditions_usable = self->conditions_input.usable;
+    const float not_available = ars_can_not_available();
+    const ars_measurement_t measurement = {
+        .speed = motion_usable ? self->motion.speed : not_available,
+        .front_angle = motion_usable ? self->motion.front_angle : not_available,
+        .yaw_rate = motion_usable ? self->motion.yaw_rate : not_available,
+        .rear_angle = conditions_usable ? self->conditions.rear_angle : not_available,
+        .friction = conditions_usable ? self->conditions.friction : not_available,
+        .lateral_acceleration = conditions_usable ? self->conditions.lateral_acceleration : not_available,
+        .inhibit = self->conditions.inhibit && (self->conditions_input.supervision.state == ARS_E2E_STATE_VALID)
+    };
+
+    if (!good) {
+        self->lost_samples++;
+    } else if (!self->started) {
+        start(self);
+    } else {
+        /* control goes on */
+    }
+    return ars_controller_step(&self->controller, self->parameters, &measurement);
+}
+
+/* Which signals the controller does not believe, and whether one that came is missing. */
+ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool good)
+{
+    const ars_inputs_t *inputs = &self->controller.inputs;
+    uint32_t causes = 0u;
+
+    if (good && (self->controller.quality == ARS_QUALITY_MISSING)) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
+    }
+    if (inputs->speed.source != ARS_SIGNAL_MEASURED) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_SPEED_REPLACED;
+    }
+    if (inputs->front_angle.source != ARS_SIGNAL_MEASURED) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_FRONT_ANGLE_REPLACED;
+    }
+    if (inputs->yaw_rate.source != ARS_SIGNAL_MEASURED) {
+        causes |= (uint32_t)ARS_DIAGNOSTICS_YAW_RATE_REPLACED;
+    }
+    return causes;
+}
+
+ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
+{
+    uint32_t diagnostics;
+    ars_rear_steer_command_t signals;
+    ars_command_t command;
+    bool good;
+
+    if (self->controller.initialised == 0u) { /* memory that ars_task_init() has never been at */
+        ars_task_init(self, &ars_parameters_default);
+    }
+    diagnostics = check_rhythm(self);
+    diagnostics |= check_bus(self);
+    diagnostics |= input_close(&self->motion_input);
+    diagnostics |= input_close(&self->conditions_input) << conditions_shift;
+    self->conditions_close = false;
+    good = self->motion_input.usable && self->conditions_input.usable;
+    if (self->started) {
+        diagnostics |= check_actuator(self, good);
+    }
+    command = step(self, good);
+    diagnostics |= causes_of_controller(self, good);
+    /* Before the first good sample nobody knows where the rear wheels stand: no angle is better than a wrong one. */
+    signals.rear_angle = self->started ? command.rear_angle : ars_can_not_available();
+    signals.yaw_rate_reference = self->started ? command.yaw_rate_reference : ars_can_not_available();
+    signals.status = (uint8_t)command.status;
+    signals.diagnostics = (uint16_t)diagnostics;
+    ars_can_pack_rear_steer_command(&signals, data);
+    ars_e2e_protect((uint16_t)ARS_CAN_DATA_ID_REAR_STEER_COMMAND, &self->counter, data);
+    return (uint32_t)ARS_CAN_ID_REAR_STEER_COMMAND;
+}

@@ -1,0 +1,97 @@
+/*
+ * Grip of the road, learned from what the car reaches. See ars_grip.h.
+ *
+ * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
+ * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ */
+#include "ars_grip.h"
+
+#include "ars_sections.h"
+
+#if ARS_GRIP_BUILD != 0x3CA513E9u
+#error "ars_grip.h and this source come from different builds"
+#endif
+
+/* NaN and infinity are inputs here; a compiler that may assume there are none would drop the checks. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "do not compile this file with -ffast-math or -ffinite-math-only"
+#endif
+
+ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
+ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2: what the map allows on its road */
+ARS_SECTION_CONST static const float friction_per_grip = 0.17741716f; /* s^2/m */
+
+ARS_SECTION_CODE static float clamp(float value, float low, float high)
+{
+    float result = low; /* NaN too */
+
+    if (value > high) {
+        result = high;
+    } else if (value >= low) {
+        result = value;
+    } else {
+        /* below, or NaN */
+    }
+    return result;
+}
+
+/* The number without its sign bit: one instruction, where a comparison takes five. */
+ARS_SECTION_CODE static float magnitude(float value)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } number = { .value = value };
+
+    number.bits &= 0x7FFFFFFFu;
+    return number.value;
+}
+
+ARS_SECTION_CODE void ars_grip_init(ars_grip_t *self)
+{
+    self->reached = 0.0f;
+    self->available = grip_max;
+}
+
+ARS_SECTION_CODE float ars_grip_friction(
+    const ars_grip_t *self, const ars_parameters_t *parameters, float estimate)
+{
+    const float estimated = (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
+    const float seen = self->available * friction_per_grip;
+
+    return (estimated < seen) ? estimated : seen;
+}
+
+ARS_SECTION_CODE void ars_grip_update(
+    ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate)
+{
+    const float asked = magnitude(yaw_rate_reference) * speed;
+    const float turning = ((yaw_rate_reference > 0.0f) ? yaw_rate : -yaw_rate) * speed;
+    const float reached = magnitude(turning);
+    const float shortfall = asked - turning;
+    const float remembered = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
+    float available = self->available;
+
+    self->reached = (reached > remembered) ? reached : remembered;
+    if ((turning > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* one that comes from another turn does not slip */
+        available -= (parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall);
+    } else {
+        /* A turn that asks for little says nothing of the road: what was found out in the last one is then forgotten sooner. */
+        const float recovery
+            = (asked < (0.5f * available)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
+
+        available += recovery * sampling_time;
+    }
+    if (available < self->reached) {
+        available = self->reached;
+    }
+    self->available = clamp(available, parameters->friction_min / friction_per_grip, grip_max);
+}
+
+ARS_SECTION_CODE void ars_grip_recover(ars_grip_t *self, const ars_parameters_t *parameters)
+{
+    const float available = self->available + (parameters->grip_recovery_idle * sampling_time);
+
+    self->reached -= (parameters->grip_forgetting * sampling_time) * self->reached;
+    self->available = (available < grip_max) ? available : grip_max;
+}
