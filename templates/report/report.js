@@ -25,17 +25,8 @@ function rows(packed) {
 
 let printing = false;
 
-/* The colours of the theme that shows, or of the light one, which paper has. */
-function inks(light = false) {
-  const root = document.documentElement;
-  const before = root.dataset.theme;
-  if (light) { root.dataset.theme = "light"; }
-  const found = inksNow();
-  if (light) { if (before) { root.dataset.theme = before; } else { delete root.dataset.theme; } }
-  return found;
-}
-
-function inksNow() {
+/* The colours of the theme that shows. */
+function inks() {
   const style = getComputedStyle(document.documentElement);
   const ink = (name) => style.getPropertyValue("--" + name).trim();
   return { "@ink": ink("ink"), "@muted": ink("muted"), "@grid": ink("grid"), "@ground": ink("ground"), "@empty": ink("empty") };
@@ -57,14 +48,8 @@ function painted(value, colours) {
   return copy;
 }
 
-function figure(spec, width, height, colours = inks()) {
-  const { data, layout } = painted(spec, colours);
-  if (layout.scene) {
-    // The camera sees a fixed angle upwards: a narrow page needs it farther away.
-    const away = Math.max(1, (1.15 * height) / width);
-    const { eye } = layout.scene.camera;
-    layout.scene.camera.eye = { x: away * eye.x, y: away * eye.y, z: away * eye.z };
-  }
+function figure(spec, height) {
+  const { data, layout } = painted(spec, inks());
   return { data, layout: { ...layout, height } };
 }
 
@@ -72,26 +57,11 @@ function draw(name, spec) {
   const place = document.getElementById(name);
   const height = parseInt(place.style.height, 10);
   if (printing) {
-    const { data, layout } = figure(spec, PAPER_WIDTH, Math.min(height, PAPER_HEIGHTS[height > 600 ? 1 : 0]));
+    const { data, layout } = figure(spec, Math.min(height, PAPER_HEIGHTS[height > 600 ? 1 : 0]));
     return Plotly.newPlot(place, data, { ...layout, width: PAPER_WIDTH }, SETTINGS);
   }
-  const { data, layout } = figure(spec, place.clientWidth, height);
+  const { data, layout } = figure(spec, height);
   return Plotly.react(place, data, { ...layout, autosize: true }, SETTINGS);
-}
-
-/* What a graphics card draws is not there on paper: surfaces are kept as pictures too. */
-async function keepForPaper(name, spec) {
-  const place = document.getElementById(name);
-  const height = parseInt(place.style.height, 10);
-  const { data, layout } = figure(spec, PAPER_WIDTH, height, inks(true));
-  const picture = document.createElement("img");
-  picture.className = "print";
-  picture.decoding = "sync";
-  picture.alt = place.getAttribute("aria-label");
-  picture.src = await Plotly.toImage({ data, layout }, { format: "png", width: PAPER_WIDTH, height, scale: 2 });
-  await picture.decode();
-  place.after(picture);
-  place.classList.add("has-print");
 }
 
 /* --- cuts --------------------------------------------------------------------------------------------------------- */
@@ -243,12 +213,40 @@ function cuts() {
 /* --- the page ----------------------------------------------------------------------------------------------------- */
 
 const showCuts = cuts();
+const sections = [...document.querySelectorAll("main details")];
+
+/* A folded section has no width to draw in: its charts are drawn when it is unfolded, and again after a change of theme. */
+async function drawSection(section) {
+  if (section.querySelector("#cut-values")) { showCuts(); }
+  const specs = [...section.querySelectorAll(".chart")].map((place) => [place.id, DATA.charts[place.id.replace(/^chart-/, "")]]);
+  await Promise.all(specs.filter(([, spec]) => spec).map(([name, spec]) => draw(name, spec)));
+  section.dataset.drawn = "yes";
+}
 
 async function drawAll() {
-  showCuts();
-  for (const [name, spec] of Object.entries(DATA.charts)) { await draw("chart-" + name, spec); }
+  for (const section of sections) {
+    if (section.open) { await drawSection(section); } else { delete section.dataset.drawn; }
+  }
   document.documentElement.dataset.drawn = "yes";
 }
+
+for (const section of sections) {
+  section.addEventListener("toggle", () => { if (section.open && !section.dataset.drawn) { drawSection(section); } });
+}
+
+/* A link to a section unfolds it. */
+function unfoldTarget() {
+  const target = location.hash && document.getElementById(location.hash.slice(1));
+  const section = target && target.querySelector("details");
+  if (section) { section.open = true; target.scrollIntoView(); }
+}
+addEventListener("hashchange", unfoldTarget);
+
+document.getElementById("unfold").addEventListener("click", (event) => {
+  const folded = sections.some((section) => !section.open);
+  for (const section of sections) { section.open = folded || section === sections[0]; }
+  event.target.textContent = folded ? "Fold all" : "Unfold all";
+});
 
 function isDark() {
   const chosen = document.documentElement.dataset.theme;
@@ -260,24 +258,21 @@ document.getElementById("theme").addEventListener("click", () => {
   drawAll();
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+
+let folded = [];
 function turn(toPaper) {
   if (toPaper === printing) { return; }
   printing = toPaper;
-  // At once: what is drawn later does not come onto the paper.
-  showCuts();
-  for (const [name, spec] of Object.entries(DATA.charts)) {
-    if (!printing || !spec.layout.scene) { draw("chart-" + name, spec); }
+  if (printing) {
+    folded = sections.filter((section) => !section.open);
+    for (const section of folded) { section.open = true; }
   }
+  // At once: what is drawn later does not come onto the paper.
+  for (const section of sections) { drawSection(section); }
+  if (!printing) { for (const section of folded) { section.open = false; delete section.dataset.drawn; } }
 }
 addEventListener("beforeprint", () => turn(true));
 addEventListener("afterprint", () => turn(false));
 matchMedia("print").addEventListener("change", (event) => turn(event.matches));
 
-async function start() {
-  await drawAll();
-  for (const [name, spec] of Object.entries(DATA.charts)) {
-    if (spec.layout.scene) { await keepForPaper("chart-" + name, spec); }
-  }
-  document.documentElement.dataset.printable = "yes";
-}
-start();
+drawAll().then(unfoldTarget);

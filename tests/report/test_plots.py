@@ -238,8 +238,8 @@ def test_a_run_shows_its_columns_and_dashed_its_reference_and_command() -> None:
     dashes = {"yaw_rate_rad_s": "yaw_rate_reference_rad_s", "rear_angle_rad": "rear_angle_command_rad"}
     for axes, name in zip(figure.axes, columns, strict=True):
         line, others = line_of(axes, "C1 (4WS-2 map, PI)"), dashed(axes)
-        assert line.get_color() == style.BLUE
-        assert [one.get_color() for one in others] == ([style.BLUE, style.GREY] if name in dashes else [])
+        assert line.get_color() == style.VERMILION
+        assert [one.get_color() for one in others] == ([style.VERMILION, style.GREY] if name in dashes else [])
         drawn = [(line, "C1", name), *((one, run, dashes[name]) for one, run in zip(others, ("C1", "C2"), strict=False))]
         for one, run, column in drawn:
             expected = np.interp(one.get_xdata(), TIME, RUNS[run][:, RECORD_COLUMNS.index(column)])
@@ -274,11 +274,11 @@ def test_sine_with_dwell_marks_the_times_of_the_standard_and_the_spin() -> None:
     for axes in figure.axes[:5]:
         drawn = {line.get_xdata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 2 and line.get_linewidth() < 1.0}
         assert sorted(drawn) == pytest.approx(sorted(expected.values()), abs=2e-3)
-        assert line_of(axes, "controlled").get_xdata()[-1] == pytest.approx(3.0)
+        assert line_of(axes, "pi").get_xdata()[-1] == pytest.approx(3.0)
         assert line_of(axes, "passive car").get_xdata()[-1] == pytest.approx(5.99)
         (mark,) = [line for line in axes.get_lines() if line.get_marker() == "X"]
         assert mark.get_xdata()[0] == pytest.approx(3.0)
-        assert mark.get_color() == line_of(axes, "controlled").get_color()
+        assert mark.get_color() == line_of(axes, "pi").get_color()
     assert any("spin" in name for name in names(figure))
 
 
@@ -289,7 +289,7 @@ def test_gain_and_phase_over_frequency() -> None:
 
     figure = scenario("sine-sweep", sweep_runs())
     gain, phase = figure.axes
-    frequency, level = line_of(gain, "controlled").get_data()
+    frequency, level = line_of(gain, "pi").get_data()
     response = exact(0.15, frequency)
     (drawn, _) = [line for line in phase.get_lines() if len(line.get_xdata()) > 10]
     # The error of the estimate: 0.2 %, and 0.3 deg.
@@ -306,15 +306,15 @@ def test_gain_and_phase_over_frequency() -> None:
 
 def test_front_angle_over_lateral_acceleration() -> None:
     top, sideslip, rear = scenario("ramp-steer", ramp_runs()).axes
-    lateral, angle = line_of(top, "controlled").get_data()
+    lateral, angle = line_of(top, "pi").get_data()
     assert (lateral[-1], angle[-1]) == pytest.approx((6.0, np.degrees(0.04)))
     fitted = [line for line in top.get_lines() if line.get_marker() == "|"]
     slopes = [float(np.ptp(line.get_ydata()) / np.ptp(line.get_xdata())) for line in fitted]
     assert slopes == pytest.approx([np.degrees(0.04 / 6.0), np.degrees(0.05 / 6.0)])
     neutral = line_of(top, "neutral car, slope $L/v^2$")
     assert np.ptp(neutral.get_ydata()) / 6.0 == pytest.approx(np.degrees(3.14 / (80.0 / 3.6) ** 2))
-    assert line_of(sideslip, "controlled").get_ydata()[-1] == pytest.approx(np.degrees(-0.3 * 0.04))
-    assert not line_of(rear, "controlled").get_ydata().any()
+    assert line_of(sideslip, "pi").get_ydata()[-1] == pytest.approx(np.degrees(-0.3 * 0.04))
+    assert not line_of(rear, "pi").get_ydata().any()
 
 
 def test_the_overview_shows_map_and_runs(maps: Maps) -> None:

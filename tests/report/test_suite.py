@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from codegen.report import suite_plots
-from codegen.report.suite_looks import COLOURS
+from codegen.report.style import CONTROLLER_COLOURS as COLOURS
 from codegen.report.suite_tables import WIDTH, failures, sections
 from hil_sim.suite.conditions import CONDITIONS, LAGS
 from hil_sim.suite.tracking import Outside, SuiteResult

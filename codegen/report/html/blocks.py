@@ -41,6 +41,23 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Tile:
+    """A figure in large type: its title, the value with its unit, and what it compares with; `look` is "", "good" or "bad"."""
+
+    title: str
+    value: str
+    detail: str
+    look: str = ""
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Figures side by side."""
+
+    tiles: Sequence[Tile]
+
+
+@dataclass(frozen=True)
 class Chart:
     """A figure with its caption.
 
@@ -72,13 +89,14 @@ class Cuts:
     caption: str
 
 
-Block = Text | Table | Chart | Gallery | Cuts
+Block = Text | Table | Tiles | Chart | Gallery | Cuts
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what is below it; `name` is its id in the page."""
+    """A heading and what is below it; `name` is its id in the page. The reader unfolds it, unless it is open."""
 
     name: str
     title: str
     blocks: Sequence[Block]
+    is_open: bool = False

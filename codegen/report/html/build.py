@@ -72,6 +72,14 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
     yield Table("What is not shown", ("check", "limit"), limits, words=(0, 1))
 
 
+def current_record(folder: Path) -> Mapping[str, Any] | None:
+    """Return the record of the verification of a build as it is; None where there is none, or one of other files."""
+    record = _record(folder)
+    if record is None or record["build"]["manifest_sha256"] != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
+        return None
+    return record
+
+
 def _record(folder: Path) -> Mapping[str, Any] | None:
     """`verify.json`; None where it does not have what is shown here."""
     try:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from codegen.errors import MapError
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import numbers, scale_of
-from codegen.report.html.maps import YAW_RATE, NamedMap, colour_bar, map_layout, surfaces
+from codegen.report.html.maps import YAW_RATE, NamedMap, colour_bar, map_layout
 from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, on_axes_of
 
 LEAST = 0.01
@@ -49,8 +48,7 @@ def comparison(one: NamedMap, other: NamedMap, number: int = 1) -> Gallery:
         }
         figure = {"data": [trace], "layout": map_layout(one, legend=False)}
         charts.append(Chart(name, figure, f"Yaw rate: {title}.", f"Heat map of the yaw rate: {title}.", 360))
-    (both,) = surfaces([one, other]).charts
-    return Gallery([*charts, replace(both, name=f"{both.name}-{number}")])
+    return Gallery(charts)
 
 
 def difference_in_figures(one: NamedMap, other: NamedMap) -> Iterator[Block]:

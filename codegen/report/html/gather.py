@@ -15,6 +15,7 @@ from codegen.errors import CodegenError, within
 from codegen.refmap import map as npz
 from codegen.refmap.choose import choose_config
 from codegen.report.fault_table import fault_data
+from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.report import Material, to_compare
@@ -203,6 +204,9 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     steps(4, PARTS)
     if not any(is_passive(name) for name in runs):
         runs[PASSIVE] = run(software, scenario, controlled=False)
+    more = {
+        each.name: {kind: run(software, each), PASSIVE: run(software, each, controlled=False)} for each in (HANDLING, RESPONSE)
+    }
     faults = material.faults
     if faults is None:
         faults = fault_data(run_all(config, lambda one: run_through_can(software, one)))
@@ -210,8 +214,8 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
     notes = (*material.notes, *left_out)
     generated = {subject.name: subject.around.generated for subject in beside}
     regions = _regions(loops, {kind: around_folder(build).generated, **generated})
-    driven = replace(material, runs=runs, scenario=scenario, loops=loops, regions=regions, faults=faults, notes=notes)
-    return replace(driven, look_up=software.map_yaw_rate)
+    here = replace(material, runs=runs, scenario=scenario, driven=more, faults=faults, look_up=software.map_yaw_rate)
+    return replace(here, loops=loops, regions=regions, notes=notes)
 
 
 def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:

@@ -1,4 +1,4 @@
-"""Charts of a map: surfaces, heat maps, what binds, and cuts."""
+"""Charts of a map: heat maps, what binds, and cuts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from codegen.config import KM_H
 from codegen.refmap.map import ReferenceMap
-from codegen.report.html.blocks import EMPTY, GRID, INK, MUTED, Chart, Cuts, Gallery
+from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
 from codegen.report.html.charts import (
     axis,
     categories,
@@ -22,7 +22,7 @@ from codegen.report.html.charts import (
     small,
 )
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
-from codegen.report.style import BLACK, BLUE, GREY, ORANGE, WHITE, phase_lines
+from codegen.report.style import BLACK, GREY, WHITE, phase_lines
 from codegen.report.summary import binding_text, tyre_note
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,16 +90,6 @@ def heat_maps(one: NamedMap) -> Gallery:
     if one.map.active is not None:
         charts.append(_binding(one, one.map.active))
     return Gallery(charts)
-
-
-def surfaces(maps: Sequence[NamedMap]) -> Gallery:
-    """The tables of a map, or of two above each other, as surfaces over speed and front angle."""
-    charts = []
-    for quantity in QUANTITIES if len(maps) == 1 else (YAW_RATE,):
-        tables = [(one, table) for one in maps if (table := quantity.degrees(one.map)) is not None]
-        if tables:
-            charts.append(_surface(quantity, tables))
-    return Gallery(charts, "20rem")
 
 
 def _heat_map(one: NamedMap, quantity: Quantity, table: FloatArray) -> Chart:
@@ -190,41 +180,6 @@ def category_trace(
         "hoverongaps": False,
         "hovertemplate": "%{text}<br>vx %{x:.1f} km/h, δf %{y:.2f} deg<extra></extra>",
     }
-
-
-def _surface(quantity: Quantity, tables: Sequence[tuple[NamedMap, FloatArray]]) -> Chart:
-    low, high = quantity.limits([table for _, table in tables])
-    traces = []
-    for k, (one, table) in enumerate(tables):
-        whose = f"{one.title}: " if len(tables) > 1 else ""
-        # No colour bar: the axis tells the height, and the heat map has the colours.
-        colours: dict[str, Any] = {"colorscale": scale_of(quantity.scale), "cmin": low, "cmax": high, "showscale": False}
-        if len(tables) > 1:  # one colour each: the height tells the value
-            colour = (BLUE, ORANGE)[k]
-            colours = {"colorscale": [[0, colour], [1, colour]], "showscale": False, "name": one.title, "showlegend": True}
-        traces.append(
-            {
-                "type": "surface",
-                "x": numbers(one.speed_km_h),
-                "y": numbers(one.front_angle_deg),
-                "z": numbers(table.T),
-                **colours,
-                "hovertemplate": f"{whose}%{{z:.2f}} {quantity.unit}<br>vx %{{x:.1f}} km/h, δf %{{y:.2f}} deg<extra></extra>",
-            }
-        )
-    titles = {"xaxis": "vx (km/h)", "yaxis": "δf (deg)", "zaxis": ""}
-    look = {"gridcolor": GRID, "linecolor": MUTED, "zerolinecolor": MUTED, "nticks": 5, "tickfont": {"size": 11}}
-    scene = {
-        **{name: {"title": {"text": title}, **look} for name, title in titles.items()},
-        "camera": {"eye": {"x": -1.5, "y": -1.6, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.2}},
-        "aspectmode": "manual",
-        "aspectratio": {"x": 1.15, "y": 1.15, "z": 0.75},
-    }
-    figure = {"data": traces, "layout": layout(scene=scene, margin={"l": 0, "r": 0, "t": 10, "b": 0})}
-    what = " and ".join(one.title for one, _ in tables) if len(tables) > 1 else quantity.name
-    name = f"surface-{quantity.attribute.replace('_', '-')}" if len(tables) == 1 else "surface-compared"
-    caption = f"{what} ({quantity.unit}), as a surface; drag to turn it."
-    return Chart(name, figure, caption, f"Surface of {quantity.name} over speed and front angle: {what}.", 360)
 
 
 def cuts(maps: Sequence[NamedMap]) -> Cuts:

@@ -21,11 +21,13 @@ from codegen.report.html.bus import BusTimes, bus_blocks
 from codegen.report.html.compare import comparison, difference_in_figures
 from codegen.report.html.curves import front_angle_chart, tyre_charts
 from codegen.report.html.ecu_table import extended
+from codegen.report.html.handling import handling_blocks
 from codegen.report.html.loop import margins_chart
 from codegen.report.html.loss import loss_blocks
 from codegen.report.html.maps import NamedMap
 from codegen.report.html.robust import region_blocks
 from codegen.report.html.runs import run_blocks
+from codegen.report.html.verdict import verdict_blocks
 from codegen.report.map_difference import same_car
 from codegen.report.map_plots import is_paper
 from codegen.report.paper_tables import RUNS, optimum_rows, optimum_table, run_table
@@ -51,6 +53,7 @@ class Material:
         config: of the car. configured: whether it came with the map; a bare map has none of its own.
         build: folder of the generated C; None where none is named.
         runs: name to recording (samples, 12). scenario: what was driven in them; None where there is no run.
+        driven: name of a scenario to its runs, for the handling diagram and the frequency response.
         loops: name to configuration of controllers whose margins are shown. regions: where they are stable.
         logs: of the bus. faults: as `codegen faults --json` has them; None where they were not tried.
         notes: for the reader, such as what was left out.
@@ -65,6 +68,7 @@ class Material:
     build: Path | None = None
     runs: Mapping[str, FloatArray] | None = None
     scenario: Scenario | None = None
+    driven: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
     loops: Mapping[str, Config] | None = None
     regions: Mapping[str, Region] = field(default_factory=dict)
     logs: Sequence[BusTimes] = ()
@@ -86,27 +90,28 @@ def to_compare(one: ReferenceMap) -> NamedMap | None:
 
 def sections(material: Material) -> Iterator[Section]:
     """All sections; those without content say how to get it."""
-    yield Section("summary", "Summary", list(_summary(material)))
+    yield Section("verdict", "Verdict", list(verdict_blocks(material)), is_open=True)
     yield Section("map", "The map", list(_map(material)))
     if material.others:
         yield Section("compared", "Maps compared", list(_compared(material)))
     yield Section("beyond", "Beyond the solved cells, and without the function", list(_beyond(material)))
     yield Section("optimum", f"The optimum at {TABLE_FRONT_ANGLE_DEG:g} deg, and the tyres", list(_optimum(material)))
     yield Section("runs", "Runs", list(_runs(material)))
+    handling = handling_blocks(material.driven, material.runs, material.config)
+    yield Section("handling", "Handling and frequency response", list(handling))
     yield Section("margins", "Margins over speed", list(_margins(material)))
     if material.regions:
         yield Section("region", "Where the loop is stable", list(region_blocks(material.regions)))
     yield Section("faults", "Faults on the bus", list(_faults(material)))
     yield Section("timing", "Timing on the bus", list(_timing(material)))
     yield Section("verification", "What was verified", list(_verification(material)))
+    yield Section("axes", "Axes, values and the car", list(_axes(material)))
     yield Section("manifest", "Manifest", list(_manifest(material)))
 
 
-def _summary(material: Material) -> Iterator[Block]:
-    for note in material.notes:
-        yield Text(note, "notice")
+def _axes(material: Material) -> Iterator[Block]:
     summary = map_summary(material.map.map)
-    yield Text(f"{material.map.name}: {summary.headline}.", "lead")
+    yield Text(f"{material.map.name}: {summary.headline}.")
     if summary.tyre_line:
         yield Text(f"{summary.tyre_line.capitalize()}.")
     yield Table("Axes", ("", "from", "to", "unit", "points"), summary.axis_rows, words=(0, 3))
@@ -139,7 +144,6 @@ def _map(material: Material) -> Iterator[Block]:
     else:
         yield Text(SOLVED)
     yield maps.heat_maps(one)
-    yield maps.surfaces([one])
     yield maps.cuts([one, *material.others])
 
 

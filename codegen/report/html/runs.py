@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,8 +87,8 @@ def run_blocks(
     yield Table(f"Figures of each run: {scenario.title}", ("", *evaluation.runs), rows)
 
 
-def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str) -> Chart:
-    """All signals below each other; dashed what was asked for, dotted the limits.
+def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels: Sequence[Panel] = PANELS) -> Chart:
+    """Signals below each other, all of them by default; dashed what was asked for, dotted the limits.
 
     Raises:
         PlotError: no run, or an array of another shape.
@@ -99,7 +99,7 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str) -> Cha
     data: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     limits = _limits(config)
-    panels = [panel for panel in PANELS if panel is not SPEED_PANEL or not _is_held(runs)]
+    panels = [panel for panel in panels if panel is not SPEED_PANEL or not _is_held(runs)]
     height = (1.0 - GAP * (len(panels) - 1)) / len(panels)
     for row, panel in enumerate(panels):
         name = "y" if row == 0 else f"y{row + 1}"

@@ -40,9 +40,15 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     return path, [*CUTS, *(f"chart-{chart.name}" for chart in charts_of(made))]
 
 
+ALL_DRAWN = "[...document.querySelectorAll('main details')].every(each => each.open && each.dataset.drawn)"
+
+
 def opened(page: Any, path: Path) -> Any:
+    """Return a page with all sections unfolded and drawn."""
     page.goto(path.as_uri())
-    page.wait_for_selector("html[data-printable=yes]")
+    page.wait_for_selector("html[data-drawn=yes]")
+    page.click("#unfold")
+    page.wait_for_function(ALL_DRAWN)
     return page
 
 
@@ -67,10 +73,26 @@ def test_every_chart_is_drawn_without_errors_or_requests(page: Any, report: tupl
         inside = picture[height // 5 : -height // 5, width // 5 : -width // 5]
         assert float(np.mean(np.abs(inside - inside[0, 0]).max(axis=2) > 40)) > 0.001, f"{name} is empty"
     assert page.watch.errors == []
-    # Pictures for paper are blobs of the page itself.
     assert {request.partition(":")[0] for request in page.watch.requests} <= {"file", "blob", "data"}
     assert sum(request.startswith("file:") for request in page.watch.requests) == 1
     assert page.locator(".modebar-btn").count() == 0  # Plotly has buttons that upload a chart
+
+
+def test_the_verdict_fills_the_first_screen_and_a_link_unfolds_its_section(
+    chromium: Any, report: tuple[Path, list[str]]
+) -> None:
+    """Before anything is unfolded the page is at most a third of the 17,000 px that it had as one piece."""
+    page = chromium.new_page(viewport={"width": 1440, "height": 900}, color_scheme="light")
+    page.goto(report[0].as_uri())
+    page.wait_for_selector("html[data-drawn=yes]")
+    assert page.evaluate("document.documentElement.scrollHeight") <= 17_000 / 3
+    box = page.locator("#verdict").bounding_box()
+    assert box["y"] + box["height"] <= 900
+    assert page.locator("main details[open]").count() == 1
+    page.click("nav a[href='#margins']")
+    page.wait_for_function("document.querySelector('#margins details').dataset.drawn === 'yes'")
+    assert page.locator("#chart-margins svg.main-svg").count() > 0
+    page.close()
 
 
 @pytest.mark.parametrize(("slider", "moved", "other"), [("cut-speed", *reversed(CUTS)), ("cut-angle", *CUTS)])
@@ -135,6 +157,5 @@ def test_themes_widths_and_paper(page: Any) -> None:
     page.wait_for_function("document.querySelector('#chart-manifest, #chart-margins')._fullLayout.width === 660")
     assert page.evaluate(f"getComputedStyle({ground}).backgroundColor") == "rgb(255, 255, 255)"
     assert page.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
-    assert [one.evaluate("each => each.naturalWidth") for one in page.locator("img.print").all()] == [1320] * 4
     page.emulate_media(media="screen", color_scheme="light")
     page.wait_for_function("document.getElementById('chart-margins')._fullLayout.width > 700")

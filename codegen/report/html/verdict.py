@@ -1,0 +1,155 @@
+"""The first screen of a report: what a build is, what it gains, its margins, its cost, and what was verified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from codegen.config import KM_H, Config
+from codegen.design.margins import Weakest
+from codegen.emit.evidence import margins_of
+from codegen.emit.laws import is_untuned
+from codegen.emit.manifest import read_build
+from codegen.errors import CodegenError
+from codegen.plausibility.build import build_warnings, folder_warnings, schedule_warnings
+from codegen.plausibility.car import Handling, car_warnings
+from codegen.plausibility.map import map_warnings
+from codegen.refmap.map import ReferenceMap
+from codegen.report.html import build as build_tables
+from codegen.report.html import maps, runs
+from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
+from hil_sim.metrics import evaluate
+
+if TYPE_CHECKING:
+    from codegen.report.html.report import Material
+    from hil_sim.scenarios import Scenario
+
+PICTURE_HEIGHT = 280
+"""px"""
+
+
+def verdict_blocks(material: Material) -> Iterator[Block]:
+    """Yield one screen: a sentence, figures, two pictures, and the warnings."""
+    yield Text(_headline(material), "lead")
+    yield Tiles(tuple(_tiles(material)))
+    yield Gallery(list(_pictures(material)))
+    for note in (*material.notes, *_warnings(material)):
+        yield Text(note, "notice")
+
+
+def _headline(material: Material) -> str:
+    """Return what the build is, and for which car and road."""
+    reference_map, config = material.map.map, material.config
+    case = f"case {reference_map.case}" if reference_map.case else "a map from another tool"
+    speeds = f"{reference_map.speed[0] / KM_H:.0f} to {reference_map.speed[-1] / KM_H:.0f} km/h"
+    of_map = f"{material.map.name}: {case}, {speeds}"
+    if not material.configured:
+        return f"{of_map}."
+    kind = f", controller “{config.controller.kind}”" if material.build is not None else ""
+    car = f"{config.vehicle.mass_kg:,.0f} kg, {Handling.from_config(config)}"
+    return f"{of_map}, friction {config.road.friction:g}{kind}. Car: {car}."
+
+
+def _tiles(material: Material) -> Iterator[Tile]:
+    if material.others and material.others[0].map.solved:
+        yield _gain(material.map.map, material.others[0].map)
+    if material.runs and material.scenario is not None and material.scenario.kind == "step":
+        yield from _against_passive(material, material.scenario)
+    if material.configured and not is_untuned(material.config):
+        yield _margins(margins_of(material.config), material.config)
+    if material.build is not None:
+        yield from _of_build(material.build)
+
+
+def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
+    """Return how much more of the grid has a safe turn than that of the front-steered car, and with how much more yaw rate."""
+    title = "Safe turns, against the front-steered car"
+    if one.feasible.shape != other.feasible.shape:
+        return Tile(title, "-", "the maps have other grids")
+    own, theirs = one.feasible.mean(), other.feasible.mean()
+    both = one.feasible & other.feasible & (other.yaw_rate > 0.0)
+    ratio = 100.0 * (float(np.median(one.yaw_rate[both] / other.yaw_rate[both])) - 1.0) if both.any() else 0.0
+    return Tile(
+        title,
+        f"{100.0 * own:.0f} % of the grid",
+        f"front-steered: {100.0 * theirs:.0f} %; where both are safe, yaw rate {ratio:+.0f} % in the median",
+    )
+
+
+def _against_passive(material: Material, scenario: Scenario) -> Iterator[Tile]:
+    found = evaluate(scenario, material.config, material.runs or {}, material.look_up)
+    name, own = next(iter(found.runs.items()))
+    passive = next((run for other, run in found.runs.items() if runs.is_passive(other)), None)
+    for key, title, unit, digits in (
+        ("overshoot_percent", "Overshoot", "%", 1),
+        ("settling_time_s", "Settling time", "s", 2),
+        ("map_error_percent", "Steady error to the map", "%", 1),
+    ):
+        beside = "" if passive is None else f"; passive car: {_number(passive[key], unit, digits)}"
+        yield Tile(f"{title}, {scenario.name}", _number(own[key], unit, digits), f"{name}{beside}")
+
+
+def _number(value: float | bool | None, unit: str, digits: int) -> str:
+    return "-" if value is None else f"{round(float(value), digits) + 0.0:.{digits}f}\u00a0{unit}"
+
+
+def _margins(found: Weakest | None, config: Config) -> Tile:
+    title = "Least margins of the car itself"
+    speeds = f"{config.controller.enable_speed_km_h:g} to {config.controller.inputs.speed_max_km_h:g} km/h"
+    if found is None:
+        return Tile(title, "no feedback", "so no margins")
+    if found.unstable_from is not None:
+        return Tile(title, "unstable", f"from {found.unstable_from / KM_H:.0f} km/h; {speeds}", "bad")
+    look = "good" if found.enough else "bad"
+    return Tile(title, f"{found.gain_margin_db:.1f} dB, {found.phase_margin_deg:.0f} deg", speeds, look)
+
+
+def _of_build(build: Any) -> Iterator[Tile]:
+    record = build_tables.current_record(build)
+    if record is None:
+        yield Tile("Verified", "no", f"`codegen verify {build}` checks this build", "bad")
+        return
+    counts = record["counts"]
+    passed, total = counts["passed"], sum(counts.values())
+    quick = " in their quick form" if record.get("effort") == "quick" else ""
+    look = "good" if passed == total else "bad"
+    yield Tile("Verified", f"{passed} of {total} checks", f"passed{quick}; see What was verified", look)
+    budgets: Mapping[str, Any] = record["checks"].get("budgets", {}).get("figures", {})
+    if "functions" in budgets:
+        functions = budgets["functions"]
+        steps = sum(functions[name]["instructions"]["max"] for name in ("controller_step", "limiter_step") if name in functions)
+        code = sum(sizes.get(part, 0) for sizes in budgets["objects"].values() for part in ("text", "rodata"))
+        yield Tile(
+            "Cost on a Cortex-M4F",
+            f"{steps:,} instructions",
+            f"worst step with the limiter; {code / 1024:.0f} KiB of flash with the map",
+        )
+
+
+def _pictures(material: Material) -> Iterator[Chart]:
+    first = maps.heat_maps(material.map).charts[0]
+    yield _named(first, "verdict-map")
+    if material.runs and material.scenario is not None:
+        panels = runs.PANELS[:1]
+        yield _named(runs.run_chart(material.runs, material.config, material.scenario.title, panels), "verdict-run")
+
+
+def _named(chart: Chart, name: str) -> Chart:
+    caption, _, _ = chart.caption.partition(". ")
+    return replace(chart, name=name, height=PICTURE_HEIGHT, caption=f"{caption.rstrip('.')}.")
+
+
+def _warnings(material: Material) -> Iterator[str]:
+    if not material.configured:
+        return
+    config = material.config
+    try:
+        found = [*car_warnings(config), *schedule_warnings(config), *map_warnings(material.map.map, config)]
+        if material.build is not None:
+            found += [*build_warnings(read_build(material.build)), *folder_warnings(material.build)]
+    except CodegenError as error:
+        found = [str(error)]
+    yield from (f"{text[0].upper()}{text[1:]}." for text in dict.fromkeys(found))
