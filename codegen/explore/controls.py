@@ -22,7 +22,7 @@ from codegen.sections import Range
 Group = Literal["map", "controller", "step"]
 Values = Mapping[str, float]
 
-GROUP_TITLES: Mapping[Group, str] = {"map": "Map", "controller": "Controller", "step": "Step at the steering wheel"}
+GROUP_TITLES: Mapping[Group, str] = {"step": "Step at the steering wheel", "controller": "Controller", "map": "Map"}
 
 FLOAT_MAX = sys.float_info.max  # beyond it are infinity, and whole numbers of hundreds of digits
 LAMBDA, FRICTION = "lambda", "road.friction"

@@ -153,6 +153,8 @@ const plots = (() => {
   function drawStep(target, data) {
     const { time_s: time, runs, rear_angle_max_deg: most } = data.step;
     const ends = [time[0], time[time.length - 1]];
+    const end = settled(time, runs);
+    const window = [-0.05 * end, end];
     const traces = [line(time, runs.now.reference_deg_s, "reference", "reference")];
     const shown = [["passive car", runs.passive, "passive"], ["at the start", runs.start, "begun"], ["these settings", runs.now, "now"]];
     for (const [name, curves, look] of shown) {
@@ -161,7 +163,24 @@ const plots = (() => {
       if (look !== "passive") traces.push(line(time, curves.rear_angle_deg, name, look, { yaxis: "y3" }));
     }
     for (const bound of [most, -most]) traces.push(line(ends, [bound, bound], "limit", "limit", { yaxis: "y3", hoverinfo: "skip" }));
-    return Plotly.react(target, traces, stacked(["Yaw rate (deg/s)", "Sideslip angle (deg)", "Rear angle (deg)"], "Time after the step (s)", {}), CONFIG);
+    const shape = stacked(["Yaw rate (deg/s)", "Sideslip angle (deg)", "Rear angle (deg)"], "Time after the step (s)", {});
+    shape.xaxis.range = window;
+    return Plotly.react(target, traces, shape, CONFIG);
+  }
+
+  /* The time after which no curve leaves 2 % of its last value any more, and a quarter more: the transient fills the chart. */
+  function settled(time, runs) {
+    let last = 0;
+    for (const curves of Object.values(runs)) {
+      for (const values of [curves.yaw_rate_deg_s, curves.sideslip_deg, curves.rear_angle_deg]) {
+        const end = values[values.length - 1];
+        const band = 0.02 * Math.max(...values.map((value) => Math.abs(value)), 0.05);
+        for (let k = values.length - 1; k > last; k--) {
+          if (!(Math.abs(values[k] - end) <= band)) { last = k; break; }
+        }
+      }
+    }
+    return Math.min(Math.max(1.25 * time[last], 0.5), time[time.length - 1]);
   }
 
   function drawMargins(target, data) {

@@ -8,7 +8,7 @@ from .conftest import BUILD, MAP, Refused, Run
 def test_a_map_with_a_run_or_alone(run: Run, refused: Refused, here: Path) -> None:
     answer = run("report", "--map", MAP, "-o", "report.html")
     assert answer.code == 0, answer
-    assert answer.out.startswith("report.html: 12 sections, ")
+    assert answer.out.startswith("report.html: 14 sections, ")
     assert Path("report.html").read_text(encoding="utf-8").count("name a build with <code>--build</code>") == 2
     assert run("sil", "--build", BUILD, "--csv", "mine.csv").code == 0
     files = ("--run", "one=mine.csv", "--run", "two=mine.csv", "--scenario", "step-steer")
