@@ -19,7 +19,7 @@ from codegen.cli.run_options import (
     sensor_options,
     with_clocks,
 )
-from codegen.cli.values import FiniteRange, build_folder, map_file
+from codegen.cli.values import FiniteRange, build_folder, configuration_file, map_file
 from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
@@ -124,10 +124,17 @@ class Choices:
 @click.option(
     "--cars", type=click.IntRange(1, 1000), metavar="N", help="How many random cars --suite cars draws; by default 8."
 )
+@click.option(
+    "--limits",
+    "limits_path",
+    type=configuration_file,
+    metavar="TOML",
+    help="With --suite: limits that differ from the suite's own, such as overshoot_percent = 5.0.",
+)
 @output_option(f"{OUTPUT_HELP} With --suite: the folder for all its pictures.", "FILE|DIR")
 @result_options
 @click.pass_context
-def sil(context: click.Context, /, suite: str | None, cars: int | None, **given: Any) -> None:
+def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_path: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
     With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
@@ -138,6 +145,8 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, **given:
     """
     if cars is not None and suite != "cars":
         raise CodegenError("random cars belong to their suite", where="--cars", remedy="add --suite cars")
+    if limits_path is not None and suite is None:
+        raise CodegenError("limits belong to a suite", where="--limits", remedy="add --suite tracking or --suite cars")
     if suite is not None:
         from codegen.cli.suite_command import SuiteOutputs, check_suite, run_cars_command, run_suite_command
 
@@ -149,9 +158,9 @@ def sil(context: click.Context, /, suite: str | None, cars: int | None, **given:
         folder = next(iter(given["files"]), None)
         outputs = SuiteOutputs(given["plot"], folder, given["as_json"])
         if suite == "cars":
-            run_cars_command(cars or CARS, given["seed"] if seeded else None, given["build_path"], outputs)
+            run_cars_command(cars or CARS, given["seed"] if seeded else None, given["build_path"], outputs, limits_path)
         else:
-            run_suite_command(given["build_path"], outputs)
+            run_suite_command(given["build_path"], outputs, limits_path)
         return
     if given["build_path"] is None:
         raise CodegenError("no build is named", where="--build", remedy="`codegen build` makes one; or give --suite tracking")

@@ -12,6 +12,7 @@ from codegen.errors import CheckFailed, CodegenError, suggestion
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarsResult
+    from hil_sim.suite.limits import Limits
     from hil_sim.suite.tracking import SuiteResult
 
 SUITES = ("tracking", "cars")
@@ -68,7 +69,16 @@ def check_suite(suite: str) -> None:
         )
 
 
-def run_cars_command(count: int, seed: int | None, build_path: Path | None, outputs: SuiteOutputs) -> None:
+def _limits(path: Path | None) -> Limits:
+    """Return the limits of a file, or the defaults. Raises CodegenError."""
+    from hil_sim.suite import limits
+
+    return limits.Limits() if path is None else limits.load(path)
+
+
+def run_cars_command(
+    count: int, seed: int | None, build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None
+) -> None:
     """Draw cars, design and drive each, print, and judge; `seed` None is that of development.
 
     Raises:
@@ -84,8 +94,9 @@ def run_cars_command(count: int, seed: int | None, build_path: Path | None, outp
     if outputs.plot is not None or outputs.folder is not None:
         where = "--output" if outputs.plot is None else "--plot"
         raise CodegenError("this suite draws no pictures", where=where, remedy="leave it out; --json has all figures")
+    limits = _limits(limits_path)
     with console.progress(f"{count} cars") as steps:
-        result: CarsResult = run_cars(DEVELOPMENT_SEED if seed is None else seed, count, steps)
+        result: CarsResult = run_cars(DEVELOPMENT_SEED if seed is None else seed, count, steps, limits)
     if outputs.as_json:
         console.print_json(result.to_dict())
     else:
@@ -98,7 +109,7 @@ def run_cars_command(count: int, seed: int | None, build_path: Path | None, outp
         )
 
 
-def run_suite_command(build_path: Path | None, outputs: SuiteOutputs) -> None:
+def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_path: Path | None) -> None:
     """Drive the suite "tracking", print, draw, and judge.
 
     Raises:
@@ -110,8 +121,9 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs) -> None:
     from hil_sim.suite.whole import run_whole
 
     outputs.check()
+    limits = _limits(limits_path)
     candidate = recommended() if build_path is None else of_folder(build_path)
-    whole = run_whole(candidate, instructions_of_step, console.progress)
+    whole = run_whole(candidate, instructions_of_step, console.progress, limits)
     result, written = whole.result, outputs.draw(whole.result)
     missed = failures(result.requirements)
     if outputs.as_json:

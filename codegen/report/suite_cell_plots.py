@@ -159,7 +159,7 @@ def _draw_sideslip_limits(axes: Axes, result: SuiteResult) -> list[Any]:
     from matplotlib.lines import Line2D
 
     for place, road in enumerate(slippery(result)):
-        asked = sideslip_limit(road)
+        asked = sideslip_limit(result.limits, road)
         if asked is not None:
             axes.plot([place - 0.45, place + 0.45], [asked, asked], **LIMIT)
     return [Line2D([], [], **{**LIMIT, "label": f"asked of {plain(result.tested)}"})]

@@ -14,7 +14,6 @@ from codegen.report.style import (
     style,
 )
 from codegen.report.suite_looks import LIMIT, REFERENCE, WARNING, lines_of, markers_of, name_handles
-from hil_sim.suite.requirements import GAIN_MARGIN_DB, PHASE_MARGIN_DEG, SENSITIVITY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,9 +36,9 @@ def margins_figure(result: SuiteResult) -> Figure:
 
 
 MARGIN_PANELS = (
-    ("Gain margin (dB)", "gain_margin_db", GAIN_MARGIN_DB, WARN_GAIN_MARGIN_DB),
-    ("Phase margin (deg)", "phase_margin_deg", PHASE_MARGIN_DEG, WARN_PHASE_MARGIN_DEG),
-    ("Peak sensitivity", "sensitivity", SENSITIVITY, None),
+    ("Gain margin (dB)", "gain_margin_db", WARN_GAIN_MARGIN_DB),
+    ("Phase margin (deg)", "phase_margin_deg", WARN_PHASE_MARGIN_DEG),
+    ("Peak sensitivity", "sensitivity", None),
 )
 SENSITIVITY_TOP = 5.0
 
@@ -48,7 +47,7 @@ def _with_feedback(result: SuiteResult) -> list[str]:
     return [name for name in result.subjects if name in result.margins]
 
 
-def draw_margins(axes: Axes, result: SuiteResult, label: str, field: str, demand: float, warning: float | None) -> None:
+def draw_margins(axes: Axes, result: SuiteResult, label: str, field: str, warning: float | None) -> None:
     looks = lines_of(result)
     for name in _with_feedback(result):
         found = result.margins[name]
@@ -56,7 +55,7 @@ def draw_margins(axes: Axes, result: SuiteResult, label: str, field: str, demand
             speeds = [point.speed_km_h for point in points]
             values = [math.nan if (value := getattr(point, field)) is None else value for point in points]
             axes.plot(speeds, values, label="_", **{**looks[name], **line})
-    axes.axhline(demand, **LIMIT)
+    axes.axhline(getattr(result.limits, field), **LIMIT)
     if warning is not None:
         axes.axhline(warning, **WARNING)
         axes.set_ylim(bottom=0.0)

@@ -25,7 +25,6 @@ from codegen.report.suite_cell_plots import (
 from codegen.report.suite_looks import lines_of, name_handles
 from codegen.report.suite_loop_plots import MARGIN_PANELS, draw_margins, margins_figure, price_figure
 from codegen.report.suite_step_plots import cell_title, draw_step, reference_handles, spin_handle, steps_figure
-from hil_sim.suite.requirements import PHASE_MARGIN_DEG
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +58,8 @@ def overview_figure(result: SuiteResult) -> Figure:
             spun |= draw_step(axes, result, shown, "yaw_rate_rad_s", looks)
             axes.set(xlabel="Time after the step (s)", ylabel="Yaw rate (deg/s)", title=f"Step steer, {cell_title(shown)}")
         draw_margins(panels[1, 0], result, *MARGIN_PANELS[1])
-        for level, text in ((PHASE_MARGIN_DEG, "asked of the worst"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
+        asked = result.limits.phase_margin_deg
+        for level, text in ((asked, "asked of the worst"), (WARN_PHASE_MARGIN_DEG, "a build warns below")):
             place = {"xytext": (4, -4), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
             panels[1, 0].annotate(text, (panels[1, 0].get_xlim()[0], level), **place)
         panels[1, 0].set_title("Phase margin of the car itself (thin), and the worst of the family of cars")

@@ -17,6 +17,7 @@ from hil_sim.suite.tracking import STRUCTURE_SET
 
 if TYPE_CHECKING:
     from hil_sim.suite.cars import CarResult, CarsResult
+    from hil_sim.suite.limits import Limits
     from hil_sim.suite.loop_margins import MarginPoint
     from hil_sim.suite.price import SineTracking
     from hil_sim.suite.requirements import Requirement
@@ -36,6 +37,8 @@ SECONDS, DEGREES, SHARE, OVERSHOOT = 0.005, 0.5, 0.005, 2.0
 def sections(result: SuiteResult) -> Iterator[tuple[str, str]]:
     """Titles and texts, in the order in which they are read."""
     yield f"What is asked, and what {result.tested} shows", requirement_table(result.requirements)
+    if why := explanation(result.requirements, result.limits):
+        yield "Limits that are missed, and why they are asked", why
     yield from condition_tables(result)
     yield "The paper's step, C1", c1_table(result)
     if result.margins:
@@ -111,6 +114,15 @@ def measured_text(row: Requirement) -> str:
     return f"{_number(row.measured, digits)} {row.unit}".rstrip()
 
 
+def explanation(rows: Sequence[Requirement], limits: Limits) -> str:
+    """Return what each missed limit is there for, and how to change it; "" where none is missed."""
+    keys = dict.fromkeys(row.key for row in rows if row.passed is False and row.key)
+    if not keys:
+        return ""
+    told = "\n".join(_wrapped(f"{key} = {getattr(limits, key):g}: {limits.why(key)}") for key in keys)
+    return f"{told}\n{_wrapped('Another limit: write such a line into a TOML file and name it with --limits.')}"
+
+
 def failures(rows: Sequence[Requirement]) -> list[str]:
     """The figures that are not as they must be, a text for each."""
     return [
@@ -144,6 +156,8 @@ def car_sections(result: CarsResult) -> Iterator[tuple[str, str]]:
     told = f"Cells: step steers at {speeds} km/h with {shares} % of the largest feasible front angle, one sample of delay."
     limits = "; ".join(f"{row.figure} {row.asked}" for row in driven[0].requirements) if driven else ""
     yield "Limits of every car", _wrapped(f"{limits}. {told}")
+    if why := explanation([row for car in driven for row in car.requirements], result.limits):
+        yield "Limits that are missed, and why they are asked", why
     yield "Result", f"{result.passed} of {len(result.cars)} cars meet all limits"
 
 

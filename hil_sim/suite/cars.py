@@ -7,7 +7,7 @@ all its cells are driven at once in C. The limits hold for every car.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from codegen.config import Config
@@ -18,6 +18,7 @@ from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import RECOMMENDED_CASE, Steps
 from hil_sim.suite.cells import cells
 from hil_sim.suite.conditions import NOMINAL
+from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.random_cars import random_cars
 from hil_sim.suite.requirements import Requirement, all_passed, car_requirements
@@ -86,6 +87,7 @@ class CarsResult:
 
     seed: int
     cars: tuple[CarResult, ...]
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def passed(self) -> int:
@@ -98,26 +100,29 @@ class CarsResult:
         return {**facts, "cars": [car.to_dict() for car in self.cars]}
 
 
-def run_cars(seed: int, count: int, steps: Steps | None = None) -> CarsResult:
+def run_cars(seed: int, count: int, steps: Steps | None = None, limits: Limits | None = None) -> CarsResult:
     """Draw cars, and examine them on all processors.
 
     Args:
         steps: called with (done, in all).
+        limits: what is asked of each; None takes the defaults.
 
     Raises:
         CodegenError: there is no C compiler. What a single car causes is in its result.
     """
+    asked = limits or Limits()
     with Background() as background:
-        waiting = [background.call(examine, k, config) for k, config in enumerate(random_cars(seed, count), start=1)]
+        drawn = enumerate(random_cars(seed, count), start=1)
+        waiting = [background.call(examine, k, config, asked) for k, config in drawn]
         found = []
         for done, job in enumerate(waiting, start=1):
             found.append(job.get())
             if steps is not None:
                 steps(done, count)
-    return CarsResult(seed, tuple(found))
+    return CarsResult(seed, tuple(found), asked)
 
 
-def examine(number: int, config: Config) -> CarResult:
+def examine(number: int, config: Config, limits: Limits) -> CarResult:
     """Solve, tune, build and drive one car."""
     car = SingleTrack.from_config(config)
     gradient = math.degrees(car.understeer_coefficient) * config.road.gravity_m_s2
@@ -134,5 +139,5 @@ def examine(number: int, config: Config) -> CarResult:
         return CarResult(*facts, {}, None, None, (), str(error))
     summary = summarise("tracking", "random car", results)
     chosen = config.controller.tracking.model_dump(mode="json", exclude={"schedule"})
-    rows = car_requirements(f"car {number}", summary, margins)
+    rows = car_requirements(f"car {number}", summary, margins, limits)
     return CarResult(*facts, chosen, summary, margins, rows)

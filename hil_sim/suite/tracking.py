@@ -12,6 +12,7 @@ from codegen.design.family import members
 from hil_sim.metrics.run import FloatArray
 from hil_sim.suite.cells import Cell, c1, cells
 from hil_sim.suite.conditions import LAGS, NOMINAL, Condition, conditions
+from hil_sim.suite.limits import Limits
 from hil_sim.suite.loop_margins import FamilyMargins, margins_of
 from hil_sim.suite.path_following import FEEDFORWARD, path_errors
 from hil_sim.suite.price import RiseTime, SineTracking, rise_times, sine_tracking
@@ -83,7 +84,7 @@ class SuiteResult:
         path_errors: rms in m of each subject in each scenario with a driver; None for a car that spins.
         third_party: each subject on the third party's plant.
         instructions: of a step of the subject under test in the worst case; None where they were not counted.
-        requirements: figures asked beside figures measured.
+        requirements: figures asked beside figures measured. limits: what is asked.
         actuator_lag_s: of the configured car.
     """
 
@@ -103,6 +104,7 @@ class SuiteResult:
     third_party: Mapping[str, tuple[CellResult, ...]] = field(default_factory=dict)
     instructions: int | None = None
     requirements: tuple[Requirement, ...] = ()
+    limits: Limits = field(default_factory=Limits)
     actuator_lag_s: float = 0.05
 
     @property
@@ -118,10 +120,11 @@ class SuiteResult:
         """Figures over the third party's cells. Raises KeyError where they were not driven."""
         return summarise(subject, CONDITION, self.third_party[subject])
 
-    def with_outside(self, outside: Outside) -> SuiteResult:
-        """This with what is measured elsewhere, and the requirements held against all of it."""
+    def with_outside(self, outside: Outside, limits: Limits | None = None) -> SuiteResult:
+        """This with what is measured elsewhere, and the requirements held against all of it; `limits` None keeps its own."""
+        limits = limits or self.limits
         third_party = {name: tuple(rows) for name, rows in outside.third_party.items()}
-        full = replace(self, third_party=third_party, instructions=outside.instructions)
+        full = replace(self, third_party=third_party, instructions=outside.instructions, limits=limits)
         measured = Measured(
             summaries={name: summarise(self.tested, name, rows) for name, rows in self.results[self.tested].items()},
             c1=self.c1[self.tested],
@@ -134,6 +137,7 @@ class SuiteResult:
             results=self.results[self.tested],
             feedforward=self.results.get(FEEDFORWARD, {}),
             feedforward_c1=self.c1.get(FEEDFORWARD, {}),
+            limits=limits,
         )
         return replace(full, requirements=requirements(measured))
 
@@ -159,6 +163,7 @@ class SuiteResult:
             "structure_set": STRUCTURE_SET,
             "instructions": self.instructions,
             "actuator_lag_s": self.actuator_lag_s,
+            "limits": self.limits.model_dump(),
             "requirements": [row.to_dict() for row in self.requirements],
             "summaries": [summary.to_dict() for summary in self.summaries()],
             "c1": {name: {key: found.to_dict() for key, found in runs.items()} for name, runs in self.c1.items()},

@@ -12,6 +12,7 @@ from codegen.errors import CodegenError
 from hil_sim.suite import third_party
 from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import Candidate, Steps
+from hil_sim.suite.limits import Limits
 from hil_sim.suite.runs import CellResult
 from hil_sim.suite.tracking import Outside, SuiteResult, run_suite
 
@@ -46,12 +47,13 @@ class Whole:
     notes: tuple[str, ...]
 
 
-def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = unseen) -> Whole:
+def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = unseen, limits: Limits | None = None) -> Whole:
     """Everything in one call. What cannot be had from outside leaves a note, and its rows unmeasured.
 
     Args:
         count: instructions of a step; None leaves them out.
         stage: `codegen.console.progress`, or the like.
+        limits: what is asked; None takes the defaults.
 
     Raises:
         CodegenError: what cannot be solved, tuned, built or compiled.
@@ -68,7 +70,7 @@ def run_whole(candidate: Candidate, count: Count | None = None, stage: Stage = u
                 line_up.tested, line_up.baselines, line_up.case, progress=lambda _, done, total: steps(done + 1, total)
             )
         outside, notes = _collect(driven, counted, stage)
-    return Whole(result.with_outside(outside), generated.edited, (*line_up.notes, *notes))
+    return Whole(result.with_outside(outside, limits), generated.edited, (*line_up.notes, *notes))
 
 
 def _collect(

@@ -57,6 +57,7 @@ def files(here: Path) -> None:
         (f"{SIL} -o run.csv -o ./folder/../run.csv", "run.csv: it would be written twice; name each file once"),
         (f"{SIL} --scenario file.csv -o link.csv", "link.csv: it is what this command reads"),
         (f"{SIL} --can --jitter nan", "is not a number"),
+        (f"{SIL} --limits mine.toml", "--limits: limits belong to a suite; add --suite tracking or --suite cars"),
         ("sil --suite trakking", "did you mean 'tracking'"),
         ("sil --suite cars --plot x.png", "--plot: this suite draws no pictures; leave it out"),
         (f"sil --suite cars --build {BUILD}", "--build: the cars of this suite have builds of their own; leave it out"),

@@ -9,7 +9,7 @@ def test_a_map_with_a_run_or_alone(run: Run, refused: Refused, here: Path) -> No
     answer = run("report", "--map", MAP, "-o", "report.html")
     assert answer.code == 0, answer
     assert answer.out.startswith("report.html: 14 sections, ")
-    assert Path("report.html").read_text(encoding="utf-8").count("name a build with <code>--build</code>") == 2
+    assert Path("report.html").read_text(encoding="utf-8").count("name a build with <code>--build</code>") == 3
     assert run("sil", "--build", BUILD, "--csv", "mine.csv").code == 0
     files = ("--run", "one=mine.csv", "--run", "two=mine.csv", "--scenario", "step-steer")
     assert run("report", "--map", MAP, "--build", BUILD, *files, "--no-simulation", "-o", "report.html").code == 0

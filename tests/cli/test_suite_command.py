@@ -11,13 +11,14 @@ from codegen import config as configuration
 from hil_sim.suite import cars, whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult
+from hil_sim.suite.limits import Limits, load
 from hil_sim.suite.requirements import car_requirements
 from hil_sim.suite.summary import summarise
-from hil_sim.suite.tracking import SuiteResult
+from hil_sim.suite.tracking import Outside, SuiteResult
 from hil_sim.suite.whole import Whole
 from tests.report.made_suite import CELLS, SUBJECTS, cell_result, made, margins, with_table
 
-from .conftest import Run, everything_in
+from .conftest import Refused, Run, everything_in
 
 SMALL_TUNING = {"speed_km_h": [30.0, 60.0], "actuator_lag_s": [0.05], "mass_percent": [0.0]}
 SMALL_TUNING |= {"stiffness_percent": [0.0], "relaxation_length_m": [0.0]}
@@ -35,7 +36,7 @@ def suite(monkeypatch: pytest.MonkeyPatch, here: Path) -> Callable[..., list[Can
     def give(result: SuiteResult, **more: Any) -> list[Candidate]:
         seen: list[Candidate] = []
         found = Whole(**{"result": result, "edited": (), "notes": (), **more})
-        monkeypatch.setattr(whole, "run_whole", lambda tested, count, stage: (seen.append(tested), found)[1])
+        monkeypatch.setattr(whole, "run_whole", lambda tested, count, stage, limits: (seen.append(tested), found)[1])
         return seen
 
     return give
@@ -66,17 +67,45 @@ def test_a_missed_figure_is_a_failed_check(run: Run, suite: Callable[..., list[C
     assert answer.err == f"error: 1 figure is not as asked: {figure}; see the first table\n"
 
 
+def test_limits_of_a_file_and_what_a_missed_one_is_for(
+    run: Run, suite: Callable[..., list[Candidate]], good: SuiteResult
+) -> None:
+    wide = tuple(cell_result("tracking", cell, "nominal", sideslip_excess_deg=1.25) for cell in CELLS)
+    missed = with_table(good, "tracking", "nominal", wide)
+    suite(missed)
+    why = "sideslip_excess_deg = 0.2: beyond the map's bound"
+    assert why in run("sil", "--suite", "tracking").out
+    Path("mine.toml").write_text("sideslip_excess_deg = 1.5\n", encoding="utf-8")
+    assert load(Path("mine.toml")).sideslip_excess_deg == 1.5
+    suite(missed.with_outside(Outside(missed.third_party, missed.instructions), load(Path("mine.toml"))))
+    answer = run("sil", "--suite", "tracking", "--limits", "mine.toml", "--json")
+    assert answer.code == 0 and json.loads(answer.out)["limits"]["sideslip_excess_deg"] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("overshot_percent = 1.0", "mine.toml: overshot_percent: there is no such limit; did you mean 'overshoot_percent'?"),
+        ("overshoot_percent = -1.0", "mine.toml: overshoot_percent: -1 is outside 0 to 1000 %; check the value and its unit"),
+        ("instructions = 1.5", "mine.toml: instructions: Input should be a valid integer"),
+    ],
+)
+def test_a_file_of_limits_that_is_none(refused: Refused, here: Path, text: str, words: str) -> None:
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    assert words in refused("sil", "--suite", "tracking", "--limits", "mine.toml")
+
+
 def car(number: int, overshoot: float, error: str = "") -> CarResult:
     summary = summarise("tracking", "x", [cell_result("tracking", CELLS[-1], "x", overshoot_percent=overshoot)])
     loop = margins(stable=True)
-    rows = car_requirements(f"car {number}", summary, loop)
+    rows = car_requirements(f"car {number}", summary, loop, Limits())
     return CarResult(number, 2000.0, 2.9, 1.0, 5.0, 0.05, {}, None if error else summary, loop, () if error else rows, error)
 
 
 def test_suite_of_random_cars(run: Run, monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
     asked = []
 
-    def give(seed: int, count: int, steps: object) -> CarsResult:
+    def give(seed: int, count: int, steps: object, limits: object) -> CarsResult:
         asked.append((seed, count))
         return CarsResult(seed, tuple(car(number, 4.0) for number in range(1, count + 1)))
 
