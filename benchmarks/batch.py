@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from benchmarks.closed_loop import DURATION, slalom, step_steer
 from benchmarks.timing import Comparison, Report, Times, interleaved
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sil.batch import BatchSoftware, Lanes, load_batch
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.compile import DEFAULT_FLAGS

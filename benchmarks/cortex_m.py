@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.nonlinear_map import nonlinear
 from benchmarks.tables import CountReport, Row
 from benchmarks.tyre_curves import Candidate, Shape, candidates
-from codegen import config as configuration
-from codegen.config import Config, Kind
+from codegen import configuration
+from codegen.configuration import Config, Kind
 from codegen.design.tune import tune
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder

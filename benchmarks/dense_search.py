@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Case, Config
+from codegen.configuration import Case, Config
 from codegen.refmap.ipopt_turns import without_shifts
 from codegen.refmap.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track

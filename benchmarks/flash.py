@@ -12,7 +12,7 @@ import numpy.typing as npt
 from benchmarks.nonlinear_map import nonlinear
 from benchmarks.paper_build import CONFIG
 from benchmarks.tables import CountReport, Row
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.place_error import MeasuredError

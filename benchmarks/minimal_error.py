@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.tables import CountReport, Row
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import CheckFailed
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Software

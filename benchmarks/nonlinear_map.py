@@ -9,8 +9,8 @@ from benchmarks.paper_build import CONFIG
 from benchmarks.same import Sameness
 from benchmarks.solving import CASES, CLOCK
 from benchmarks.timing import Comparison, Report, Times, interleaved, once
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.refmap import ipopt
 from codegen.refmap.exact import Solution
 from codegen.refmap.nonlinear import NonlinearTurns

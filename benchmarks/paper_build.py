@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.refmap.map import ReferenceMap

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.refmap.nonlinear import NonlinearTurns
 from codegen.refmap.problem import FloatArray
 from tests.refmap.cars import random_config

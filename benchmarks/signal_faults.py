@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.tables import CountReport, Row
-from codegen.config import KM_H, Case, Config
+from codegen.configuration import KM_H, Case, Config
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement, Software
 from hil_sim.metrics.run import SPIN_REAR_SLIP, SPIN_SIDESLIP

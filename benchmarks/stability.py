@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks.tables import CountReport, Row
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import BuildError
 from codegen.refmap.solve import solve_case
 from codegen.sweep.region import ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED, confirm, region

@@ -21,8 +21,8 @@ if __name__ == "__main__":
 import frame_layout  # noqa: E402
 import sketches  # noqa: E402
 
-from codegen import config as configuration  # noqa: E402
-from codegen.config import KM_H  # noqa: E402
+from codegen import configuration  # noqa: E402
+from codegen.configuration import KM_H  # noqa: E402
 from codegen.design.margins import gains_of, nominal_margins  # noqa: E402
 from codegen.files import write_atomically  # noqa: E402
 from codegen.refmap import map as npz  # noqa: E402

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import FRAME_BYTES, QUALIFIED, Can, RealSignal, Signal
+from codegen.configuration.can import FRAME_BYTES, QUALIFIED, Can, RealSignal, Signal
 from codegen.emit.text import Precision, numpy_type
 
 

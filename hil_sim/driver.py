@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.design.sampled import matrix_exponential
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.paths import RoadPath

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections import deque
 
-from codegen.can_sections import FRAME_BYTES, E2e
+from codegen.configuration.can import FRAME_BYTES, E2e
 
 POLYNOMIAL = 0x1D
 """CRC-8 SAE J1850. Profile 1 takes 0x00 for start value and final XOR (PRS_E2E_00083), unlike the bare CRC, which has 0xFF."""

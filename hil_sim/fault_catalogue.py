@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from codegen.can_sections import Can
-from codegen.config import Config
+from codegen.configuration import Config
+from codegen.configuration.can import Can
 from codegen.emit.laws import law_of
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim import manoeuvres

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from codegen.can_sections import Can, Message, RealSignal
+from codegen.configuration.can import Can, Message, RealSignal
 from codegen.errors import CodegenError, suggestion
 from hil_sim.e2e import protect
 from hil_sim.frames import Frame

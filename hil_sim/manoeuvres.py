@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import static_wheel_loads

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status

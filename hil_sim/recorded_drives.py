@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
+from codegen.configuration.section import Range
 from codegen.errors import CodegenError
-from codegen.sections import Range
 from hil_sim.manoeuvres import Columns, Settings
 from hil_sim.scenarios import Scenario
 

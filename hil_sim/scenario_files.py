@@ -23,10 +23,10 @@ from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from codegen.config import Config, parse_toml, shown
+from codegen.configuration import Config, parse_toml, shown
+from codegen.configuration.section import Range, Section, check_name
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
-from codegen.sections import Range, Section, check_name
 from hil_sim import recorded_drives
 from hil_sim.faults import FRAME_KINDS, VALUE_KINDS, Fault, FaultKind
 from hil_sim.recorded_drives import MAX_DURATION, MIN_DURATION

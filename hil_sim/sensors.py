@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from codegen.config import Sensor, Sensors
+from codegen.configuration import Sensor, Sensors
 
 SIGNALS = ("speed", "front_angle", "yaw_rate", "rear_angle", "lateral_acceleration")
 

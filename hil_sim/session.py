@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.emit.folder import verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision

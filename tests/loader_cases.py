@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from codegen import config as configuration
-from codegen.config import preset, preset_text
+from codegen import configuration
+from codegen.configuration import preset, preset_text
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
 from codegen.export import runs as exported

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from codegen.config import Case, Config, check_name, load, parse, preset, preset_text
+from codegen.configuration import Case, Config, check_name, load, parse, preset, preset_text
 from codegen.errors import ConfigError
 
 

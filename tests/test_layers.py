@@ -12,10 +12,8 @@ PACKAGES = ("codegen", "hil_sim")
 LEVELS = (
     ("codegen",),  # the package itself: its version
     ("codegen.errors", "codegen.interrupts"),
-    ("codegen.files", "codegen.sections"),
-    ("codegen.can_sections", "codegen.controller_sections", "codegen.sensor_sections"),
-    ("codegen.budget_sections",),
-    ("codegen.config",),
+    ("codegen.files",),
+    ("codegen.configuration",),
     ("codegen.vehicle",),
     ("codegen.design",),
     ("codegen.refmap",),

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from codegen.budget_sections import Budgets, MapShape
-from codegen.can_sections import RealSignal, Signal
-from codegen.config import Config, Kind, parse, preset, preset_text
+from codegen.configuration import Config, Kind, parse, preset, preset_text
+from codegen.configuration.budgets import Budgets, MapShape
+from codegen.configuration.can import RealSignal, Signal
 from codegen.errors import ConfigError
 from tests.test_config import refused
 

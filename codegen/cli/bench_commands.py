@@ -21,7 +21,7 @@ from codegen.errors import CheckFailed, CodegenError
 
 if TYPE_CHECKING:
     from codegen.cli.bench_report import Outputs
-    from codegen.config import Config
+    from codegen.configuration import Config
     from codegen.emit.text import Precision
     from hil_sim.bus import BusAddress
     from hil_sim.session import EcuKind, Setup

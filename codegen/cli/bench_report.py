@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from codegen.config import Config
+    from codegen.configuration import Config
     from hil_sim.bench import BenchResult, Cycle, Observer
     from hil_sim.metrics.run import LookUp
     from hil_sim.scenarios import Scenario

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 )
 def init(folder: Path, preset: str) -> None:
     """Make DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
-    from codegen.config import preset_text
+    from codegen.configuration import preset_text
     from codegen.files import make_folder, write_atomically
 
     path = folder / "ars.toml"

@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 
 MEMBERS_MAX = 4096

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.design.sampled import SampledCar, sample_of
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, two_track_of_parameters
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars

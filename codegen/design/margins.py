@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config, Schedule
+from codegen.configuration import KM_H, Config, Schedule
 from codegen.design.family import Member, members, nominal
 from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar, frequency_grid, sample
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.config import Tuning
+from codegen.configuration import Tuning
 from codegen.design.family import Member
 from codegen.design.margins import Margins, loop_margins, worst_of
 from codegen.design.sampled import BoolArray, ComplexArray, FloatArray, SampledCar

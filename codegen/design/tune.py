@@ -20,8 +20,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import SCHEDULE_POINTS_MAX
+from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration.controller import SCHEDULE_POINTS_MAX
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import concatenate, worst_of
 from codegen.design.sampled import BoolArray, FloatArray, SampledCar, frequency_grid, sample

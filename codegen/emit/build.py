@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.config import KM_H, Config, check_name
+from codegen.configuration import KM_H, Config, check_name
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import NODES, QUALIFIED, Can, Message, RealSignal, Signal
-from codegen.config import Config
+from codegen.configuration import Config
+from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
 from codegen.emit.text import Precision, lines_of, literal
 
 UNITS = {

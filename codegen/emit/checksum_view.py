@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import ControllerView, controller_parameters
 from codegen.emit.inputs_view import InputsView, inputs_parameters
 from codegen.emit.limiter_view import LimiterView, limiter_parameters

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.casadi_c import function_body
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.dynamics import Model, single_track

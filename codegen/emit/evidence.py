@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_cut import LimiterCut

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from codegen.config import KM_H, Config
-from codegen.controller_sections import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
+from codegen.configuration import KM_H, Config
+from codegen.configuration.controller import DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX
 from codegen.emit.parameters import DEGREE, Parameter, ParameterView, configured, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import (
+from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration.controller import (
     INTEGRAL_GAIN_MAX,
     INTEGRAL_GAIN_MIN,
     LEAD_MAX_S,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.refmap.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from codegen import config as configuration
-from codegen.config import Kind
+from codegen import configuration
+from codegen.configuration import Kind
 from codegen.emit.folder import MANIFEST, read_manifest
 from codegen.errors import BuildError
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.refmap.axis import Axis

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
-from codegen.sections import Range, Section
 
 DEGREE = math.radians(1.0)
 """rad."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.dynamics_view import SPEED_MIN, FunctionView, function_view
 from codegen.emit.text import Precision, lines_of, literal
 from codegen.errors import BuildError

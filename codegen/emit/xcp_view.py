@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from codegen.config import Config
+from codegen.configuration import Config
 
 UNITS = ("1 ns", "10 ns", "100 ns", "1 us", "10 us", "100 us", "1 ms", "10 ms", "100 ms", "1 s")
 """Of times, by their code: ten to the power of the code in ns."""

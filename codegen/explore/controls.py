@@ -14,10 +14,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from codegen.config import KM_H, Config, parse
+from codegen.configuration import KM_H, Config, parse
+from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap.road import on_road
-from codegen.sections import Range
 
 Group = Literal["map", "controller", "step"]
 Values = Mapping[str, float]

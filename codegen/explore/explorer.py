@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore import picture

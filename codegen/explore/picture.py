@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.design.family import members
 from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
 from codegen.emit.laws import law_of

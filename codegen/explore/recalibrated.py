@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from codegen.config import Config, parse, preset_text
+from codegen.configuration import Config, parse, preset_text
 from codegen.emit.outputs import check_output
 from codegen.errors import CodegenError, ConfigError
 from codegen.explore.controls import ExploreError

@@ -16,11 +16,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from codegen.configuration.section import MAX_CELLS
 from codegen.importing import quantities
 from codegen.importing.cells import A_TITLE, NAMES_WANTED, NO_HEAD, Cells, Line, split
 from codegen.importing.quantities import LOGICAL, QUANTITIES, Name
 from codegen.importing.source import ImportFault, Source, text_of
-from codegen.sections import MAX_CELLS
 
 FloatArray = npt.NDArray[np.float64]
 Axis = Literal["vx", "delta_f"]

@@ -16,8 +16,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.importing import tir, toml_edit
 from codegen.importing.magic_formula import Curve, LateralFormula, read_formula

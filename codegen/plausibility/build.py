@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
-from codegen.controller_sections import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
+from codegen.configuration import KM_H, Config
+from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins
 from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
 from codegen.emit.laws import is_untuned, law_of

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.vehicle.single_track import SingleTrack
 
 DYNAMIC_INDEX = (0.6, 1.5)

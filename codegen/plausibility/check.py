@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
 from codegen.plausibility.build import build_warnings, folder_warnings, schedule_warnings

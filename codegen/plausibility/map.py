@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.errors import MapError
 from codegen.refmap.map import Binding, ReferenceMap

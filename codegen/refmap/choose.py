@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen import config as configuration
-from codegen.config import Config, Controller
+from codegen import configuration
+from codegen.configuration import Config, Controller
 from codegen.refmap.map import ReferenceMap
 
 PRESET_NOTE = "the map brings no configuration: the paper's car and the paper's PI, with a rate limit, are taken"

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import MapError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import layer_configs

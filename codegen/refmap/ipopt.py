@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
 from codegen.refmap.exact import Solution, flags

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.problem import STABILITY_MARGIN, FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, WHEEL_SPEED_MIN, TyreModel, single_track, two_track
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap.loss_simulation import MODES, Points, simulate
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.turns import passively_feasible, turns_behind

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.vehicle.dynamics import Model, two_track
 
 FloatArray = npt.NDArray[np.float64]

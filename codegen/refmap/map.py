@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from codegen import __version__
-from codegen.config import Config, check_name, parse
+from codegen.configuration import Config, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.refmap import archive, tables

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.stack import layer_configs

@@ -19,7 +19,7 @@ from typing import Self
 
 import numpy as np
 
-from codegen.config import Case, Config
+from codegen.configuration import Case, Config
 from codegen.refmap.brackets import shrink
 from codegen.refmap.exact import Edge, Solution, flags
 from codegen.refmap.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, joined, nowhere, placed, taken

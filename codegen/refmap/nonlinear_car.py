@@ -22,7 +22,7 @@ from typing import Self
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.brackets import shrink
 from codegen.refmap.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, placed
 from codegen.refmap.nonlinear_axle import Axle, Motion, axle_force, curve

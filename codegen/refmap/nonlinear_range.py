@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import MapError
 from codegen.refmap.brackets import shrink
 from codegen.refmap.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, placed

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import BuildError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place_axes import POINTS_MAX, Axes, Cost, Search, Spacing

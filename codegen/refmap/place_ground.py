@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap import exact
 from codegen.refmap.extend import extend
 from codegen.refmap.lookup import SteeringConstants, capped_rear_angle

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.place import SPACINGS, Maker, Placed, Target
 from codegen.refmap.place_axes import Spacing

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Case, Config
+from codegen.configuration import KM_H, Case, Config
 from codegen.errors import ConfigError
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres

@@ -5,7 +5,7 @@ Layer 3: imports `config` and `vehicle`.
 
 from __future__ import annotations
 
-from codegen.config import Config, parse
+from codegen.configuration import Config, parse
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 

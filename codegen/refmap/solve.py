@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import MapError
 from codegen.refmap.map import ReferenceMap, make_meta
 from codegen.refmap.problem import breakpoints

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap import archive, tables
 from codegen.refmap.map import FrictionLayer, ReferenceMap

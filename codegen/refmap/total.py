@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.storage import Scales
 from codegen.vehicle.single_track import SingleTrack
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Case, Config
+from codegen.configuration import Case, Config
 from codegen.refmap import exact
 from codegen.refmap.exact import Edge, Solution
 from codegen.refmap.map import ReferenceMap

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import MapError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.slip_use import ABOVE, SlipUse, slip_use

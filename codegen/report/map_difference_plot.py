@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import one_line
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.slip_use import ABOVE, SlipUse

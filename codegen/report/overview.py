@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.map import ReferenceMap
 from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_handles, run_window
 from codegen.report.style import (

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import one_line
 from codegen.report.legend import legend_below
 from codegen.report.run_marks import Mark, Span, until_spin

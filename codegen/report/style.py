@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import CodegenError, one_line
 from codegen.files import write_atomically
 from codegen.refmap.map import ReferenceMap

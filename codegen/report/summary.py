@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.refmap.map import Binding, ReferenceMap
 
 if TYPE_CHECKING:

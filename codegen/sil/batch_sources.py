@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.render import render
 from codegen.emit.staged_c import staged_body
 from codegen.emit.text import Precision, c_type, literal

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.dynamics_view import function_view
 from codegen.emit.render import render
 from codegen.sil.compile import compile_library

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import BuildError, within
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.software import RECORD_COLUMNS

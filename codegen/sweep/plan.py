@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, ConfigError, suggestion, within

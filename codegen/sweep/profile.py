@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from hil_sim.scenarios import Kind, Scenario

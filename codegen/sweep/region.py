@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.design.linearised import linearised
 from codegen.design.margins import Margins, loop_margins
 from codegen.design.sampled import SampledCar, frequency_grid

@@ -29,10 +29,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
-from codegen.config import length_fault, parse_toml, shown
+from codegen.configuration import length_fault, parse_toml, shown
+from codegen.configuration.section import Range, Section, check_name, check_number
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
-from codegen.sections import Range, Section, check_name, check_number
 
 MAX_BYTES = 2**20
 MAX_SAMPLES = 100_000_000

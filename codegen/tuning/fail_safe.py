@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.problem import breakpoints

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config, Schedule
-from codegen.controller_sections import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
+from codegen.configuration import KM_H, Config, Schedule
+from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.refmap.map import ReferenceMap

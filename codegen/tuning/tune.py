@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from codegen.config import Config, parse
-from codegen.controller_sections import TRIM_MAX_PERCENT
+from codegen.configuration import Config, parse
+from codegen.configuration.controller import TRIM_MAX_PERCENT
 from codegen.design.tune import Design, design
 from codegen.refmap.extend import extend
 from codegen.refmap.map import ReferenceMap

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.vehicle.expressions import Model, axle_curve, curve_argument, magic_formula, make_model
 from codegen.vehicle.plant_car import (
     PLANT_PARAMETERS,

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 FloatArray = npt.NDArray[np.float64]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.vehicle.tyre import AxleTyres
 
 FloatArray = npt.NDArray[np.float64]

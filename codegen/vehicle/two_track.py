@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.vehicle.expressions import Model, clamp, is_zero, magic_formula, make_model
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, PlantCar, plant_symbols
 from codegen.vehicle.tyre import AxleTyres

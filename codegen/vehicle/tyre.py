@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config, Tyre
+from codegen.configuration import Config, Tyre
 from codegen.errors import ConfigError
 from codegen.vehicle.roots import bracketed_root
 

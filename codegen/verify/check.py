@@ -14,9 +14,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from codegen import __version__
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import __version__, configuration
+from codegen.configuration import Config
 from codegen.emit.folder import MANIFEST, read_files, verify_hashes
 from codegen.emit.manifest import read_build
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError

@@ -12,7 +12,7 @@ from math import degrees
 from typing import Any, TypeVar
 
 from codegen import __version__
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from codegen.can_sections import E2e
-from codegen.config import Config
+from codegen.configuration import Config
+from codegen.configuration.can import E2e
 from codegen.emit.text import Precision, numpy_type
 from codegen.errors import CodegenError
 from codegen.verify.drives import COLUMNS, Drive, Ground, drawn, measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
 from hil_sim.codec import Codec, VehicleConditions, VehicleMotion

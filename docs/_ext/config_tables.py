@@ -13,8 +13,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from codegen.config import Config, preset_text
-from codegen.sections import Breakpoints, Range, RangeOrZero
+from codegen.configuration import Config, preset_text
+from codegen.configuration.section import Breakpoints, Range, RangeOrZero
 
 MEANINGS = {
     "schema_version": "of this file's format",
@@ -256,7 +256,7 @@ def sections(model: type[BaseModel] = Config, path: str = "") -> Iterator[tuple[
 
 def inline_tables() -> Iterator[tuple[str, type[BaseModel]]]:
     """The inline tables: a name for each kind, and its model."""
-    from codegen.can_sections import RealSignal, Signal
+    from codegen.configuration.can import RealSignal, Signal
 
     yield "A signal that is a number of its own", Signal
     yield "A signal that is a physical value", RealSignal

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from codegen.config import Config
+from codegen.configuration import Config
 from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
 from hil_sim.metrics.run import FloatArray, LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics

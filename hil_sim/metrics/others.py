@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.sil.software import Status
 from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common, largest
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sil.software import RECORD_COLUMNS, Status
 from hil_sim.scenarios import Scenario
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import ConfigError
 from codegen.sil.software import Status
 from codegen.vehicle.tyre import AxleTyres

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from hil_sim.second_plant import package
 
 GRAVITY = 9.81

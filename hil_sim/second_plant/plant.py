@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.plant import PlantInput, PlantSample
 from hil_sim.second_plant import package

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.refmap.map import ReferenceMap
 from codegen.sil.plant import PlantInput, PlantSample

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from codegen import config as configuration
-from codegen.config import Case, Config
+from codegen import configuration
+from codegen.configuration import Case, Config
 from codegen.emit.laws import LAWS, is_untuned
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision

@@ -10,7 +10,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.refmap.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Case, Config
+from codegen.configuration import KM_H, Case, Config
 from codegen.errors import CodegenError
 from codegen.refmap.problem import breakpoints
 from codegen.refmap.turns import turns_of

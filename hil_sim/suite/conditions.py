@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from codegen.config import Config
+from codegen.configuration import Config
 from hil_sim.suite import plants
 from hil_sim.suite.plants import Change, unchanged
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from pydantic import Field, ValidationError
 
-from codegen.config import parse_toml
+from codegen.configuration import parse_toml
+from codegen.configuration.section import Range, Section
 from codegen.errors import CodegenError, suggestion
 from codegen.files import read_text
-from codegen.sections import Range, Section
 
 FILE_BYTES_MAX = 2**16
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.design.margins import Margins, family_margins, nominal_margins
 from codegen.emit.laws import law_of
 

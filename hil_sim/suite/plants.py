@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 Change = Callable[[Config], Config]

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from hil_sim.suite.plants import changed
 
 DEVELOPMENT_SEED, TEST_SEED = 1, 4

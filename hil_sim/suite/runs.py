@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.sil.batch import Lanes
 from codegen.sil.software import Software
 from codegen.tuning.transient import unit_step

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from codegen import config as configuration
-from codegen.config import Config, Kind
+from codegen import configuration
+from codegen.configuration import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.laws import LAWS
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from codegen.config import Case, Config
+from codegen.configuration import Case, Config
 from codegen.design.family import members
 from hil_sim.metrics.run import FloatArray
 from hil_sim.suite.cells import Cell, c1, cells

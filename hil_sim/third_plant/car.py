@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.vehicle.expressions import Model, clamp, magic_formula, make_model
 from codegen.vehicle.plant_car import PlantCar

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from hil_sim.sensors import SensorModel
 from hil_sim.third_plant.car import RollPlant
 

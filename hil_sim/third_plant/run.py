@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sil.plant import PlantSample
 from codegen.sil.software import Software
 from hil_sim.runs import refuse_bus

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 
 from .conftest import BUILD, MAP, TRACKING, Refused, Run, edit
 

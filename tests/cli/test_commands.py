@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.cli import cli
 from codegen.sil.software import RECORD_COLUMNS
 

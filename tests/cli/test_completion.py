@@ -7,10 +7,10 @@ import click
 import pytest
 from click.shell_completion import get_completion_class
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.cli import cli, completion, values
 from codegen.cli.entry import COMPLETION, PROGRAM
-from codegen.config import Preset
+from codegen.configuration import Preset
 from codegen.export import runs
 from codegen.sil.vector import ISAS
 from hil_sim import log_formats, scenarios

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.cli.values import memory_size, yaw_rate_error
 from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case

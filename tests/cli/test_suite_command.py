@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from hil_sim.suite import cars, whole
 from hil_sim.suite.candidate import Candidate
 from hil_sim.suite.cars import CarResult, CarsResult

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
 from codegen.refmap import map as npz
 from codegen.refmap.solve import solve_case

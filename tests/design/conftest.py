@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from codegen.config import Config, Schedule, parse
+from codegen.configuration import Config, Schedule, parse
 from codegen.refmap.map import load
 
 SMALL_FAMILY = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [-20.0, 15.0]}

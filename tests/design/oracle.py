@@ -3,7 +3,7 @@
 import control
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.design.family import Member
 from codegen.vehicle.single_track import SingleTrack
 

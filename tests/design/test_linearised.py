@@ -5,8 +5,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.design.family import Member
 from codegen.design.linearised import linearised
 from codegen.design.sampled import frequency_grid, sample

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.design.family import Member, members
 from codegen.design.margins import (
     family_margins,

@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.design.family import MEMBERS_MAX, Member, members, nominal
 from codegen.design.sampled import frequency_grid, sample
 from codegen.errors import ConfigError

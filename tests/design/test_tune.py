@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, Config, Schedule
+from codegen.configuration import KM_H, Config, Schedule
 from codegen.design.family import Member, members, nominal
 from codegen.design.margins import gains_of, loop_margins, nominal_margins
 from codegen.design.sampled import frequency_grid, sample

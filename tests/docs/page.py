@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from codegen.config import load, preset_text
+from codegen.configuration import load, preset_text
 from tests.docs.blocks import ROOT, Block, Command, blocks, commands, matches
 
 NOT_RUN: Mapping[str, str] = {  # command on the page: reason

@@ -3,7 +3,7 @@
 import functools
 from pathlib import Path
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.emit.write import write_folder

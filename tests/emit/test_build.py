@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.build import BuildInputs, BuildOptions, _build_id
 from codegen.emit.text import Precision
 from codegen.sil.toolchain import compiler_command

@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Mapping
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.deviations import ENTRIES, FILE, deviations, read_deviations
 from codegen.refmap.stack import solve_stack
 from tests import builds

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
 from codegen.emit.text import Precision

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.plausibility.car import car_warnings

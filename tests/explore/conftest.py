@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from codegen.config import Config, parse
+from codegen.configuration import Config, parse
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target, preset_bases

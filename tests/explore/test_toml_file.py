@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.errors import CodegenError
 from codegen.explore.controls import ExploreError
 from codegen.explore.explorer import Explorer

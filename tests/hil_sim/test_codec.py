@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen import config as configuration
-from codegen.can_sections import RealSignal
+from codegen import configuration
+from codegen.configuration.can import RealSignal
 from hil_sim.codec import PAYLOADS, Codec, Payload
 from tests import builds
 

@@ -7,7 +7,7 @@ from e2e import p01
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.can_sections import E2e
+from codegen.configuration.can import E2e
 from hil_sim.e2e import LARGEST_COUNTER, E2eStatus, Receiver, Supervision, crc, protect
 
 DATA_ID = 0x101

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.can_sections import Can
-from codegen.config import Config
+from codegen.configuration import Config
+from codegen.configuration.can import Can
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from hil_sim.bench import BenchResult

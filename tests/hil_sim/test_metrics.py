@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.software import RECORD_COLUMNS, Software
 from hil_sim import manoeuvres

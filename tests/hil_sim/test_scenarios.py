@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import CodegenError
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.sil.software import Software

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case

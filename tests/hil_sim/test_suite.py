@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError, ConfigError
 from codegen.refmap import exact
 from codegen.refmap.problem import SteadyTurnProblem

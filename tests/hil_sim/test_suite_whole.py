@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
-from codegen.config import Config, Kind
+from codegen import configuration
+from codegen.configuration import Config, Kind
 from codegen.emit.write import write_folder
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.refmap.map import ReferenceMap

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.errors import CodegenError
 from codegen.importing.tyre import TyreImport, import_tyres
 from codegen.vehicle.tyre import AxleTyres, static_wheel_loads

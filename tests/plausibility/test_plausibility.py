@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import Config, preset
+from codegen.configuration import Config, preset
 from codegen.plausibility.build import schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.check import check_path

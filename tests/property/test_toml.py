@@ -12,7 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.errors import CodegenError
 from hil_sim import scenario_files
 from tests.property.guard import bounded

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from scipy.optimize import linprog
 
-from codegen.config import Case, Config, parse, preset
+from codegen.configuration import Case, Config, parse, preset
 from codegen.refmap import exact
 from codegen.refmap.extend import TotalMap, extend
 from codegen.refmap.map import Binding, ReferenceMap

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap import exact
 from codegen.refmap.lookup import Lookup
 from codegen.refmap.map import ReferenceMap

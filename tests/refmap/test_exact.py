@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.errors import ConfigError, MapError
 from codegen.refmap import exact, ipopt
 from codegen.refmap.map import Binding

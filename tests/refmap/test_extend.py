@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.errors import MapError
 from codegen.refmap import exact
 from codegen.refmap import map as npz

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.config import preset
+from codegen.configuration import preset
 from codegen.emit.folder import differences, verify_hashes
 from codegen.emit.from_files import prepare
 from codegen.refmap import map as npz

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap import loss_simulation
 from codegen.refmap import map as npz
 from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function

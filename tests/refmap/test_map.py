@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.errors import MapError
 from codegen.refmap import archive
 from codegen.refmap import map as refmap

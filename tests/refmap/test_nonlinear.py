@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 from benchmarks.agreement import SAME
 from benchmarks.dense_search import DenseSearch
 from benchmarks.random_cars import random_car, random_cells
-from codegen.config import Config, preset
+from codegen.configuration import Config, preset
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.plausibility.build import excess_warning

@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.refmap.map import Binding, ReferenceMap
 from codegen.refmap.slip_use import slip_use
 from codegen.refmap.solve import solve_case

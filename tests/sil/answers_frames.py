@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import E2e, RealSignal
+from codegen.configuration.can import E2e, RealSignal
 from hil_sim.codec import PAYLOADS, Codec
 from hil_sim.e2e import E2eStatus, Receiver, Supervision, crc, next_counter, protect
 from tests.builds import Built

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.can_sections import FRAME_BYTES, Can
+from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.verify.law.task import SecondTask
 from hil_sim.codec import Codec, RearSteerCommand, VehicleConditions, VehicleMotion
 from hil_sim.diagnostics import DIAGNOSTICS

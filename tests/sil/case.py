@@ -12,8 +12,8 @@ from unittest import mock
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import Config, Kind
+from codegen import configuration
+from codegen.configuration import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder, render_manifest
 from codegen.refmap import map as refmap

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sil.software import Status
 from codegen.verify.law.controller import NUMBERS, SecondController
 from codegen.verify.law.kinds import second_controller

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.folder import Folder
 from codegen.emit.text import c_type
 from codegen.errors import BuildError

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from unittest import mock
 
 from benchmarks.nonlinear_map import nonlinear
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.text import Precision
 from codegen.refmap import place_grip

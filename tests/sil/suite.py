@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.build import OF_REFERENCE_MODEL
 from tests.builds import Built
 from tests.sil import (

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import Config, Kind, parse
+from codegen.configuration import Config, Kind, parse
 from codegen.errors import BuildError
 from codegen.sil import batch, vector
 from codegen.sil.batch import BatchSoftware, Isa, Lanes, compile_batch, load_batch

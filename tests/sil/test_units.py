@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from codegen.can_sections import Can, E2e
-from codegen.config import Kind
+from codegen.configuration import Kind
+from codegen.configuration.can import Can, E2e
 from tests import builds
 from tests.sil import answers_frames
 from tests.sil.case import case

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, c_type, numpy_type
 from codegen.refmap.extend import TotalMap

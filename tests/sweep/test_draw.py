@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.sweep.draw import BLOCK, draw, noise
 from codegen.sweep.lanes import cars
 from codegen.sweep.spec import Spec, parse

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.refmap.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement

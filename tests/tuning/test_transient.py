@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from codegen.config import Schedule
+from codegen.configuration import Schedule
 from codegen.tuning import transient
 from codegen.tuning.transient import (
     LEADS_S,

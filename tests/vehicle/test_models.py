@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import parse
+from codegen.configuration import parse
 from codegen.vehicle.dynamics import Model, TyreModel, single_track, two_track
 from tests.vehicle.reference_plant import OTHER, tables
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import Config, parse
+from codegen.configuration import Config, parse
 from codegen.sil.compile import compile_library
 from codegen.sil.software import bench_sources
 from codegen.vehicle.dynamics import PLANT_OUTPUTS, plant_parameters, two_track, two_track_of_parameters

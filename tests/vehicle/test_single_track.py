@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from codegen.config import parse
+from codegen.configuration import parse
 from codegen.vehicle.dynamics import Model, single_track
 from codegen.vehicle.single_track import SingleTrack
 from tests.vehicle.reference_plant import Car, TyreData, tables

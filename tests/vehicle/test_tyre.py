@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.config import Tyre, parse
+from codegen.configuration import Tyre, parse
 from codegen.errors import ConfigError
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.builds import CONFIG

@@ -3,8 +3,8 @@
 import functools
 from typing import Any
 
-from codegen import config as configuration
-from codegen.config import Config, Kind
+from codegen import configuration
+from codegen.configuration import Config, Kind
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision

@@ -2,7 +2,7 @@
 
 import pytest
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.text import Precision
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.compilation import check as compiles

@@ -4,7 +4,7 @@ import functools
 
 import pytest
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.verify.budgets.program import STACK_FLAG, NoBound, Program
 from codegen.verify.budgets.sizes import Sizes, compile_objects, sizes_of
 from codegen.verify.target.cross import compile_image

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.config import parse
+from codegen.configuration import parse
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.sil.toolchain import compiler_command

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.text import Precision, literal
 from codegen.export.fmu.standard import Version
 from codegen.export.fmu.variables import Role, Variable, What, of_role

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.render import render
 from codegen.emit.text import Precision
 from codegen.export.fmu.model_view import ABSENT_TYPES, ACCESS, context, rows

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.export.fmu.units import unit_of_name
 from codegen.vehicle.dynamics import two_track
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Can
+from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap.turns import turns_of
 from codegen.report.html.blocks import INK, MUTED, Chart, Gallery
 from codegen.report.html.charts import axis, layout, line

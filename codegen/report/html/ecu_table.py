@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.manifest import read_build
 from codegen.refmap.extend import extend
 from codegen.refmap.total import RULE_TEXT, Rule

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.run_marks import until_spin

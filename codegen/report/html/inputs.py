@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import TypeAdapter, ValidationError
 
-from codegen.config import Can
+from codegen.configuration import Can
 from codegen.errors import CodegenError, one_line
 from codegen.files import read_file
 from codegen.report.fault_table import FaultEntry, FaultFile

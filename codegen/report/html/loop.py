@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, family_margins, nominal_margins
 from codegen.emit.laws import law_of
 from codegen.report.html.blocks import INK, MUTED, Chart

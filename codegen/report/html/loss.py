@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.refmap.loss import LossOfFunction, loss_of_function
 from codegen.refmap.loss_simulation import MODES
 from codegen.report.html.blocks import EMPTY, INK, Block, Chart, Text

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.refmap.map import ReferenceMap
 from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
 from codegen.report.html.charts import (

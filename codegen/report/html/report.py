@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.evidence import margins_of, margins_text
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case

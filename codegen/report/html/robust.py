@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import preset
+from codegen.configuration import preset
 from codegen.emit.laws import LAWS
 from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, numbers, scale_of

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.report.html.blocks import INK, MUTED, Block, Chart, Table, Text
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window

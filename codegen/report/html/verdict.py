@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.design.margins import Weakest
 from codegen.emit.evidence import margins_of
 from codegen.emit.laws import is_untuned

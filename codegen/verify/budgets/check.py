@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.budget_sections import MapShape
+from codegen.configuration.budgets import MapShape
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis
 from codegen.verify.budgets.bounded_loops import complaints

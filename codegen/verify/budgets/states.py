@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, MOTION, Rows
 from codegen.verify.budgets.workloads import FRAME_BYTES, STEP_COLUMNS, Fault
 from codegen.verify.drives import COLUMNS, Ground

@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.verify.budgets.counting import CONDITIONS, EVENT, FOREIGN, MOTION, START, TASK, Counter, Rows
 from codegen.verify.drives import COLUMNS, Drive, Ground
 from hil_sim.e2e import LARGEST_COUNTER

@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from codegen import config as configuration
-from codegen.can_sections import Message, RealSignal, Signal
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
+from codegen.configuration.can import Message, RealSignal, Signal
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.text import Precision
 from codegen.sil.software import Measurement
 from codegen.verify.drives import gaps_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.refmap.lookup import Lookup
 from codegen.verify.law.controller import SecondController, SecondFeedforward, SecondPi, SecondProportional
 from codegen.verify.law.tracking import Road, SecondTracking

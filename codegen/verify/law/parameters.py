@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import controller_parameters
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import limiter_parameters

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from codegen.can_sections import FRAME_BYTES, Can
+from codegen.configuration.can import FRAME_BYTES, Can
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality

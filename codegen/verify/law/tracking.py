@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Measurement

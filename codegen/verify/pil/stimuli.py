@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.config import KM_H, Config
+from codegen.configuration import KM_H, Config
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from codegen.config import Config
+from codegen.configuration import Config
 from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target, preset_bases

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from hil_sim.suite import candidate
 from tests.cli.conftest import BUILD, MAP, Run
 from tests.cli.test_suite_command import SMALL_TUNING

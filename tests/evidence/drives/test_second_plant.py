@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from codegen import config as configuration
-from codegen.config import KM_H, Config
+from codegen import configuration
+from codegen.configuration import KM_H, Config
 from codegen.refmap.map import ReferenceMap
 from codegen.refmap.solve import solve_case
 from codegen.sil.plant import PlantInput, PlantSample

@@ -13,8 +13,8 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from codegen import config as configuration
-from codegen.config import Config
+from codegen import configuration
+from codegen.configuration import Config
 from codegen.emit.text import literal
 from codegen.verify.check import Subject
 

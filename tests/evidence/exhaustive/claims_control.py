@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from codegen.config import KM_H
+from codegen.configuration import KM_H
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from tests.evidence.exhaustive.claim import Claim, Source, edges, exact, number

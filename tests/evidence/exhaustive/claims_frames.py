@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from codegen.can_sections import RealSignal
+from codegen.configuration.can import RealSignal
 from tests.evidence.exhaustive.claim import Claim, Source, number
 
 HALVES = """

@@ -37,10 +37,14 @@ def sources(folder: str, pattern: str) -> set[str]:
 def test_the_wheel_has_modules_types_presets_and_templates_and_nothing_else(wheel: zipfile.ZipFile) -> None:
     metadata = f"ars_codegen-{codegen.__version__}.dist-info"
     modules = {f"{package}/{name}" for package in ("codegen", "hil_sim") for name in sources(package, "*.py")}
-    presets = {f"codegen/presets/{name}" for name in sources("codegen/presets", "*.toml")}
+    presets = {f"codegen/configuration/presets/{name}" for name in sources("codegen/configuration/presets", "*.toml")}
     templates = {f"codegen/_templates/{name}": f"templates/{name}" for name in sources("templates", "*")}
     copied = {**{name: name for name in modules | presets}, **templates}
-    assert {"codegen/__init__.py", "hil_sim/__init__.py", "codegen/presets/paper-controller.toml"} <= copied.keys()
+    assert {
+        "codegen/__init__.py",
+        "hil_sim/__init__.py",
+        "codegen/configuration/presets/paper-controller.toml",
+    } <= copied.keys()
     assert len(templates) > 10
     names = {name for name in wheel.namelist() if not name.startswith(f"{metadata}/")}
     assert {"codegen/py.typed", "hil_sim/py.typed"} <= names >= copied.keys()

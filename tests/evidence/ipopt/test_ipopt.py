@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from codegen.config import Case, Config
+from codegen.configuration import Case, Config
 from codegen.refmap import exact, ipopt
 from codegen.refmap.exact import Solution
 from codegen.refmap.map import Binding

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.config import Config, preset
+from codegen.configuration import Config, preset
 from codegen.design.tune import design
 from codegen.errors import BuildError
 from codegen.refmap.axis import Axis

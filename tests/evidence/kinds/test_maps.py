@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.emit.text import Precision
 from codegen.refmap.storage import RAW_MAX, Storage
 from codegen.sil.software import compile_build

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from codegen.config import Kind
+from codegen.configuration import Kind
 from codegen.console import progress as show_progress
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Effort, Outcome, Verdict

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from codegen import config as configuration
+from codegen import configuration
 from codegen.emit.folder import Folder
 from codegen.refmap.place import Request
 from codegen.refmap.solve import solve_case

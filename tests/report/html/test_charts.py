@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen.config import KM_H, preset
+from codegen.configuration import KM_H, preset
 from codegen.emit.folder import read_manifest
 from codegen.refmap import exact
 from codegen.refmap import map as npz

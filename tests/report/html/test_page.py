@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from codegen.config import preset
+from codegen.configuration import preset
 from codegen.errors import CodegenError
 from codegen.export import runs as exported
 from codegen.report.fault_table import FaultEntry

@@ -1,112 +1,13 @@
-"""The tables of `ars.toml`: their keys with units, ranges and defaults.
-
-Degrees and km/h exist only here and are turned into SI by the properties beside them. A value that no car can have is refused
-with the range and the unit, because a wrong unit is the usual cause. Layer 1.
-"""
+"""The tables of `ars.toml` about the car, its road, the optimisation and the plant, with units, ranges and defaults."""
 
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
-from pydantic_core import CoreSchema, core_schema
+from pydantic import Field, model_validator
 
-NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}\Z", re.ASCII)
-KM_H = 1.0 / 3.6
-"""m/s for one km/h."""
-
-MAX_BREAKPOINTS = 2000
-MAX_CELLS = 1_000_000
-"""Far beyond any ECU's memory, and well inside the 64 MiB that a map file may unpack to."""
-
-
-def check_name(name: str) -> str:
-    """Return `name` if it may stand in file names and C comments, else raise ValueError.
-
-    Such a name starts with an ASCII letter or digit and goes on with those, dot, hyphen or underscore; 63 characters at most.
-    """
-    if len(name) > 63:
-        raise ValueError(
-            f"the name {name[:20]!r}... has {len(name)} characters; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"
-        )
-    if not NAME_PATTERN.match(name):
-        raise ValueError(
-            f"the name {name!r} has characters that cannot stand in C; use 1 to 63 ASCII letters, digits, '.', '_' or '-'"
-        )
-    return name
-
-
-def check_number(value: object) -> object:
-    """Return a number as it is; ValueError for anything else."""
-    # A TOML boolean or text is not a number, although Python would turn both into one.
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"a number is needed, not {value!r}")
-    return value
-
-
-@dataclass(frozen=True)
-class Range:
-    """Annotation of a number between `low` and `high` (inclusive), named with its unit in the error message."""
-
-    low: float
-    high: float
-    unit: str = ""
-
-    def check(self, value: float) -> float:
-        """Return `value`, or raise ValueError where it is outside (NaN is)."""
-        if not self.low <= value <= self.high:
-            in_unit = f" {self.unit}" if self.unit else ""
-            raise ValueError(f"{value:g} is outside {self.low:g} to {self.high:g}{in_unit}; check the value and its unit")
-        return value
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        number = core_schema.no_info_before_validator_function(check_number, handler(source))
-        return core_schema.no_info_after_validator_function(self.check, number)
-
-
-class RangeOrZero(Range):
-    """The same, where zero stands for "none"."""
-
-    def check(self, value: float) -> float:
-        """Return `value`, or raise ValueError where it is outside."""
-        return value if value == 0.0 else super().check(value)
-
-
-@dataclass(frozen=True)
-class Breakpoints:
-    """Annotation of a list of breakpoints, strictly increasing and each within `low` to `high`; None for an even axis."""
-
-    low: float
-    high: float
-    unit: str
-
-    def check(self, values: list[float] | None) -> list[float] | None:
-        """Return `values`, or raise ValueError with the first breakpoint at fault."""
-        if values is None:
-            return None
-        if not 2 <= len(values) <= MAX_BREAKPOINTS:
-            raise ValueError(f"{len(values)} breakpoints; 2 to {MAX_BREAKPOINTS} are needed")
-        inside = Range(self.low, self.high, self.unit)
-        for value in values:
-            inside.check(value)
-        for index, (left, right) in enumerate(pairwise(values), start=1):
-            if right <= left:
-                raise ValueError(f"breakpoint {index} ({right:g}) is not above the one before it ({left:g}); sort the list")
-        return values
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.no_info_after_validator_function(self.check, handler(source))
-
-
-class Section(BaseModel):
-    """A table of `ars.toml`: immutable, and unknown keys are errors."""
-
-    # defer_build: of the tables by themselves, most are never asked for; building them all takes longer than to solve a map.
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
+from codegen.configuration.section import MAX_BREAKPOINTS, MAX_CELLS, Breakpoints, Range, RangeOrZero, Section
 
 
 class Vehicle(Section):

@@ -1,6 +1,6 @@
 """The table `[budgets]` of `ars.toml`: what the generated code may take on a Cortex-M4F.
 
-Layer 1: imports only `sections` and `controller_sections`.
+Layer 1.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from codegen.controller_sections import Kind
-from codegen.sections import Section
+from codegen.configuration.controller import Kind
+from codegen.configuration.section import Section
 
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
 

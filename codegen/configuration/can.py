@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from codegen.sections import Range, Section
+from codegen.configuration.section import Range, Section
 
 FRAME_BYTES = 8
 CRC_BITS = frozenset(range(8))

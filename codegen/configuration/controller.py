@@ -1,6 +1,6 @@
 """The tables of `ars.toml` about the controller: its kinds, its gains, its inputs, and the limiter behind it.
 
-Layer 1: imports only `sections`.
+Layer 1.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from codegen.sections import Breakpoints, Range, Section
+from codegen.configuration.section import Breakpoints, Range, Section
 
 SCHEDULE_POINTS_MAX = 32
 DEGRADED_TIME_MAX_S, RECOVERY_SAMPLES_MAX = 1.0, 10_000

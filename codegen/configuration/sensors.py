@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from codegen.sections import KM_H, Range, Section
+from codegen.configuration.section import KM_H, Range, Section
 
 
 class Sensor(Section):

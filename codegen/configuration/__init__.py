@@ -1,6 +1,6 @@
 """`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault.
 
-Layer 1: imports only `errors` and the `*_sections`.
+Layer 1: imports only `errors`, `files` and the modules of this package.
 """
 
 from __future__ import annotations
@@ -16,27 +16,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
-from codegen.budget_sections import Budgets
-from codegen.can_sections import Can, RealSignal
-from codegen.controller_sections import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.budgets import Budgets
+from codegen.configuration.can import Can, RealSignal
+from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
+from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.section import KM_H, Section, check_name
+from codegen.configuration.sensors import Sensor, Sensors
 from codegen.errors import CodegenError, ConfigError, suggestion
 from codegen.files import read_text
-from codegen.sections import (
-    KM_H,
-    Case,
-    Grid,
-    Limits,
-    Plant,
-    RearActuator,
-    Road,
-    Section,
-    Steering,
-    Tyre,
-    Tyres,
-    Vehicle,
-    check_name,
-)
-from codegen.sensor_sections import Sensor, Sensors
 
 __all__ = [
     "KM_H",
@@ -244,7 +231,7 @@ def load(path: Path) -> Config:
 
 def preset_text(name: Preset = "paper") -> str:
     """The commented text of a preset `ars.toml`."""
-    folder = resources.files("codegen").joinpath("presets")
+    folder = resources.files("codegen.configuration").joinpath("presets")
     parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
