@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.dense_search import DenseSearch
 from benchmarks.random_cars import random_car, random_cells
 from benchmarks.tables import CountReport, Row
-from codegen.refmap.nonlinear import NonlinearTurns
-from tests.refmap.cars import CASE
+from codegen.optimum.nonlinear import NonlinearTurns
+from tests.optimum.cars import CASE
 
 CARS, CELLS, QUICK_CARS, QUICK_CELLS = 20, 100, 3, 10
 SAME = 1e-4

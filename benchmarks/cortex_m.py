@@ -15,11 +15,11 @@ from benchmarks.tyre_curves import Candidate, Shape, candidates
 from codegen import configuration
 from codegen.configuration import Config, Kind
 from codegen.design.tune import tune
+from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
-from codegen.refmap.place import Request
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import solve_stack
 from codegen.verify.budgets.measure import measure_step
 from codegen.verify.budgets.taken import LongestStep
 from codegen.verify.check import Effort, Subject

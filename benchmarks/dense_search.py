@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Case, Config
-from codegen.refmap.ipopt_turns import without_shifts
-from codegen.refmap.problem import PEAK_SHARE, STABILITY_MARGIN
+from codegen.optimum.ipopt_turns import without_shifts
+from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, Model, two_track
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 

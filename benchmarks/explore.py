@@ -22,7 +22,7 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.explore.explorer import Explorer, opened
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from hil_sim.scenarios import find

@@ -13,13 +13,13 @@ from benchmarks.nonlinear_map import nonlinear
 from benchmarks.paper_build import CONFIG
 from benchmarks.tables import CountReport, Row
 from codegen.configuration import Config
-from codegen.refmap.lookup import Lookup
-from codegen.refmap.nonlinear import NonlinearTurns
-from codegen.refmap.place_error import MeasuredError
-from codegen.refmap.place_ground import Ground, ground_of
-from codegen.refmap.place_sweep import FlashTable, flash_table
-from codegen.refmap.solve import solve_case
-from codegen.refmap.total import TotalMap
+from codegen.ecu_map.lookup import Lookup
+from codegen.ecu_map.placement_error import MeasuredError
+from codegen.ecu_map.placement_sweep import FlashTable, flash_table
+from codegen.ecu_map.reference_surface import Ground, ground_of
+from codegen.ecu_map.total import TotalMap
+from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.solve import solve_case
 from codegen.report.flash import HEADER, flash_rows
 from codegen.vehicle.single_track import SingleTrack
 

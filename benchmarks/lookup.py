@@ -9,8 +9,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.paper_build import CONFIG, paper_folder, paper_map
 from benchmarks.timing import Comparison, Report, interleaved
-from codegen.refmap.extend import extend
-from codegen.refmap.lookup import Lookup
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import compile_build
 
 POINTS, QUICK_POINTS = 1_000_000, 100_000

@@ -11,10 +11,10 @@ from benchmarks.solving import CASES, CLOCK
 from benchmarks.timing import Comparison, Report, Times, interleaved, once
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.refmap import ipopt
-from codegen.refmap.exact import Solution
-from codegen.refmap.nonlinear import NonlinearTurns
-from codegen.refmap.problem import breakpoints
+from codegen.optimum import ipopt
+from codegen.optimum.exact import Solution
+from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.problem import breakpoints
 
 REQUIRED = 30.0
 REPEATS, QUICK_REPEATS = 10, 3

@@ -6,8 +6,8 @@ from codegen import configuration
 from codegen.configuration import Config
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 
 CONFIG: Config = configuration.preset()
 CASE = "4ws-2"

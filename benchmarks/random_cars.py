@@ -8,9 +8,9 @@ import numpy as np
 
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.refmap.nonlinear import NonlinearTurns
-from codegen.refmap.problem import FloatArray
-from tests.refmap.cars import random_config
+from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.problem import FloatArray
+from tests.optimum.cars import random_config
 
 
 def random_car(rng: np.random.Generator) -> Config:

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from codegen.refmap.exact import Solution
+from codegen.optimum.exact import Solution
 
 NARROW = 1e-6
 """rad. Cells whose feasible interval is narrower are counted, not compared: there, rounding decides."""

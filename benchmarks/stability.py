@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from benchmarks.tables import CountReport, Row
 from codegen.configuration import Config
 from codegen.errors import BuildError
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.sweep.region import ALONE_UNSTABLE, MODEL_UNSTABLE, UNEXPLAINED, confirm, region
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background

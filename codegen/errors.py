@@ -1,7 +1,4 @@
-"""The one family of errors that users see: what is wrong, where, and what to do about it.
-
-Layer 0: imports nothing of the project.
-"""
+"""The one family of errors that users see: what is wrong, where, and what to do about it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The door for files: read regular ones up to a size, write whole or not at all.
-
-Layer 1: imports only `errors` and `interrupts`.
-"""
+"""The door for files: read regular ones up to a size, write whole or not at all."""
 
 from __future__ import annotations
 

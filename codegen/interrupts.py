@@ -1,7 +1,4 @@
-"""Ctrl-C and SIGTERM around code that would swallow them.
-
-Layer 0: imports nothing of the project.
-"""
+"""Ctrl-C and SIGTERM around code that would swallow them."""
 
 from __future__ import annotations
 

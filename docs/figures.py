@@ -24,13 +24,13 @@ import sketches  # noqa: E402
 from codegen import configuration  # noqa: E402
 from codegen.configuration import KM_H  # noqa: E402
 from codegen.design.margins import gains_of, nominal_margins  # noqa: E402
+from codegen.ecu_map.extend import extend  # noqa: E402
+from codegen.ecu_map.total import RULE_TEXT, Rule  # noqa: E402
 from codegen.files import write_atomically  # noqa: E402
-from codegen.refmap import map as npz  # noqa: E402
-from codegen.refmap.extend import extend  # noqa: E402
-from codegen.refmap.problem import SteadyTurnProblem  # noqa: E402
-from codegen.refmap.slip_use import slip_use  # noqa: E402
-from codegen.refmap.solve import solve_case  # noqa: E402
-from codegen.refmap.total import RULE_TEXT, Rule  # noqa: E402
+from codegen.map_file import map as npz  # noqa: E402
+from codegen.optimum.problem import SteadyTurnProblem  # noqa: E402
+from codegen.optimum.slip_use import slip_use  # noqa: E402
+from codegen.optimum.solve import solve_case  # noqa: E402
 from codegen.report import style as look  # noqa: E402
 from codegen.report.plots import (  # noqa: E402
     front_angle_cut_figure,

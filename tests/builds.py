@@ -14,15 +14,15 @@ import numpy as np
 
 from codegen import configuration
 from codegen.configuration import Config, Kind
+from codegen.ecu_map.extend import TotalMap, extend
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder, render_manifest
 from codegen.emit.text import Precision
-from codegen.refmap import map as refmap
-from codegen.refmap.extend import TotalMap, extend
-from codegen.refmap.lookup import Lookup
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
+from codegen.map_file import map as refmap
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import solve_stack
 from codegen.sil.software import Measurement, Software, compile_build
 from tests import shared
 

@@ -23,8 +23,8 @@ from codegen.export import runs as exported
 from codegen.export.a2l.elf import Elf
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.tyre import import_tyres
+from codegen.map_file import map as npz
 from codegen.plausibility.build import folder_warnings
-from codegen.refmap import map as npz
 from codegen.report.html.inputs import read_files
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.sil.toolchain import compiler_command

@@ -114,7 +114,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 def plant(config_path: Path | None, **given: Any) -> None:
     """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
     from codegen.cli.bench_report import live_view
-    from codegen.refmap.choose import choose_config
+    from codegen.map_file.choose import choose_config
     from hil_sim.session import passive, run_plant
 
     chosen = Choices(**given)

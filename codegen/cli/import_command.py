@@ -123,7 +123,7 @@ def _refuse_options(options: dict[str, object], purpose: str) -> None:
 
 def _import_map(path: Path, output: Path, names: dict[str, str], units: str | None, rows: str | None, as_json: bool) -> None:
     from codegen.importing.maps import Choices, import_map
-    from codegen.refmap import map as npz
+    from codegen.map_file import map as npz
     from codegen.report.summary import map_summary, table
 
     axis = "vx" if rows == "vx" else "delta_f" if rows == "delta_f" else None

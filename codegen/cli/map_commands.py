@@ -22,7 +22,7 @@ from codegen.cli.values import (
 from codegen.errors import CheckFailed, CodegenError, within
 
 if TYPE_CHECKING:
-    from codegen.refmap.place import Request
+    from codegen.ecu_map.placement import Request
 
 
 @click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
@@ -74,12 +74,12 @@ def init(folder: Path, preset: str) -> None:
 def solve(config_path: Path | None, case: str, output: Path, method: str, friction_list: str | None, as_json: bool) -> None:
     """Solve the optimisation of one case on the configured grid and write the map."""
     from codegen.emit.outputs import check_output
+    from codegen.map_file import map as npz
+    from codegen.map_file.choose import choose_config
+    from codegen.optimum.solve import Method, solve_case
+    from codegen.optimum.stack import solve_stack
     from codegen.plausibility.car import Handling, car_warnings
     from codegen.plausibility.map import MapFacts, map_warnings
-    from codegen.refmap import map as npz
-    from codegen.refmap.choose import choose_config
-    from codegen.refmap.solve import Method, solve_case
-    from codegen.refmap.stack import solve_stack
     from codegen.report.summary import map_summary
 
     check_output(output, ".npz", (config_path,))
@@ -208,7 +208,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
             remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
             raise CodegenError("goes with chosen breakpoints alone", where="--storage", remedy=remedy)
         return None
-    from codegen.refmap.place import Request
+    from codegen.ecu_map.placement import Request
 
     words = [f"--max-error {max_error.words}"] if max_error else []
     words += [f"--max-flash {max_flash.words}"] if max_flash else []

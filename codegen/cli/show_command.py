@@ -13,7 +13,7 @@ from codegen.cli.values import configuration_file, map_file, picture_to_write
 from codegen.errors import CodegenError, MapError, within
 
 if TYPE_CHECKING:
-    from codegen.refmap.map import ReferenceMap
+    from codegen.map_file.map import ReferenceMap
 
 EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
 
@@ -34,8 +34,8 @@ EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --again
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
     """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
     from codegen.emit.outputs import check_output
+    from codegen.map_file import map as npz
     from codegen.plausibility.map import beyond_grip
-    from codegen.refmap import map as npz
     from codegen.report.summary import map_summary, table
 
     check_output(plot, ".png", (map_path, config_path, against))
@@ -79,8 +79,8 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
 
 def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: Path | None, as_json: bool) -> None:
     """What changes from one map to another."""
-    from codegen.refmap import map as npz
-    from codegen.refmap.slip_use import slip_use
+    from codegen.map_file import map as npz
+    from codegen.optimum.slip_use import slip_use
     from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
     from codegen.report.summary import table
 
@@ -122,9 +122,9 @@ def _show_flash(
     map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
 ) -> None:
     """What chosen breakpoints cost, for the kind of controller of the configuration."""
+    from codegen.ecu_map.placement_sweep import flash_table
     from codegen.emit.laws import law_of
-    from codegen.refmap.choose import choose_config
-    from codegen.refmap.place_sweep import flash_table
+    from codegen.map_file.choose import choose_config
     from codegen.report.flash import HEADER, flash_dict, flash_figure, flash_headline, flash_rows
     from codegen.report.summary import table
 

@@ -177,8 +177,8 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
 
 def _run_scenario(chosen: Choices) -> None:
     from codegen.cli.bench_report import Outputs, note_edited
+    from codegen.map_file import map as npz
     from codegen.plausibility.car import car_warnings
-    from codegen.refmap import map as npz
     from codegen.sil.software import load
     from hil_sim.scenario_files import with_settings
     from hil_sim.scenarios import find

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from codegen.configuration import Config
     from codegen.design.margins import Weakest
     from codegen.design.tune import Design
-    from codegen.refmap.map import ReferenceMap
+    from codegen.map_file.map import ReferenceMap
     from codegen.tuning.fail_safe import FailSafeRate
     from codegen.tuning.transient import Response
     from codegen.tuning.tune import Tuned
@@ -61,11 +61,11 @@ def tune(map_path: Path, config_path: Path | None, output: Path, as_json: bool) 
     """
     from codegen.design.margins import gains_of, weakest
     from codegen.emit.outputs import check_output
+    from codegen.map_file import map as npz
+    from codegen.map_file.choose import choose_config
     from codegen.plausibility.build import schedule_warnings
     from codegen.plausibility.car import car_warnings
     from codegen.plausibility.map import map_warnings
-    from codegen.refmap import map as npz
-    from codegen.refmap.choose import choose_config
     from codegen.tuning.tune import tune as tune_map
 
     check_output(output, ".npz", (config_path,))
@@ -152,7 +152,7 @@ def _trim_facts(made: Tuned, before: float) -> dict[str, Any]:
 
 
 def _trim_text(told: dict[str, Any]) -> str:
-    from codegen.refmap.model_excess import COARSE
+    from codegen.ecu_map.model_excess import COARSE
 
     speed, front_angle = told["excess_at_km_h"], told["excess_at_front_angle_deg"]
     place = f"{speed:.0f} km/h, {front_angle:.1f} deg, friction {told['excess_at_friction']:g}"
@@ -167,7 +167,7 @@ def _trim_text(told: dict[str, Any]) -> str:
 
 def _with_config(reference_map: ReferenceMap, config: Config) -> ReferenceMap:
     """The map with another configuration; the rest of its `meta` stays."""
-    from codegen.refmap.map import SCHEMA_VERSION
+    from codegen.map_file.map import SCHEMA_VERSION
 
     meta: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **reference_map.meta}
     meta["configuration"] = config.model_dump(mode="json")

@@ -1,7 +1,4 @@
-"""`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault.
-
-Layer 1: imports only `errors`, `files` and the modules of this package.
-"""
+"""`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The table `[budgets]` of `ars.toml`: what the generated code may take on a Cortex-M4F.
-
-Layer 1.
-"""
+"""The table `[budgets]` of `ars.toml`: what the generated code may take on a Cortex-M4F."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Which quantities are exchanged is fixed; where they lie in a frame and how they are scaled is the user's. Bit numbers are
 those of a DBC: for Intel byte order the start bit is that of the least significant bit, for Motorola that of the most
-significant one. Layer 1.
+significant one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The tables of `ars.toml` about the controller: its kinds, its gains, its inputs, and the limiter behind it.
-
-Layer 1.
-"""
+"""The tables of `ars.toml` about the controller: its kinds, its gains, its inputs, and the limiter behind it."""
 
 from __future__ import annotations
 

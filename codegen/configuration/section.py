@@ -1,7 +1,7 @@
 """Tables and numbers of `ars.toml`: what all sections share.
 
 Degrees and km/h exist only here and are turned into SI by the properties beside them. A value that no car can have is refused
-with the range and the unit, because a wrong unit is the usual cause. Layer 1.
+with the range and the unit, because a wrong unit is the usual cause.
 """
 
 from __future__ import annotations

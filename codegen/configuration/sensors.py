@@ -1,4 +1,4 @@
-"""The tables `[sensors]` of `ars.toml`: what the bench's sensors make of the car's motion where switched on. Layer 1."""
+"""The tables `[sensors]` of `ars.toml`: what the bench's sensors make of the car's motion where switched on."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From map and configuration to C. Layer 4: imports `errors`, `config`, `vehicle` and `refmap`."""
+"""From map and configuration to C."""

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.can_view import STATUSES, CanView
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.inputs_view import InputsView
@@ -17,7 +18,6 @@ from codegen.emit.map_view import MapView, TableView
 from codegen.emit.parameters import FieldView, ParameterView
 from codegen.emit.text import Precision
 from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
-from codegen.refmap.storage import RAW_MAX
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
 REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}

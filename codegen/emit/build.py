@@ -14,6 +14,9 @@ import numpy as np
 
 from codegen import __version__
 from codegen.configuration import KM_H, Config, check_name
+from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
+from codegen.ecu_map.lookup import error_bound
+from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.emit.a2l_view import a2l_view
 from codegen.emit.can_view import can_view, task_view
 from codegen.emit.checksum_view import ChecksumView, checksum_view
@@ -35,10 +38,7 @@ from codegen.emit.text import Precision, c_type, check_prefix, comment_text, lit
 from codegen.emit.write import Folder
 from codegen.emit.xcp_view import xcp_view
 from codegen.errors import BuildError
-from codegen.refmap.extend import RULE_TEXT, Rule, TotalMap, extend
-from codegen.refmap.lookup import error_bound
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.place import Placed, Request, choose
+from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
 TOOLS = ("casadi", "jinja2", "numpy", "scipy")

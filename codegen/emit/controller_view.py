@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.configuration import KM_H, Config
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
 from codegen.emit.parameters import (
     DEGREE,
@@ -23,8 +25,6 @@ from codegen.emit.parameters import (
     search_strides,
 )
 from codegen.emit.text import Precision, literal, numpy_type
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import Lookup
 
 INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""

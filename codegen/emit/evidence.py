@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from codegen.configuration import KM_H, Config
+from codegen.design.loss import MODES, LossOfFunction, loss_of_function, rounded
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Weakest, weakest
+from codegen.ecu_map.model_excess import Excess, asks_for_more, model_excess
+from codegen.ecu_map.storage import Real
+from codegen.ecu_map.total import TotalMap
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_cut import LimiterCut
-from codegen.refmap.loss import MODES, LossOfFunction, loss_of_function, rounded
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
-from codegen.refmap.storage import Real
-from codegen.refmap.total import TotalMap
+from codegen.map_file.map import ReferenceMap
 
 
 @dataclass(frozen=True)

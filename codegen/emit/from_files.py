@@ -6,15 +6,15 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
 from codegen.errors import within
-from codegen.refmap import archive
-from codegen.refmap import map as npz
-from codegen.refmap.choose import Chosen, choose_config
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.place import Request
+from codegen.map_file import archive
+from codegen.map_file import map as npz
+from codegen.map_file.choose import Chosen, choose_config
+from codegen.map_file.map import ReferenceMap
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
 LEAST_RAD = 1e-6

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H
+from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.lookup import AxisConstants, Lookup, SteeringConstants
+from codegen.ecu_map.storage import raw_of
 from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
-from codegen.refmap.axis import Axis
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import AxisConstants, Lookup, SteeringConstants
-from codegen.refmap.storage import raw_of
-from codegen.refmap.tables import PLAUSIBLE
+from codegen.map_file.tables import PLAUSIBLE
 
 MAGNITUDE = "turned"
 """An argument that is never negative."""

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from codegen.refmap.place import Placed, Request
-from codegen.refmap.place_ground import GAP_POINTS
-from codegen.refmap.total import TotalMap
+from codegen.ecu_map.placement import Placed, Request
+from codegen.ecu_map.reference_surface import GAP_POINTS
+from codegen.ecu_map.total import TotalMap
 
 AGAINST = {
     "optimum": "the optimum, solved anew at every point",

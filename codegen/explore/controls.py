@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from codegen.configuration import KM_H, Config, parse
 from codegen.configuration.section import Range
 from codegen.errors import CodegenError, ConfigError
-from codegen.refmap.road import on_road
+from codegen.map_file.road import on_road
 
 Group = Literal["map", "controller", "step"]
 Values = Mapping[str, float]

@@ -11,17 +11,17 @@ from typing import Any, Self, TypeVar
 
 from codegen import configuration
 from codegen.configuration import KM_H, Config
+from codegen.ecu_map.extend import TotalMap, extend
 from codegen.emit.laws import law_of
 from codegen.errors import MapError, within
 from codegen.explore import picture
 from codegen.explore.controls import Control, Step, apply, checked, controls_of
 from codegen.explore.picture import Data, FloatArray
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.map_file import map as npz
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
-from codegen.refmap import map as npz
-from codegen.refmap.extend import TotalMap, extend
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
 
 __all__ = ["Explorer", "opened"]
 

@@ -16,13 +16,13 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config
 from codegen.design.family import members
 from codegen.design.margins import Margins, concatenate, family_margins, margin_speeds, nominal_margins
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import law_of
 from codegen.explore.controls import Step
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.map_file.map import ReferenceMap
 from codegen.plausibility.build import family_warnings
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import Lookup
-from codegen.refmap.map import ReferenceMap
 from codegen.report.html import charts
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import GREY, phase_lines

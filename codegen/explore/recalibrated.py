@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
+from codegen.ecu_map.extend import TotalMap, extend
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
@@ -27,9 +29,7 @@ from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.parameters import ParameterView
 from codegen.errors import BuildError
-from codegen.refmap.extend import TotalMap, extend
-from codegen.refmap.lookup import Lookup
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.compile import DEFAULT_FLAGS, Library, compile_library
 from codegen.sil.software import Software, bench_sources

@@ -1,4 +1,4 @@
 """What comes in: maps from MATLAB files and text tables, tyres from tyre property files.
 
-Layer 4: imports `errors`, `files`, `config`, `vehicle` and `refmap`.
+Layers: see `tests/test_layers.py`.
 """

@@ -16,8 +16,8 @@ from codegen.importing import mat, plausible, quantities
 from codegen.importing.quantities import FACTORS, LOGICAL, QUANTITIES
 from codegen.importing.source import ImportFault, Source, read
 from codegen.importing.table import Axis, RawMap, read_table
-from codegen.refmap.map import SCHEMA_VERSION, ReferenceMap, from_arrays
-from codegen.refmap.tables import UNITS
+from codegen.map_file.map import SCHEMA_VERSION, ReferenceMap, from_arrays
+from codegen.map_file.tables import UNITS
 
 FloatArray = npt.NDArray[np.float64]
 

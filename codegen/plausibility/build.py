@@ -14,10 +14,10 @@ import numpy as np
 from codegen.configuration import KM_H, Config
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
 from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins
+from codegen.ecu_map.model_excess import COARSE
 from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
 from codegen.emit.laws import is_untuned, law_of
 from codegen.plausibility.map import cut_warning
-from codegen.refmap.model_excess import COARSE
 
 TRIM_WARNING_FACTOR = 2.0
 """Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""

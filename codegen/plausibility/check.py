@@ -9,12 +9,12 @@ from typing import Any, Literal
 from codegen import configuration
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
+from codegen.map_file import map as npz
+from codegen.map_file.choose import choose_config
+from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import build_warnings, folder_warnings, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.map import MapFacts, map_warnings
-from codegen.refmap import map as npz
-from codegen.refmap.choose import choose_config
-from codegen.refmap.solve import solve_case
 
 Kind = Literal["configuration", "map", "build"]
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.errors import MapError
-from codegen.refmap.map import Binding, ReferenceMap
-from codegen.refmap.slip_use import slip_use
+from codegen.map_file.map import Binding, ReferenceMap
+from codegen.optimum.slip_use import slip_use
 from codegen.vehicle.single_track import SingleTrack
 
 BoolArray = npt.NDArray[np.bool_]

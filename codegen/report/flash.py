@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from codegen.refmap.place_error import MeasuredError
-from codegen.refmap.place_sweep import WAYS, FlashPoint, FlashTable
+from codegen.ecu_map.placement_error import MeasuredError
+from codegen.ecu_map.placement_sweep import WAYS, FlashPoint, FlashTable
 from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 
 if TYPE_CHECKING:

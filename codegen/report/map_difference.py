@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H
 from codegen.errors import MapError
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.slip_use import ABOVE, SlipUse, slip_use
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.slip_use import ABOVE, SlipUse, slip_use
 from codegen.report.summary import BINDING_NAMES, TYRE, map_summary
 
 FloatArray = npt.NDArray[np.float64]

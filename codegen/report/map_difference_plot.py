@@ -9,8 +9,8 @@ import numpy as np
 
 from codegen.configuration import KM_H
 from codegen.errors import one_line
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.slip_use import ABOVE, SlipUse
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.slip_use import ABOVE, SlipUse
 from codegen.report.map_difference import on_axes_of
 from codegen.report.style import (
     BLACK,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, preset
-from codegen.refmap.map import Binding, ReferenceMap
+from codegen.map_file.map import Binding, ReferenceMap
 from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.style import (
     BLACK,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.configuration import Config
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.report.run_plots import YAW_RATE_SIGNAL, column, draw_signal, looks_of, run_handles, run_window
 from codegen.report.style import (
     FRONT_ANGLE_LABEL,

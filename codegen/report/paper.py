@@ -20,9 +20,9 @@ from codegen.emit.from_files import prepare
 from codegen.emit.write import write_folder
 from codegen.errors import CheckFailed
 from codegen.files import make_folder, write_atomically
-from codegen.refmap import map as npz
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file import map as npz
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.report import plots
 from codegen.report.fault_table import fault_data
 from codegen.report.html.maps import NamedMap

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.configuration import KM_H, Config
-from codegen.refmap.turns import turns_of
+from codegen.optimum.turns import turns_of
 from codegen.report.published import PAPER_GAINS, PAPER_RUNS, PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from hil_sim.metrics import StepMetrics
 

@@ -1,6 +1,6 @@
 """The figures, all in one place: maps, cuts through them, tyres, runs, the overview. Each function returns a Matplotlib Figure.
 
-On paper degrees and km/h, SI inside. Layer: above `refmap` and `sil`.
+On paper degrees and km/h, SI inside.
 """
 
 from codegen.report.map_difference_plot import map_difference_figure

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from codegen.configuration import KM_H
 from codegen.errors import CodegenError, one_line
 from codegen.files import write_atomically
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

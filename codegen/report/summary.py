@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.configuration import KM_H
-from codegen.refmap.map import Binding, ReferenceMap
+from codegen.map_file.map import Binding, ReferenceMap
 
 if TYPE_CHECKING:
     from hil_sim.metrics import Evaluation

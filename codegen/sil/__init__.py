@@ -1,1 +1,1 @@
-"""Software in the loop: the generated C, compiled and called from Python. Layer 5."""
+"""Software in the loop: the generated C, compiled and called from Python."""

@@ -1,4 +1,4 @@
-"""Many closed loops at once: cars, disturbances and noise differ, the scenario and the controller's C are shared. Layer 5.
+"""Many closed loops at once: cars, disturbances and noise differ, the scenario and the controller's C are shared.
 
 The two-track plant of `BATCH_LANES` runs is computed together, by vector instructions where compiler and machine have them; the
 controller of each run is the C of the build, called once a sample. A run gives the same bits in whatever company it is.

@@ -1,4 +1,4 @@
-"""The C of the batch: many closed loops at once around the controller of a build. Layer 5."""
+"""The C of the batch: many closed loops at once around the controller of a build."""
 
 from __future__ import annotations
 

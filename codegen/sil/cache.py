@@ -1,4 +1,4 @@
-"""Where compiled files are kept. Layer 5: of the project it imports only `errors`."""
+"""Where compiled files are kept."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""cffi's declarations (`cdef`), derived from the real headers by the compiler's own preprocessor: they cannot drift apart.
-
-Layer 5: of the project it imports only `errors`, and `toolchain` beside it.
-"""
+"""cffi's declarations (`cdef`), derived from the real headers by the compiler's own preprocessor: they cannot drift apart."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from them. Two ways to load:
 - API mode: the C and the glue that cffi writes become a Python extension; the C compiler checks every declaration.
 - ABI mode, where Python's headers are not installed: the C becomes a plain shared library, opened with `ffi.dlopen`.
 
-cffi releases the GIL around every call in both. Layer 5: of the project it imports only `errors`, and its neighbours here.
+cffi releases the GIL around every call in both.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The simulated car in compiled C, without a controller. Layer 5."""
+"""The simulated car in compiled C, without a controller."""
 
 from __future__ import annotations
 

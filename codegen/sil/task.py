@@ -1,4 +1,4 @@
-"""The Python face of the generated cyclic task: frames in, one frame out. Layer 5."""
+"""The Python face of the generated cyclic task: frames in, one frame out."""
 
 from __future__ import annotations
 

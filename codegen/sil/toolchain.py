@@ -1,7 +1,4 @@
-"""The user's C compiler: found, identified, run, and its first error told in one line.
-
-Layer 5: of the project it imports only `errors`.
-"""
+"""The user's C compiler: found, identified, run, and its first error told in one line."""
 
 from __future__ import annotations
 

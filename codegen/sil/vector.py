@@ -1,4 +1,4 @@
-"""Which vector instructions the compiler can use for the batch, and this machine can run. Layer 5.
+"""Which vector instructions the compiler can use for the batch, and this machine can run.
 
 Vectors need GCC and a GNU C library that has sin, cos and atan for them (libmvec; atan since 2.35).
 """

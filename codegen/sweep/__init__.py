@@ -1,4 +1,4 @@
-"""Campaigns: the closed loop in C over thousands of cars, roads and manoeuvres. Layer 7, above the bench and below the report.
+"""Campaigns: the closed loop in C over thousands of cars, roads and manoeuvres.
 
 `spec` (what is varied) -> `plan` (runs by number) -> `lanes` (numbers of the plant) -> `chunk` (a batch in C, its figures)
 -> `campaign` (chunks by any engine, into one Parquet file) -> `summary`.

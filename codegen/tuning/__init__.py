@@ -1,1 +1,1 @@
-"""Everything that `codegen tune` determines for the controller of a map. Layer 5, above `sil`."""
+"""Everything that `codegen tune` determines for the controller of a map."""

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
-from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.problem import breakpoints
-from codegen.refmap.turns import turns_of
+from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.problem import breakpoints
+from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.tuning.transient import family_of, unit_step

@@ -19,11 +19,11 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
+from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
 from codegen.emit.build import BuildInputs, BuildOptions, build
-from codegen.refmap.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.problem import breakpoints
-from codegen.refmap.turns import turns_of
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.problem import breakpoints
+from codegen.optimum.turns import turns_of
 from codegen.sil.batch import BatchSoftware, Lanes, compile_batch
 from codegen.sil.closed_loop import INPUT_COLUMNS
 from codegen.vehicle.plant_car import PLANT_PARAMETERS, varied_cars

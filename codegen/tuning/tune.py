@@ -10,9 +10,9 @@ from typing import Any
 from codegen.configuration import Config, parse
 from codegen.configuration.controller import TRIM_MAX_PERCENT
 from codegen.design.tune import Design, design
-from codegen.refmap.extend import extend
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.model_excess import Excess, asks_for_more, model_excess
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.model_excess import Excess, asks_for_more, model_excess
+from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import BatchSoftware
 from codegen.tuning.fail_safe import FailSafeRate, tune_fail_safe
 from codegen.tuning.transient import Response, compile_controller, tune_response, with_response

@@ -1,1 +1,1 @@
-"""Tyres and vehicle models. Layer 2: imports `errors` and `config`."""
+"""Tyres and vehicle models."""

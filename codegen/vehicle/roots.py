@@ -1,4 +1,4 @@
-"""The root of a function of one number. Layer 2: imports nothing, so that it adds nothing to the start of a command."""
+"""The root of a function of one number."""
 
 from __future__ import annotations
 

@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 
 from codegen import __version__
 from codegen.configuration import KM_H, Config
+from codegen.ecu_map.total import Rule
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
 from codegen.errors import one_line
-from codegen.refmap.total import Rule
 from codegen.verify.check import Outcome, Verdict
 from codegen.verify.runner import CHECKS, Report
 

@@ -2,7 +2,7 @@
 
 The breakpoints come from the manifest, the numbers of the tables and the caps from the C text: any table may stand there. So
 does the car whose steering goes with a capped yaw rate, where it is not the manifest's. What the generated lookup makes of them
-is computed by `codegen.refmap.lookup`, which knows nothing of the C.
+is computed by `codegen.ecu_map.lookup`, which knows nothing of the C.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.lookup import AxisConstants, GripConstants, Lookup, Real, SteeringConstants
+from codegen.ecu_map.total import CapSteering
 from codegen.emit.laws import LAWS
 from codegen.emit.text import numpy_type
 from codegen.errors import BuildError
-from codegen.refmap.axis import Axis
-from codegen.refmap.lookup import AxisConstants, GripConstants, Lookup, Real, SteeringConstants
-from codegen.refmap.stack import roads
-from codegen.refmap.total import CapSteering
+from codegen.optimum.stack import roads
 from codegen.verify.check import Subject
 
 Numbers = npt.NDArray[Any]

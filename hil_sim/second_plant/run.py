@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Measurement, Software, Status
 from hil_sim import manoeuvres

@@ -12,9 +12,9 @@ from codegen.emit.laws import LAWS, is_untuned
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
 from codegen.errors import BuildError, ConfigError, within
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import solve_stack
 from hil_sim.suite.subjects import (
     Build,
     Subject,

@@ -12,7 +12,7 @@ from typing import Any
 
 from codegen.configuration import Config
 from codegen.errors import CodegenError
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.background import Background
 from hil_sim.suite.candidate import RECOMMENDED_CASE, Steps

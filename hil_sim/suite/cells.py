@@ -10,8 +10,8 @@ import numpy as np
 
 from codegen.configuration import KM_H, Case, Config
 from codegen.errors import CodegenError
-from codegen.refmap.problem import breakpoints
-from codegen.refmap.turns import turns_of
+from codegen.optimum.problem import breakpoints
+from codegen.optimum.turns import turns_of
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.scenarios import Scenario

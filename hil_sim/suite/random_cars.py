@@ -1,6 +1,6 @@
 """Plausible cars drawn from a seed, with the recommended controller: from a small car to a van with any sensible tyres.
 
-The draw of `tests/refmap/cars.py` is wider on purpose: it asks the solvers for cars that nobody would build.
+The draw of `tests/optimum/cars.py` is wider on purpose: it asks the solvers for cars that nobody would build.
 """
 
 from __future__ import annotations

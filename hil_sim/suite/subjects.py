@@ -15,8 +15,8 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
-from codegen.refmap import map as npz
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file import map as npz
+from codegen.map_file.map import ReferenceMap
 from codegen.sil.batch import BatchSoftware, compile_batch
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
 from codegen.sil.software import Software, compile_build, require_can_side

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from codegen.configuration import KM_H, Config
 from codegen.emit.laws import LAWS
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.sil.software import Software
 from hil_sim.suite.cells import Cell
 from hil_sim.suite.runs import CellResult, judge

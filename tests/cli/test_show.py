@@ -10,8 +10,8 @@ import pytest
 
 from codegen import configuration
 from codegen.cli.values import memory_size, yaw_rate_error
-from codegen.refmap import map as npz
-from codegen.refmap.solve import solve_case
+from codegen.map_file import map as npz
+from codegen.optimum.solve import solve_case
 from tests import shared
 
 from .conftest import Run

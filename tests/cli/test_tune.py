@@ -8,8 +8,8 @@ import pytest
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.design.margins import gains_of, weakest
-from codegen.refmap import map as npz
-from codegen.refmap.solve import solve_case
+from codegen.map_file import map as npz
+from codegen.optimum.solve import solve_case
 
 from .conftest import Run, edit, everything_in
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from codegen.configuration import Config, Schedule, parse
-from codegen.refmap.map import load
+from codegen.map_file.map import load
 
 SMALL_FAMILY = {"actuator_lag_s": [0.05], "mass_percent": [0.0], "stiffness_percent": [-20.0, 15.0]}
 SMALL_FAMILY |= {"relaxation_length_m": [0.0, 0.6], "speed_km_h": [15.0, 42.5, 80.0, 120.0]}

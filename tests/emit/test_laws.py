@@ -12,11 +12,11 @@ from codegen.emit.folder import Folder
 from codegen.emit.laws import LAWS, law_of, schedule_of
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.sil.toolchain import compiler_command
 from tests import builds
 from tests.emit.rendered import laid_out
-from tests.refmap.cars import PAPER, changed
+from tests.optimum.cars import PAPER, changed
 
 
 def tracking(**keys: Any) -> Config:

@@ -10,8 +10,8 @@ from codegen import configuration
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
+from codegen.optimum.solve import solve_case
 from codegen.plausibility.car import car_warnings
-from codegen.refmap.solve import solve_case
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.plants import changed
 

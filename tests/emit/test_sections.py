@@ -6,7 +6,7 @@ from pathlib import Path
 from elftools.elf.elffile import ELFFile
 
 from codegen.emit.write import write_folder
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.sil.toolchain import compiler_command
 from tests import builds
 

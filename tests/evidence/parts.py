@@ -123,7 +123,7 @@ def hash_of(files: Iterable[Path], root: Path = ROOT) -> str:
 C = ("generated/4ws2*/include/*", "generated/4ws2*/src/*")
 CONFIG = ("codegen/configuration/**/*",)
 """The configuration. It reaches the committed C through `generated` alone, so the parts about that C leave it out."""
-MAPS = ("codegen/refmap/**/*", "codegen/vehicle/**/*", *CONFIG)
+MAPS = ("codegen/map_file/*", "codegen/optimum/*", "codegen/ecu_map/*", "codegen/vehicle/**/*", *CONFIG)
 GENERATOR = ("templates/**/*", "codegen/emit/**/*", *MAPS)
 TUNING = ("codegen/design/*", "codegen/tuning/*")
 COMMANDS = ("codegen/*.py", "codegen/[!e]*/**/*", "codegen/ex*/**/*", "hil_sim/**/*")

@@ -15,7 +15,7 @@ from codegen.configuration import Config, parse
 from codegen.explore.explorer import Explorer
 from codegen.explore.server import ExploreServer
 from codegen.explore.toml_file import Target, preset_bases
-from codegen.refmap import map as npz
+from codegen.map_file import map as npz
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"
 KINDS = {"pi": "4ws2-paper", "tracking": "4ws2"}

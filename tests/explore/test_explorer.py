@@ -12,9 +12,9 @@ from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.laws import law_of
 from codegen.explore.controls import start_values
 from codegen.explore.explorer import Explorer
-from codegen.refmap.map import Binding
-from codegen.refmap.road import on_road
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import Binding
+from codegen.map_file.road import on_road
+from codegen.optimum.solve import solve_case
 from codegen.sil.closed_loop import ClosedLoop
 from codegen.sil.software import compile_build
 from hil_sim.scenarios import SCENARIOS

@@ -15,7 +15,7 @@ import pytest
 from codegen.errors import BuildError
 from codegen.export.a2l.elf import Elf
 from codegen.export.a2l.fill import Filled, fill
-from codegen.refmap import map as refmap
+from codegen.map_file import map as refmap
 from codegen.sil.toolchain import compiler_command
 
 GENERATED = Path(__file__).resolve().parents[2] / "generated"

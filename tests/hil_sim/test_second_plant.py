@@ -15,8 +15,8 @@ import pytest
 
 from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Status
 from codegen.vehicle.tyre import AxleTyres

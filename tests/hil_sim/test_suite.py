@@ -13,8 +13,8 @@ import pytest
 
 from codegen.configuration import KM_H, Config
 from codegen.errors import CodegenError, ConfigError
-from codegen.refmap import exact
-from codegen.refmap.problem import SteadyTurnProblem
+from codegen.optimum import exact
+from codegen.optimum.problem import SteadyTurnProblem
 from codegen.vehicle.dynamics import single_track
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres

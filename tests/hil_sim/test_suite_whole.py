@@ -18,8 +18,8 @@ from codegen import configuration
 from codegen.configuration import Config, Kind
 from codegen.emit.write import write_folder
 from codegen.errors import BuildError, CodegenError, ConfigError
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.stack import solve_stack
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.stack import solve_stack
 from hil_sim import second_plant
 from hil_sim.suite import candidate, third_party, whole
 from hil_sim.suite.background import Background

@@ -20,7 +20,7 @@ from codegen.importing import mat
 from codegen.importing.maps import Choices, import_map
 from codegen.importing.source import MIB, ImportFault, Source, read
 from codegen.importing.table import read_table
-from codegen.refmap import map as npz
+from codegen.map_file import map as npz
 from tests.cli.conftest import Run
 
 COMMITTED = Path(__file__).resolve().parents[2] / "generated" / "4ws2-paper.npz"

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Config, preset
+from codegen.map_file import map as npz
+from codegen.optimum.solve import solve_case
 from codegen.plausibility.build import schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.check import check_path
 from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
-from codegen.refmap import map as npz
-from codegen.refmap.solve import solve_case
 from hil_sim.suite.plants import changed
 from hil_sim.suite.random_cars import TEST_SEED, random_cars
 

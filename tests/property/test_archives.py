@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from codegen.errors import CodegenError, MapError
-from codegen.refmap import map as refmap
-from codegen.refmap.map import FrictionLayer, ReferenceMap
+from codegen.map_file import map as refmap
+from codegen.map_file.map import FrictionLayer, ReferenceMap
+from tests.map_file.test_map import npy, packed, solved_arrays
 from tests.property.guard import MEMORY_MAX, bounded
-from tests.refmap.test_map import npy, packed, solved_arrays
 
 ARRAYS = solved_arrays()
 PLAIN = ("vx", "delta_f", "yaw_rate")

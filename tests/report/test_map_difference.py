@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.nonlinear_map import nonlinear
 from codegen.errors import MapError
-from codegen.refmap.map import Binding, ReferenceMap, from_arrays
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import Binding, ReferenceMap, from_arrays
+from codegen.optimum.solve import solve_case
 from codegen.report.map_difference import interpolated, map_difference, on_axes_of
 from tests import shared
 from tests.report.test_plots import CONFIG

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from scipy.interpolate import RegularGridInterpolator
 
 from codegen import configuration
-from codegen.refmap.map import Binding, ReferenceMap
-from codegen.refmap.slip_use import slip_use
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import Binding, ReferenceMap
+from codegen.optimum.slip_use import slip_use
+from codegen.optimum.solve import solve_case
 from codegen.report import plots, run_plots, style, tyre_plots
 from codegen.report.summary import binding_text
 from codegen.sil.software import RECORD_COLUMNS

@@ -14,14 +14,14 @@ import numpy as np
 
 from codegen import configuration
 from codegen.configuration import Config, Kind
+from codegen.ecu_map.extend import TotalMap, extend
+from codegen.ecu_map.placement import Placed, Request
+from codegen.ecu_map.placement_error import MeasuredError
+from codegen.ecu_map.storage import Scales, raw_of, values_of
+from codegen.ecu_map.total import GripTable
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder, render_manifest
-from codegen.refmap import map as refmap
-from codegen.refmap.extend import TotalMap, extend
-from codegen.refmap.place import Placed, Request
-from codegen.refmap.place_error import MeasuredError
-from codegen.refmap.storage import Scales, raw_of, values_of
-from codegen.refmap.total import GripTable
+from codegen.map_file import map as refmap
 from codegen.sil.software import Software
 from codegen.sil.toolchain import compiler_command
 from codegen.verify.check import Subject

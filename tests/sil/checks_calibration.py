@@ -10,9 +10,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.refmap.axis import Axis
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import AxisConstants, Lookup
+from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.lookup import AxisConstants, Lookup
 from codegen.sil.compile import Library
 
 RANGES = {

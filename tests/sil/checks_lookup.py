@@ -12,8 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.storage import raw_of
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.storage import raw_of
 from tests.builds import Built
 
 RealArray = npt.NDArray[Any]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from codegen.refmap.extend import CapSteering, TotalMap
-from codegen.refmap.lookup import cap_in_precision, error_bound
-from codegen.refmap.total import GripTable
+from codegen.ecu_map.extend import CapSteering, TotalMap
+from codegen.ecu_map.lookup import cap_in_precision, error_bound
+from codegen.ecu_map.total import GripTable
 from tests.sil.checks_lookup import finite_points
 from tests.sil.units import Units
 

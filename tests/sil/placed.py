@@ -7,14 +7,14 @@ from unittest import mock
 
 from benchmarks.nonlinear_map import nonlinear
 from codegen.configuration import Kind
+from codegen.ecu_map import placement_grip as place_grip
+from codegen.ecu_map.placement import Placed, Request, choose
+from codegen.ecu_map.storage import Storage
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.text import Precision
-from codegen.refmap import place_grip
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.place import Placed, Request, choose
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
-from codegen.refmap.storage import Storage
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import solve_stack
 from tests import builds, shared
 from tests.sil.case import Case, compiled, made_case
 from tests.sil.checks_lookup import check_map_functions, numbers_of

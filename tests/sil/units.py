@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
+from codegen.ecu_map.extend import TotalMap
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision, c_type, numpy_type
-from codegen.refmap.extend import TotalMap
-from codegen.refmap.lookup import Lookup
 from codegen.sil.compile import Library
 
 RealArray = npt.NDArray[Any]

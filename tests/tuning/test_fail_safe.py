@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from codegen.configuration import KM_H
-from codegen.refmap.turns import turns_of
+from codegen.optimum.turns import turns_of
 from codegen.sil.plant import Plant, PlantInput
 from codegen.sil.software import Measurement
 from codegen.tuning import fail_safe

@@ -5,13 +5,13 @@ from typing import Any
 
 from codegen import configuration
 from codegen.configuration import Config, Kind
+from codegen.ecu_map.placement import Request
 from codegen.emit.build import BuildInputs, BuildOptions, build
 from codegen.emit.folder import Folder
 from codegen.emit.text import Precision
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.place import Request
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import solve_stack
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import solve_stack
 from codegen.sil.software import Software, compile_build
 from tests import shared
 from tests.builds import SCHEDULE, UNEVEN_ANGLE, UNEVEN_SPEED, altered_folder

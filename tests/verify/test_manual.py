@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.refmap.map import from_arrays
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import from_arrays
+from codegen.optimum.solve import solve_case
 from codegen.verify import manual
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.runner import CHECKS, Report

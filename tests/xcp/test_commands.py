@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from codegen.refmap.extend import extend
-from codegen.refmap.map import load
+from codegen.ecu_map.extend import extend
+from codegen.map_file.map import load
 from tests import builds
 from tests.xcp.slave import BUILD, CALIBRATION, COMMANDS, MEASUREMENTS, Slave, dword, packet, word
 

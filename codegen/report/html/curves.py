@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration import KM_H, Config
-from codegen.refmap.turns import turns_of
+from codegen.optimum.turns import turns_of
 from codegen.report.html.blocks import INK, MUTED, Chart, Gallery
 from codegen.report.html.charts import axis, layout, line
 from codegen.report.html.maps import SPEED

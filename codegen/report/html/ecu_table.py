@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.total import RULE_TEXT, Rule
 from codegen.emit.manifest import read_build
-from codegen.refmap.extend import extend
-from codegen.refmap.total import RULE_TEXT, Rule
 from codegen.report.html.blocks import Chart, Table
 from codegen.report.html.charts import axis, cell_edges, layout, patches
 from codegen.report.html.maps import FRONT_ANGLE, SPEED, NamedMap, category_trace
@@ -62,7 +62,7 @@ def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
 
 
 def extended(one: NamedMap, config: Config, build: Path | None = None) -> tuple[Chart, Table]:
-    """The table of the ECU: which cells were solved, and by which rule the others were made (`codegen.refmap.total`)."""
+    """The table of the ECU: which cells were solved, and by which rule the others were made (`codegen.ecu_map.total`)."""
     total = _cells(one, config, build)
     rules = [rule for rule in Rule if (total.rule == rule.value).any()]
     codes = np.zeros(total.rule.shape, dtype=np.uint8)

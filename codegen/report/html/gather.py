@@ -12,8 +12,8 @@ from codegen.configuration import Config
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError, within
-from codegen.refmap import map as npz
-from codegen.refmap.choose import choose_config
+from codegen.map_file import map as npz
+from codegen.map_file.choose import choose_config
 from codegen.report.fault_table import fault_data
 from codegen.report.html.handling import HANDLING, RESPONSE
 from codegen.report.html.inputs import Files, read_files

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H
-from codegen.refmap.map import ReferenceMap
+from codegen.map_file.map import ReferenceMap
 from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
 from codegen.report.html.charts import (
     axis,

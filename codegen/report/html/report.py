@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.emit.evidence import margins_of, margins_text
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.report.fault_table import HEADER, FaultEntry, fault_cells
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps

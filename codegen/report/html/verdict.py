@@ -14,10 +14,10 @@ from codegen.emit.evidence import margins_of
 from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
+from codegen.map_file.map import ReferenceMap
 from codegen.plausibility.build import build_warnings, folder_warnings, schedule_warnings
 from codegen.plausibility.car import Handling, car_warnings
 from codegen.plausibility.map import map_warnings
-from codegen.refmap.map import ReferenceMap
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles

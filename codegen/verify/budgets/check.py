@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from codegen.configuration.budgets import MapShape
+from codegen.ecu_map.axis import Axis
 from codegen.errors import BuildError
-from codegen.refmap.axis import Axis
 from codegen.verify.budgets.bounded_loops import complaints
 from codegen.verify.budgets.cycles import REFILL
 from codegen.verify.budgets.measure import NOT_SINGLE, measure

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from codegen.refmap.lookup import Lookup
+from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.limiter import SecondLimiter, clip

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.refmap.lookup import Lookup
+from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import NUMBERS
 

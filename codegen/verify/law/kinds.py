@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from codegen.configuration import Config
-from codegen.refmap.lookup import Lookup
+from codegen.ecu_map.lookup import Lookup
 from codegen.verify.law.controller import SecondController, SecondFeedforward, SecondPi, SecondProportional
 from codegen.verify.law.tracking import Road, SecondTracking
 

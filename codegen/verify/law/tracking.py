@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
-from codegen.refmap.lookup import Lookup
 from codegen.sil.software import Measurement
 from codegen.verify.law.controller import SecondController
 from codegen.verify.law.inputs import Quality

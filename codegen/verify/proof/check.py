@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
+from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.laws import LAWS
 from codegen.emit.map_view import FRONT_ANGLE_TOP, SPEED_TOP, TABLE_RANGES
 from codegen.errors import BuildError
-from codegen.refmap.storage import RAW_MAX
 from codegen.verify.check import Effort, Outcome, Subject, Verdict
 from codegen.verify.map_reference import lookup_of
 from codegen.verify.packages import MissingTool, module

@@ -15,10 +15,10 @@ from typing import Any, cast
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import LAWS
 from codegen.emit.text import Precision
 from codegen.errors import BuildError
-from codegen.refmap.lookup import Lookup
 from codegen.sil.software import RECORD_COLUMNS, Software, Status
 from codegen.sil.toolchain import compiler_command
 from codegen.verify import suites

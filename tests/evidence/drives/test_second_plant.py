@@ -8,8 +8,8 @@ import pytest
 
 from codegen import configuration
 from codegen.configuration import KM_H, Config
-from codegen.refmap.map import ReferenceMap
-from codegen.refmap.solve import solve_case
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum.solve import solve_case
 from codegen.sil.plant import PlantInput, PlantSample
 from codegen.vehicle.single_track import SingleTrack
 from hil_sim.metrics import column, spin_time

@@ -7,7 +7,7 @@ from itertools import pairwise
 from codegen.emit.dynamics_view import SPEED_MIN
 from codegen.emit.reference_model_view import tabulate
 from codegen.errors import BuildError
-from codegen.refmap.problem import breakpoints
+from codegen.optimum.problem import breakpoints
 from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 from tests.evidence.exhaustive.claim import Claim, Source, edges, number
 from tests.evidence.exhaustive.claims_control import between

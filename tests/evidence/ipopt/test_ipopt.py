@@ -11,12 +11,12 @@ import numpy.typing as npt
 import pytest
 
 from codegen.configuration import Case, Config
-from codegen.refmap import exact, ipopt
-from codegen.refmap.exact import Solution
-from codegen.refmap.map import Binding
-from codegen.refmap.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
-from codegen.refmap.stack import solve_stack
-from tests.refmap.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
+from codegen.map_file.map import Binding
+from codegen.optimum import exact, ipopt
+from codegen.optimum.exact import Solution
+from codegen.optimum.problem import BINDING_TOLERANCE, SteadyTurnProblem, breakpoints
+from codegen.optimum.stack import solve_stack
+from tests.optimum.cars import CASE, PAPER, SteadyModel, changed, check_against_scan, random_config
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from codegen.sil.closed_loop import INPUT_COLUMNS, ClosedLoop
 from codegen.sil.software import RECORD_COLUMNS, Software, compile_build
 from codegen.vehicle.tyre import AxleTyres
 from tests import builds
-from tests.refmap.cars import PAPER, nonlinear, nonlinear_map
-from tests.refmap.test_nonlinear import (
+from tests.optimum.cars import PAPER, nonlinear, nonlinear_map
+from tests.optimum.test_nonlinear import (
     built,
     tracking,
     with_car,

@@ -9,18 +9,17 @@ import pytest
 
 from codegen.configuration import Config, preset
 from codegen.design.tune import design
+from codegen.ecu_map.axis import Axis
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.lookup import Lookup
+from codegen.ecu_map.model_excess import model_excess
+from codegen.ecu_map.placement import Maker, Target
+from codegen.ecu_map.reference_surface import ground_of
 from codegen.errors import BuildError
-from codegen.refmap.axis import Axis
-from codegen.refmap.extend import extend
-from codegen.refmap.lookup import Lookup
-from codegen.refmap.map import load
-from codegen.refmap.model_excess import model_excess
-from codegen.refmap.place import Maker, Target
-from codegen.refmap.place_ground import ground_of
-from codegen.refmap.solve import solve_case
-from codegen.refmap.stack import layer_configs, solve_stack
-from tests.refmap.cars import CASE, PAPER, changed, nonlinear, nonlinear_map, paper_map, random_config
-from tests.refmap.placing import (
+from codegen.map_file.map import load
+from codegen.optimum.solve import solve_case
+from codegen.optimum.stack import layer_configs, solve_stack
+from tests.ecu_map.placements import (
     COARSE,
     FINE,
     ROUNDING,
@@ -32,8 +31,9 @@ from tests.refmap.placing import (
     rear_angle_error,
     truth_of,
 )
-from tests.refmap.test_nonlinear import tracking, with_car
-from tests.refmap.test_place import BARE_BOUND, bare
+from tests.ecu_map.test_placement import BARE_BOUND, bare
+from tests.optimum.cars import CASE, PAPER, changed, nonlinear, nonlinear_map, paper_map, random_config
+from tests.optimum.test_nonlinear import tracking, with_car
 
 HALF_DEGREE = math.radians(0.5)
 LONG = pytest.mark.long

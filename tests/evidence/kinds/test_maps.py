@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from codegen.configuration import Kind
+from codegen.ecu_map.storage import RAW_MAX, Storage
 from codegen.emit.text import Precision
-from codegen.refmap.storage import RAW_MAX, Storage
 from codegen.sil.software import compile_build
 from tests import builds
 from tests.sil.case import case

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from codegen import configuration
+from codegen.ecu_map.placement import Request
 from codegen.emit.folder import Folder
-from codegen.refmap.place import Request
-from codegen.refmap.solve import solve_case
+from codegen.optimum.solve import solve_case
 from codegen.verify.check import Effort, Verdict
 from codegen.verify.runner import CHECKS
 from tests.verify import builds, planted

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from codegen.configuration import KM_H, preset
+from codegen.design.loss import loss_of_function
+from codegen.design.loss_simulation import MODES
 from codegen.emit.folder import read_manifest
-from codegen.refmap import exact
-from codegen.refmap import map as npz
-from codegen.refmap.loss import loss_of_function
-from codegen.refmap.loss_simulation import MODES
-from codegen.refmap.map import from_arrays
-from codegen.refmap.problem import SteadyTurnProblem
+from codegen.map_file import map as npz
+from codegen.map_file.map import from_arrays
+from codegen.optimum import exact
+from codegen.optimum.problem import SteadyTurnProblem
 from codegen.report.html import maps
 from codegen.report.html.blocks import Chart
 from codegen.report.html.charts import cell_edges

@@ -1,0 +1,1 @@
+"""The map that an ECU stores: extension to a total map, breakpoints, storage, and its reference lookup."""

@@ -1,0 +1,462 @@
+"""Breakpoints chosen for a bound: on the error against the continuous map, on the bytes, or on both.
+
+`choose` makes the total map that a build holds then. Its axes are even or uneven, whichever takes fewer bytes; its tables hold
+`place_ground`'s surface. The bound is on what the lookup gives, after the cap, in the stored numbers, wherever an ECU may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.configuration import Config
+from codegen.ecu_map.placement_axes import POINTS_MAX, Axes, Cost, Search, Spacing
+from codegen.ecu_map.placement_error import MeasuredError, Ruler
+from codegen.ecu_map.reference_surface import Ground, GroundLayer, Origin, ground_of, rule_at
+from codegen.ecu_map.storage import Real, Scales, Storage, raw_of, scale_of, table_bytes, values_of
+from codegen.ecu_map.table_layout import Sheet, grip_sheet, reference_sheet, yaw_rate_sheet
+from codegen.ecu_map.total import GripTable, TotalMap
+from codegen.errors import BuildError
+from codegen.map_file.map import ReferenceMap
+
+FloatArray = npt.NDArray[np.float64]
+
+SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
+"""Of two that take the same bytes the first is taken: its cells are found without a search."""
+
+CLOSER = (0.98, 0.96)
+"""Of a bound: tighter ones, for which the search can happen to find fewer bytes."""
+
+TRIES = 10
+"""Of a search whose tables turn out a little further off in the stored numbers, each time for a tighter bound."""
+SPARE = 0.995
+"""Of the bound that the last try calls for."""
+
+LEVEL = 0.85
+"""Step of the search for the lowest level above which a table need not go."""
+
+EASY = 2e-4
+"""Of the largest yaw rate: an error that is mostly reached."""
+FAR = 4.0
+"""Times what the fine grid is off: likewise."""
+
+ONWARDS = 1.6
+"""From an error that was not reached: step to the next one that is tried."""
+
+SMALLEST, HALVES = 1e-4, 9
+"""Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
+halved: to within a fiftieth."""
+
+GRIP_SHARE = 0.75
+"""Of the bound, for the table of the share of the cap, which is small: the errors of both do not add up (the smaller of two
+numbers is never further off than the worse of both), but what it is off on a finer lattice no cell of the other one mends."""
+
+TIGHTER, MISSED = 0.97, 2
+"""From the error that was reached so: step to smaller ones, and how many in a row do not fit when no more are tried."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked for, with the words of the command line.
+
+    Attributes:
+        max_error: rad/s, None for no bound. max_flash: bytes, likewise.
+        storage: of the tables.
+        words: options of `codegen build` that ask for the same.
+    """
+
+    max_error: float | None
+    max_flash: int | None
+    storage: Storage
+    words: str
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the tables are stored for: how many tables the kind of controller has (1 or 2), and the target's numbers."""
+
+    tables: int
+    real: Real
+    storage: Storage
+
+    def bytes_of(self, speeds: int, front_angles: int, layers: int) -> int:
+        """Of tables on so many breakpoints."""
+        return table_bytes(speeds, front_angles, self.tables, layers, self.storage, self.real)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A total map on chosen breakpoints.
+
+    Attributes:
+        spacing: "even" (perhaps with a wider cell at either end) or "uneven".
+        flash_bytes: of tables, axes and scales.
+        error: measured.
+        rounding: largest rounding of the storage, rad/s and rad; zero for real numbers.
+        origin: what the error is measured against.
+        own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
+        tables: 2 with one of the rear angle, else 1.
+        gap: what of the error is the ground's own: how far it may be off the optimum, rad/s.
+    """
+
+    total: TotalMap
+    spacing: Spacing
+    flash_bytes: int
+    error: MeasuredError
+    rounding: tuple[float, float]
+    origin: Origin
+    own_speed: tuple[float, float]
+    own_front_angle: tuple[float, float]
+    tables: int
+    gap: float = 0.0
+
+    @property
+    def bounded_error(self) -> float:
+        """See `MeasuredError.bounded`."""
+        return self.error.bounded(self.tables)
+
+
+def choose(reference_map: ReferenceMap, config: Config, request: Request, tables: int, real: Real) -> Placed:
+    """The total map that meets a request at the fewest bytes, or with the least error where only bytes are bounded.
+
+    Args:
+        config: the car, for a map that does not bring its own configuration.
+        tables: 2 where the kind of controller looks the rear angle up, else 1.
+
+    Raises:
+        BuildError: the request cannot be met; the line says what can be reached.
+        MapError: see `extend`.
+    """
+    maker = Maker(ground_of(reference_map, config), Target(tables, real, request.storage))
+    return _within_flash(maker, request) if request.max_error is None else _within_error(maker, request, request.max_error)
+
+
+def _within_error(maker: Maker, request: Request, max_error: float) -> Placed:
+    placed = maker.for_error(max_error)
+    if placed is None:
+        cause = f"takes more than {POINTS_MAX} breakpoints on an axis, or numbers finer than stored"
+        if max_error <= maker.gap:
+            cause = f"is less than the {_degrees(maker.gap, up=True)} that the fine grid of the optimum is off by itself"
+        if request.max_flash is not None:
+            raise BuildError(f"{_degrees(max_error)} {cause}", where="--max-error", remedy=_in_flash(maker, request.max_flash))
+        raise BuildError(
+            f"{_degrees(max_error)} {cause}",
+            where="--max-error",
+            remedy=f"give more; {_reachable(maker, max_error)} can be reached for certain, and what lies between was not tried",
+        )
+    if request.max_flash is not None and placed.flash_bytes > request.max_flash:
+        raise BuildError(
+            f"{_degrees(max_error)} takes {placed.flash_bytes} bytes, more than {request.max_flash}",
+            where="--max-error, --max-flash",
+            remedy=_in_flash(maker, request.max_flash),
+        )
+    return placed
+
+
+def _in_flash(maker: Maker, max_flash: int) -> str:
+    best = maker.for_flash(max_flash)
+    return f"in {max_flash} bytes {'nothing' if best is None else _degrees(best.bounded_error, up=True)} can be reached"
+
+
+def _within_flash(maker: Maker, request: Request) -> Placed:
+    assert request.max_flash is not None  # one of both is given
+    placed = maker.for_flash(request.max_flash)
+    if placed is None:
+        raise BuildError(
+            f"{request.max_flash} bytes hold no table",
+            where="--max-flash",
+            remedy=f"the smallest one takes {maker.least_bytes} bytes",
+        )
+    return placed
+
+
+def _reachable(maker: Maker, target: float) -> str:
+    tried = max(2.0 * target, FAR * maker.gap, EASY * maker.largest)
+    while (found := maker.for_error(tried, ("uneven",))) is None:
+        tried *= ONWARDS
+        if tried > maker.largest:
+            return "more than the map holds"
+    return _degrees(found.bounded_error, up=True)
+
+
+def _degrees(yaw_rate: float, *, up: bool = False) -> str:
+    degrees = math.degrees(yaw_rate)
+    if up and degrees > 0.0:
+        step = 10.0 ** (math.floor(math.log10(degrees)) - 1)
+        degrees = math.ceil(degrees / step) * step
+    return f"{degrees:.4g}deg/s"
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What stands beside the tables that are searched for.
+
+    Attributes:
+        grips: of the share of the cap, one for each friction; None where the cap is the same everywhere.
+        sheets: of the tables, with those beside them.
+        bytes_of: of all of them, from how many breakpoints the tables have.
+    """
+
+    ground: Ground
+    grips: tuple[GripTable | None, ...]
+    sheets: tuple[Sheet, ...]
+    bytes_of: Cost
+    _searches: dict[tuple[Spacing, float], Search] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def search(self, spacing: Spacing, bytes_max: float) -> Search:
+        """For axes of a spacing at no more than so many bytes: one search, whatever the bound."""
+        key = (spacing, bytes_max)
+        if key not in self._searches:
+            self._searches[key] = Search(self.ground, self.sheets, spacing, self.bytes_of, bytes_max)
+        return self._searches[key]
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes total maps of one ground for one target."""
+
+    ground: Ground
+    target: Target
+
+    @property
+    def largest(self) -> float:
+        """The largest yaw rate, rad/s."""
+        return max(float(layer.total.yaw_rate.max()) for layer in self.ground.layers)
+
+    @property
+    def gap(self) -> float:
+        """What the ground itself may be off the optimum in what is bounded, rad/s."""
+        return max(gap for layer in self.ground.layers for gap in self._gaps(layer))
+
+    def _gaps(self, layer: GroundLayer) -> tuple[float, ...]:
+        return (layer.gap.yaw_rate, layer.gap.rear_yaw_rate)[: self.target.tables]
+
+    @property
+    def least_bytes(self) -> int:
+        """Of the smallest tables."""
+        beside = self._grip_bytes(2, 2) if self._follows_grip else 0
+        return beside + self._bytes_of(2, 2)
+
+    @property
+    def _follows_grip(self) -> bool:
+        return any(layer.share is not None for layer in self.ground.layers)
+
+    def _bytes_of(self, speeds: int, front_angles: int) -> int:
+        return self.target.bytes_of(speeds, front_angles, len(self.ground.layers))
+
+    def _grip_bytes(self, speeds: int, front_angles: int) -> int:
+        """Of tables of the cap's share, of all frictions."""
+        number, is_raw = np.dtype(self.target.real).itemsize, self.target.storage == "int16"
+        cells = len(self.ground.layers) * speeds * front_angles
+        return cells * (2 if is_raw else number) + number * (speeds + front_angles + is_raw)
+
+    def _frame(self, bound: float) -> _Frame | None:
+        """For a bound in rad/s; None where no table of the cap's share holds it."""
+        layers = self.ground.layers
+        if not self._follows_grip:
+            return self._bare_frame
+        search = Search(self.ground, [grip_sheet(layer) for layer in layers], "uneven", self._grip_bytes)
+        axes = search.place(GRIP_SHARE * bound)
+        if axes is None:
+            return None
+        grips = tuple(self._grip(axes, layer.share(*axes)) for layer in layers if layer.share is not None)
+        beside = self._grip_bytes(axes[0].size, axes[1].size)
+        return _Frame(
+            self.ground,
+            grips,
+            tuple(self._sheet(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
+            lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
+        )
+
+    @cached_property
+    def _bare_frame(self) -> _Frame:
+        """Where the cap is the same everywhere: for any bound."""
+        layers = self.ground.layers
+        sheets = tuple(self._sheet(layer, None) for layer in layers)
+        return _Frame(self.ground, (None,) * len(layers), sheets, self._bytes_of)
+
+    def _sheet(self, layer: GroundLayer, grip: GripTable | None) -> Sheet:
+        return yaw_rate_sheet(layer, grip) if self.target.tables == 1 else reference_sheet(layer, grip)
+
+    def _grip(self, axes: Axes, share: FloatArray) -> GripTable:
+        """As it is stored."""
+        if self.target.storage == "float":
+            return GripTable(*axes, share)
+        scale = scale_of(1.0, self.target.real)
+        return GripTable(*axes, values_of(raw_of(share, scale), scale), scale)
+
+    def for_error(self, max_error: float, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
+        """The fewest bytes for an error of at most `max_error`, rad/s; None where no table holds it."""
+        bound = max_error - self.gap
+        frame = self._frame(bound) if bound > 0.0 else None
+        if frame is None:
+            return None
+        best: Placed | None = None
+        for spacing in sorted(spacings, reverse=True):  # the uneven one bounds what is worth searching for the even one
+            best = self._for_error(spacing, max_error, frame, math.inf if best is None else best.flash_bytes) or best
+        if best is None:
+            return None
+        for share in CLOSER:
+            found = self._for_error(best.spacing, share * max_error, frame, math.inf)
+            best = found if found is not None and found.flash_bytes < best.flash_bytes else best
+        return best
+
+    def for_flash(self, max_flash: int, spacings: tuple[Spacing, ...] = SPACINGS) -> Placed | None:
+        """The least error in at most `max_flash` bytes; None where not even the smallest table fits."""
+        best: Placed | None = None
+        for spacing in sorted(spacings, reverse=True):
+            found = self._filling(spacing, max_flash) if best is None else self._better(spacing, best)
+            best = found or best
+        return best
+
+    def _for_error(self, spacing: Spacing, max_error: float, frame: _Frame, bytes_max: float) -> Placed | None:
+        search = frame.search(spacing, bytes_max)
+        bound = max_error - self.gap
+        axes = search.place(bound)
+        for _ in range(TRIES):
+            if axes is None:
+                return None
+            placed = self._on(axes, spacing, frame)
+            if placed.bounded_error <= max_error:
+                return placed
+            # The lattice of the search and the rounding of the numbers both leave a little out.
+            bound *= SPARE * max_error / placed.bounded_error
+            axes = search.again(axes, bound)
+        return None
+
+    def _filling(self, spacing: Spacing, max_flash: int) -> Placed | None:
+        """The least error found in so many bytes: halving the span of bounds, on a logarithmic scale."""
+        if self.least_bytes > max_flash:
+            return None
+        low, high = math.log(SMALLEST * self.largest), math.log(self.largest)
+        best = self._smallest(spacing)
+        for _ in range(HALVES):
+            middle = 0.5 * (low + high)
+            placed = self._within(spacing, math.exp(middle), max_flash)
+            if placed is None:
+                low = middle
+                continue
+            high = middle
+            best = placed if placed.bounded_error < best.bounded_error else best
+        bound, missed = best.bounded_error, 0
+        while missed < MISSED:  # a smaller error does not always take more bytes
+            bound *= TIGHTER
+            fitting = self._fitting(spacing, bound, max_flash)
+            if fitting is None or fitting.bounded_error >= best.bounded_error:  # none is below zero
+                missed += 1
+            else:
+                best, bound, missed = fitting, fitting.bounded_error, 0
+        return best
+
+    def _fitting(self, spacing: Spacing, max_error: float, max_flash: int) -> Placed | None:
+        """Within both bounds. A search that may pass through more bytes can find fewer, and one that may not, others."""
+        frame = self._frame(max_error - self.gap) if max_error > self.gap else None
+        if frame is None:
+            return None
+        for most in (math.inf, max_flash):
+            placed = self._for_error(spacing, max_error, frame, most)
+            if placed is not None and placed.flash_bytes <= max_flash:
+                return placed
+        return None
+
+    def _better(self, spacing: Spacing, than: Placed) -> Placed | None:
+        """One of another spacing with no larger error, in as many bytes."""
+        placed = self._within(spacing, than.bounded_error - self.gap, than.flash_bytes)
+        return placed if placed is not None and placed.bounded_error <= than.bounded_error else None
+
+    def _within(self, spacing: Spacing, bound: float, bytes_max: float) -> Placed | None:
+        """What one search finds for a bound on what the tables add to the error; the stored numbers can add a little more."""
+        frame = self._frame(bound)
+        if frame is None:
+            return None
+        axes = frame.search(spacing, bytes_max).place(bound)
+        return None if axes is None else self._on(axes, spacing, frame)
+
+    def _smallest(self, spacing: Spacing) -> Placed:
+        axes = (np.array([0.0, self.ground.own_speed[1]]), np.array([0.0, self.ground.front_angle_top]))
+        frame = self._frame(self.largest)
+        assert frame is not None  # a cap's share is far from the largest yaw rate everywhere
+        return self._on(axes, spacing, frame)
+
+    def _on(self, axes: Axes, spacing: Spacing, frame: _Frame) -> Placed:
+        """The total map on given axes, from zero, as it is stored, and its error."""
+        ruler = Ruler(self.ground, axes, self.target.real)
+        stored, rounding = self._stored(self._lowered(_total(self.ground, axes, frame.grips), ruler))
+        return Placed(
+            total=stored,
+            spacing=spacing,
+            flash_bytes=frame.bytes_of(axes[0].size, axes[1].size),
+            error=ruler.error(stored),
+            rounding=rounding,
+            origin=self.ground.origin,
+            own_speed=self.ground.own_speed,
+            own_front_angle=self.ground.own_front_angle,
+            tables=self.target.tables,
+            gap=self.gap,
+        )
+
+    def _lowered(self, total: TotalMap, ruler: Ruler) -> TotalMap:
+        """The total map, held where it is so far above the cap that no error comes of it: plain numbers, and a finer scale."""
+        before = ruler.on_lattice(total)
+        level = max(float(layer.yaw_rate.max()) for layer in total.stack)
+        while True:
+            level *= LEVEL
+            held = _held(total, level)
+            after = ruler.on_lattice(held)
+            if after.yaw_rate_whole > before.yaw_rate_whole or after.yaw_rate > before.yaw_rate:
+                return total
+            if self.target.tables > 1 and (
+                after.rear_angle_whole > before.rear_angle_whole or after.rear_yaw_rate_whole > before.rear_yaw_rate_whole
+            ):
+                return total
+            total = held
+
+    def _stored(self, total: TotalMap) -> tuple[TotalMap, tuple[float, float]]:
+        if self.target.storage == "float":
+            return total, (0.0, 0.0)
+        stack = total.stack
+        largest = [max(float(np.abs(getattr(layer, key)).max()) for layer in stack) for key in ("yaw_rate", "rear_angle")]
+        scales = Scales.of(largest[0], largest[1], self.target.real)
+        stored = [_rounded(layer, scales) for layer in stack]
+        rounding = [
+            max(float(np.abs(getattr(new, key) - getattr(old, key)).max()) for old, new in zip(stack, stored, strict=True))
+            for key in ("yaw_rate", "rear_angle")
+        ]
+        return replace(stored[-1], layers=tuple(stored[:-1])), (rounding[0], rounding[1])
+
+
+def _total(ground: Ground, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:
+    layers = [_layer(ground, layer, axes, grip) for layer, grip in zip(ground.layers, grips, strict=True)]
+    return replace(layers[-1], layers=tuple(layers[:-1]))
+
+
+def _layer(ground: Ground, layer: GroundLayer, axes: Axes, grip: GripTable | None) -> TotalMap:
+    yaw_rate, rear_angle = layer.surface(*axes)
+    return replace(
+        layer.total,
+        speed=axes[0],
+        front_angle=axes[1],
+        yaw_rate=yaw_rate,
+        rear_angle=rear_angle,
+        rule=rule_at(ground, layer, *axes),
+        layers=(),
+        grip=grip,
+    )
+
+
+def _held(total: TotalMap, level: float) -> TotalMap:
+    layers = tuple(_held(layer, level) for layer in total.layers)
+    return replace(total, yaw_rate=np.minimum(total.yaw_rate, level), layers=layers)
+
+
+def _rounded(total: TotalMap, scales: Scales) -> TotalMap:
+    yaw_rate, rear_angle = (
+        values_of(raw_of(table, scale), scale)
+        for table, scale in ((total.yaw_rate, scales.yaw_rate), (total.rear_angle, scales.rear_angle))
+    )
+    return replace(total, yaw_rate=yaw_rate, rear_angle=rear_angle, scales=scales)

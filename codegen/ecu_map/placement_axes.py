@@ -1,0 +1,335 @@
+"""Breakpoints for a bilinear table whose error, after the cap, stays within a bound: the search, in double precision.
+
+One axis after the other: with the breakpoints of one axis fixed, the error of a cell of the other depends on its two ends
+alone, so that the longest cells that keep the bound, taken from zero on, are the fewest. This is turned from axis to axis until
+nothing is gained, from several starts: the bound of a start is shared between the axes, for linear interpolation has norm 1 and
+the errors of both add up at most. Errors are taken on a lattice several times finer than any cell. An even axis, perhaps with
+one wider cell at either end (`Axis`), is searched alike: the longest end cells, then the fewest even ones between them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.ecu_map.reference_surface import Ground, along, cell_of
+from codegen.ecu_map.table_layout import Outcome, Sheet
+
+FloatArray = npt.NDArray[np.float64]
+Spacing = Literal["even", "uneven"]
+Axes = tuple[FloatArray, FloatArray]
+Cost = Callable[[int, int], int]
+"""Breakpoints of both axes -> bytes."""
+
+POINTS_MAX = 256
+"""Breakpoints of an axis; tables beyond are none for an ECU."""
+
+OWN_POINTS, OTHER_POINTS, POINTS_IN_CELL = 256, 32, 12
+"""Of the lattice: over the map's own part of an axis, over each part beside it, and in each cell found so far."""
+
+APART = 1e-6
+"""Of an axis: what is closer together is one."""
+
+SHARES = (0.3, 0.6, 0.85)
+"""Of the bound, for the axis that is placed first: the starts."""
+
+TURNS = 6
+
+COARSE = 0.004
+"""Of the largest yaw rate: a bound for which the first lattice is fine enough; smaller ones are reached by halves."""
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """A sheet on a lattice: its arrays, (k, n, m) each, and what comes of them."""
+
+    values: FloatArray
+    beside: FloatArray
+    truth: FloatArray
+    outcome: Outcome
+
+    @classmethod
+    def of(cls, sheet: Sheet, speed: FloatArray, front_angle: FloatArray) -> Self:
+        """On these coordinates."""
+        values, beside, truth = (of(speed, front_angle) for of in (sheet.values, sheet.beside, sheet.truth))
+        return cls(values, beside, truth, sheet.outcome)
+
+    @property
+    def transposed(self) -> _Layer:
+        """With the axes exchanged."""
+        values, beside, truth = (np.swapaxes(each, 1, 2) for each in (self.values, self.beside, self.truth))
+        return _Layer(values, beside, truth, self.outcome)
+
+    def error(self, values: FloatArray, points: slice) -> float:
+        """The largest in rad/s, of values (k, p, m) that the tables give at p points of the first axis."""
+        found = self.outcome(values, self.beside[:, points])
+        return float(np.abs(found - self.truth[:, points]).max(initial=0.0))
+
+
+class Lattice:
+    """Sheets on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
+
+    def __init__(self, sheets: Sequence[Sheet], speed: FloatArray, front_angle: FloatArray) -> None:
+        self.sheets, self.coordinates = sheets, (speed, front_angle)
+        self.layers = [_Layer.of(sheet, speed, front_angle) for sheet in sheets]
+
+    @classmethod
+    def over(cls, ground: Ground, sheets: Sequence[Sheet], axes: Axes | None = None) -> Lattice:
+        """A lattice over all that an ECU meets, fine enough for the cells of `axes`."""
+        return cls(sheets, *cls.points(ground, axes))
+
+    @staticmethod
+    def points(ground: Ground, axes: Axes | None = None) -> Axes:
+        """The coordinates of such a lattice."""
+        speed, front_angle = (None, None) if axes is None else axes
+        return (
+            _points(ground.own_speed, ground.own_speed[1], ground.speed_kinks, speed),
+            _points(ground.own_front_angle, ground.front_angle_top, ground.front_angle_kinks, front_angle),
+        )
+
+
+def _points(own: tuple[float, float], top: float, kinks: FloatArray, axis: FloatArray | None) -> FloatArray:
+    """A lattice from zero to `top`, with the kinks on it: as fine as its part of the axis and the cells at hand ask for."""
+    fixed = np.unique(np.clip(np.concatenate([[0.0, own[0], own[1], top], kinks]), 0.0, top))
+    fixed = fixed[np.append(True, np.diff(fixed) > APART * top)]
+    points = [fixed[:1]]
+    for low, high in itertools.pairwise(fixed):
+        inside = low >= own[0] * (1.0 - APART) and high <= own[1] * (1.0 + APART)
+        widest = (own[1] - own[0]) / OWN_POINTS if inside else max(top - own[1], own[0]) / OTHER_POINTS
+        points.append(_graded(low, high, min(widest, (high - low) / 3.0), axis))
+    return np.concatenate(points)
+
+
+def _graded(low: float, high: float, widest: float, axis: FloatArray | None) -> FloatArray:
+    """Points after `low` up to `high`, `widest` apart; finer in the cells of `axis`, and as far beside a cell as it is wide."""
+    if axis is None:
+        return np.linspace(low, high, math.ceil((high - low) / widest) + 1)[1:]
+    width = np.diff(axis)
+    begin, end, step = axis[:-1] - width, axis[1:] + width, width / POINTS_IN_CELL
+    points, x = [], low
+    while x < high:
+        near = step[(begin <= x) & (x < end)]
+        x += max(min(widest, float(near.min(initial=widest))), APART * high)
+        points.append(x)
+    stretched = np.array(points)
+    result: FloatArray = low + (stretched - low) * ((high - low) / (stretched[-1] - low))
+    return result
+
+
+class Strips:
+    """The cells of one axis (0 speed, 1 front angle), each over the whole other axis, which has the breakpoints `other`.
+
+    Without `other`, the other axis is taken to be exact.
+    """
+
+    def __init__(self, lattice: Lattice, dimension: int, other: FloatArray | None) -> None:
+        self.lattice, self.dimension, self.other = lattice, dimension, other
+        self.x = lattice.coordinates[dimension]
+        self._across = None if other is None else cell_of(other, lattice.coordinates[1 - dimension])
+        self._layers = [one.transposed if dimension else one for one in lattice.layers]
+        self._lines = [layer.values for layer in self._layers] if other is None else self._rows(self.x)
+
+    def _rows(self, at: FloatArray) -> list[FloatArray]:
+        """For each layer the values (k, p, m) at points (p,) of this axis, over the lattice of the other one."""
+        beside = self.lattice.coordinates[1 - self.dimension] if self.other is None else self.other
+        rows = []
+        for sheet in self.lattice.sheets:
+            values = np.swapaxes(sheet.values(beside, at), 1, 2) if self.dimension else sheet.values(at, beside)
+            rows.append(values if self._across is None else np.swapaxes(along(np.swapaxes(values, 1, 2), *self._across), 1, 2))
+        return rows
+
+    def error(self, low: int, high: int) -> float:
+        """Largest error, rad/s, of one cell between two points of the lattice, by their indices."""
+        part = slice(low + 1, high)
+        if self.other is not None:
+            part = slice(low, high + 1)
+        share = ((self.x[part] - self.x[low]) / (self.x[high] - self.x[low]))[:, np.newaxis]
+        worst = 0.0
+        for line, layer in zip(self._lines, self._layers, strict=True):
+            begin, end = line[:, low : low + 1], line[:, high : high + 1]
+            worst = max(worst, layer.error(begin + share * (end - begin), part))
+        return worst
+
+    def error_on(self, axis: FloatArray, bound: float = math.inf) -> float:
+        """Largest error, rad/s, with any breakpoints of this axis; where it is above `bound`, any figure above that."""
+        all_rows = self._rows(axis)
+        worst = 0.0
+        for points in (slice(None, None, 7), slice(None)):  # most of what fails does so at a few points
+            cell, share = cell_of(axis, self.x[points])
+            for rows, layer in zip(all_rows, self._layers, strict=True):
+                worst = max(worst, layer.error(along(rows, cell, share), points))
+            if worst > bound:
+                break
+        return worst
+
+    def longest(self, low: int, bound: float, stride: int = 1) -> int:
+        """The farthest end of a cell that begins at a point of the lattice and keeps the bound (at least the next point)."""
+        last = self.x.size - 1
+        good, reach = low + 1, max(stride, 2)
+        while low + reach < last and self.error(low, low + reach) <= bound:
+            good, reach = low + reach, 2 * reach
+        bad = min(low + reach, last)
+        if bad == last and self.error(low, last) <= bound:
+            return last
+        while good + 1 < bad:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if self.error(low, middle) <= bound else (good, middle)
+        return good
+
+    def last_cell(self, bound: float) -> int:
+        """Where the longest cell begins that ends at the top and keeps the bound."""
+        last = self.x.size - 1
+        good, bad = last - 1, 0
+        if self.error(0, last) <= bound:
+            return 0
+        while bad + 1 < good:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if self.error(middle, last) <= bound else (good, middle)
+        return good
+
+
+def uneven_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
+    """The fewest breakpoints, on the lattice; None where they are more than `most`."""
+    ends, stride = [0], 4
+    while ends[-1] < strips.x.size - 1:
+        ends.append(strips.longest(ends[-1], bound, stride))
+        stride = max((ends[-1] - ends[-2]) // 2, 1)
+        if len(ends) > most:
+            return None
+    axis: FloatArray = strips.x[np.array(ends)]
+    return axis
+
+
+def even_axis(strips: Strips, bound: float, most: int) -> FloatArray | None:
+    """The fewest breakpoints of an even axis, with or without a wider cell at either end; None where more than `most`."""
+    x, top = strips.x, strips.x.size - 1
+    first, last = strips.longest(0, bound), strips.last_cell(bound)
+    if first == top:
+        return x[[0, top]]
+    best: FloatArray | None = None
+    for start, end in ((first, last), (0, last), (first, top), (0, top)):
+        if start < end:
+            found = _fewest(strips, start, end, bound, most if best is None else best.size - 1)
+            best = best if found is None else found
+    return best
+
+
+def _fewest(strips: Strips, start: int, end: int, bound: float, most: int) -> FloatArray | None:
+    """The axis of the fewest even cells between two points of the lattice that keeps the bound, with at most `most`
+    breakpoints; as if more cells were never worse."""
+    before, after = strips.x[:1] if start else strips.x[:0], strips.x[-1:] if end < strips.x.size - 1 else strips.x[:0]
+
+    def axis(cells: int) -> FloatArray:
+        return np.concatenate([before, np.linspace(strips.x[start], strips.x[end], cells + 1), after])
+
+    def keeps(cells: int) -> bool:
+        return strips.error_on(axis(cells), bound) <= bound
+
+    cells_max = most - 1 - before.size - after.size
+    bad, good = 0, 1
+    while good <= cells_max and not keeps(good):
+        bad, good = good, 2 * good
+    if good > cells_max:
+        if bad >= cells_max or not keeps(cells_max):
+            return None
+        good = cells_max
+    while bad + 1 < good:
+        middle = (bad + good) // 2
+        bad, good = (bad, middle) if keeps(middle) else (middle, good)
+    return axis(good)
+
+
+AXIS_OF = {"even": even_axis, "uneven": uneven_axis}
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for axes of one spacing, for the sheets of all frictions. `cost` is to be small, and at most `cost_max`.
+
+    A second search comes by the same coarse bounds: what was found for those is kept.
+    """
+
+    ground: Ground
+    sheets: Sequence[Sheet]
+    spacing: Spacing
+    cost: Cost
+    cost_max: float = math.inf
+    _coarse: dict[tuple[int, float], Axes | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def place(self, bound: float) -> Axes | None:
+        """Breakpoints of both axes that keep the bound, rad/s, at few bytes; None where they cost too much."""
+        coarse = max(bound, COARSE * self._largest)
+        best = self._at_level(0, coarse, None)
+        for level in itertools.count(1):
+            if best is None or coarse <= bound:
+                break
+            coarse = max(bound, 0.5 * coarse)
+            best = self._at_level(level, coarse, best)
+        return None if best is None else self.again(best, bound)
+
+    @cached_property
+    def _first(self) -> Lattice:
+        return Lattice.over(self.ground, self.sheets)
+
+    @property
+    def _largest(self) -> float:
+        """Yaw rate of all sheets, rad/s."""
+        return max(float(layer.truth.max()) for layer in self._first.layers)
+
+    def _at_level(self, level: int, bound: float, before: Axes | None) -> Axes | None:
+        """What is found for a bound that was come to by halves, on a lattice for the axes of the level before."""
+        if (level, bound) not in self._coarse:
+            lattice = self._first if before is None else Lattice.over(self.ground, self.sheets, before)
+            self._coarse[level, bound] = self._from_starts(lattice, bound)
+        return self._coarse[level, bound]
+
+    def again(self, axes: Axes, bound: float) -> Axes | None:
+        """Another search for about the same bound, on a lattice fine enough for the cells of these axes."""
+        lattice = Lattice.over(self.ground, self.sheets, axes)
+        kept = self._cheaper(*(self._turned(lattice, dimension, axes[dimension], bound) for dimension in (0, 1)))
+        return self._cheaper(kept, self._from_starts(lattice, bound))
+
+    def _from_starts(self, lattice: Lattice, bound: float) -> Axes | None:
+        best: Axes | None = None
+        for dimension in (0, 1):
+            for share in SHARES:
+                first = AXIS_OF[self.spacing](Strips(lattice, dimension, None), share * bound, POINTS_MAX)
+                best = self._cheaper(best, self._turned(lattice, dimension, first, bound))
+        return best
+
+    def _turned(self, lattice: Lattice, dimension: int, first: FloatArray | None, bound: float) -> Axes | None:
+        """From one axis to both, and on in turns while it pays."""
+        best: Axes | None = None
+        axis, placed = first, dimension
+        for _ in range(TURNS):
+            if axis is None:
+                break
+            other, placed = axis, 1 - placed
+            most = self._most(other.size)
+            if self.cost(most, other.size) > self.cost_max:
+                break
+            axis = AXIS_OF[self.spacing](Strips(lattice, placed, other), bound, most)
+            if axis is not None:
+                before, best = best, self._cheaper(best, (axis, other) if placed == 0 else (other, axis))
+                if best is before:
+                    break
+        return best
+
+    def _most(self, other: int) -> int:
+        """The most breakpoints of an axis beside one of `other`."""
+        most = POINTS_MAX
+        while most > 2 and self.cost(most, other) > self.cost_max:
+            most -= 1
+        return most
+
+    def _cheaper(self, one: Axes | None, other: Axes | None) -> Axes | None:
+        if one is None or other is None:
+            return other if one is None else one
+        return other if self.cost(other[0].size, other[1].size) < self.cost(one[0].size, one[1].size) else one

@@ -1,0 +1,401 @@
+"""What a table is measured against: the continuous total map behind a reference map, at any speed and front angle.
+
+For a map that the exact solution made, this is the optimum itself: with linear tyres solved anew at every point. Within the
+bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
+alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
+grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves
+is a surface too (`place_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last
+angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
+
+For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
+against.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.configuration import Config
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
+from codegen.ecu_map.placement_grip import grip_surfaces
+from codegen.ecu_map.total import CapSteering, Rule, TotalMap
+from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import PLAUSIBLE
+from codegen.optimum import exact
+from codegen.optimum.nonlinear import NonlinearTurns
+from codegen.optimum.problem import SteadyTurnProblem
+from codegen.optimum.stack import layer_configs
+from codegen.optimum.turns import Edge, LinearTurns, Solution, SteadyTurns, passively_feasible, turns_of
+
+FloatArray = npt.NDArray[np.float64]
+Pair = tuple[FloatArray, FloatArray]
+Surface = Callable[[FloatArray, FloatArray], Pair]
+"""Speeds (n,) in m/s and front angles (m,) in rad -> yaw rate in rad/s and rear angle in rad, (n, m) each, before the cap."""
+Values = Callable[[FloatArray, FloatArray], FloatArray]
+"""The same -> one value at each, (n, m)."""
+
+Origin = Literal["optimum", "surfaces", "table"]
+
+SAME_YAW_RATE = 1e-5
+"""rad/s: how far the table of a map may lie from the exact optimum and still be it (IPOPT ends within 1e-7)."""
+
+UNBOUNDED = 1e3
+"""m/s^2 and rad: a grip bound that never acts."""
+
+GAP_POINTS = 150
+"""Speeds, and front angles, at which surfaces are held against the optimum."""
+BESIDE_EDGE = np.array([1e-6, 5e-4, 1e-3, 2e-3, 4e-3])
+"""Of an edge: the same, so far inside it."""
+
+JUST_INSIDE = 1.0 - 1e-12
+"""Of an edge: rounding decides whether the edge itself is feasible."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a ground may be off the optimum, rad/s and rad; `rear_yaw_rate`: the latter times the passive gain, rad/s."""
+
+    yaw_rate: float = 0.0
+    rear_angle: float = 0.0
+    rear_yaw_rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class GroundLayer:
+    """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds.
+
+    `share`: of the cap, where it is not the same everywhere. `gap`: what all this may be off, where the optimum takes too
+    long to be solved anew at every point.
+    """
+
+    surface: Surface
+    cap: float
+    total: TotalMap
+    share: Values | None = None
+    gap: Gap = Gap()
+
+    def allowed(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        """(n, m) m/s^2."""
+        if self.share is None:
+            return np.full((speed.size, front_angle.size), self.cap)
+        return self.cap * self.share(speed, front_angle)
+
+    def limit(self, speed: FloatArray, front_angle: FloatArray) -> FloatArray:
+        """(n, m) rad/s."""
+        return self.allowed(speed, front_angle) / above_zero(speed)[:, np.newaxis]
+
+    def with_share(self, share: Values) -> GroundLayer:
+        """The same with another share of the cap."""
+        return replace(self, share=share)
+
+    def truth(self, speed: FloatArray, front_angle: FloatArray) -> Pair:
+        """Yaw rate and rear angle (n, m) after the cap, for speeds (n,) and front angles (m,) from zero."""
+        yaw_rate, rear_angle = self.surface(speed, front_angle)
+        return capped(yaw_rate, rear_angle, self.allowed(speed, front_angle), speed, self.total.steering)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The continuous total map, the layer of the lowest friction first, and where it is.
+
+    Attributes:
+        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`place_grip`), with a `gap` for what
+            that is off; "table": the map's own bilinear interpolation.
+        own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
+        front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
+        speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
+    """
+
+    layers: tuple[GroundLayer, ...]
+    origin: Origin
+    own_speed: tuple[float, float]
+    own_front_angle: tuple[float, float]
+    front_angle_top: float
+    speed_kinks: FloatArray
+    front_angle_kinks: FloatArray
+
+    @property
+    def total(self) -> TotalMap:
+        """What a build without a choice holds, with its layers."""
+        return replace(self.layers[-1].total, layers=tuple(layer.total for layer in self.layers[:-1]))
+
+
+def capped(
+    yaw_rate: FloatArray, rear_angle: FloatArray, cap: float | FloatArray, speed: FloatArray, steering: CapSteering
+) -> Pair:
+    """Tables (n, m) after the cap (m/s^2, one or (n, m)) at speeds (n,), in exact arithmetic: what the lookup makes of them."""
+    v = above_zero(speed)[:, np.newaxis]
+    allowed = np.broadcast_to(cap / v, yaw_rate.shape)
+    car = SteeringConstants.of(steering, np.float64)
+    is_capped = yaw_rate > allowed
+    turned = np.where(is_capped, capped_rear_angle(car, yaw_rate, rear_angle, allowed, v), rear_angle)
+    return np.minimum(yaw_rate, allowed), np.clip(turned, -car.rear_angle_max, car.rear_angle_max)
+
+
+def above_zero(speed: FloatArray) -> FloatArray:
+    """Speeds in m/s, to divide by."""
+    return np.maximum(speed, 1e-9)
+
+
+def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
+    """The continuous total map of a map; `config` is the car for one that brings no configuration.
+
+    Raises:
+        MapError: see `extend`.
+    """
+    config = reference_map.config or config
+    total = extend(reference_map, config, config.steering.front_angle_stop)
+    maps = [*(layer.map for layer in reference_map.layers), reference_map]
+    configs = [*layer_configs(reference_map, config), config]
+    layers = tuple(optimum_of(*of) for of in zip(maps, configs, total.stack, strict=True))
+    known = tuple(layer for layer in layers if layer is not None)
+    origin: Origin = "table"
+    if len(known) == len(layers):
+        origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
+    else:
+        known = tuple(GroundLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
+    speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
+    return Ground(
+        layers=known,
+        origin=origin,
+        own_speed=speed,
+        own_front_angle=front_angle,
+        front_angle_top=float(total.front_angle[-1]),
+        speed_kinks=total.speed if origin == "table" else np.array(speed[:1]),
+        front_angle_kinks=total.front_angle if origin == "table" else np.array(front_angle),
+    )
+
+
+def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> GroundLayer | None:
+    """The optimum behind a map, as a table is to hold it; None where it is not known or the map does not hold it.
+
+    Args:
+        total: of the same map.
+
+    Raises:
+        MapError: a steady turn is not found.
+    """
+    if not reference_map.solved or reference_map.case is None:
+        return None
+    case = config.case(reference_map.case)
+    turns = turns_of(config, case)
+    if not _holds(reference_map, turns, case.passive_safe):
+        return None
+    if isinstance(turns, NonlinearTurns):
+        return _followed(turns, reference_map, total, passive_safe=case.passive_safe)
+    axes = (reference_map.speed, reference_map.front_angle)
+    surface = continued(turns.problem, *axes, case.passive_safe, total.steering)
+    return GroundLayer(surface, total.lateral_acceleration_cap, total)
+
+
+def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> GroundLayer:
+    """With a cap that follows slip: the largest of the continuous optimum, and shares of that."""
+    speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
+    found = grip_surfaces(
+        turns, speed, front_angle, float(total.front_angle[-1]), total.lateral_acceleration_cap, passive_safe=passive_safe
+    )
+    axes, cap = (found.speed, found.front_angle), float(found.lateral_acceleration.max())
+    # Near its peak the tyre slips more for the same lateral acceleration than the linear car's.
+    slip = max(found.rear_slip, total.steering.rear_slip_per_lateral_acceleration)
+    steering = replace(total.steering, rear_slip_per_lateral_acceleration=slip)
+    layer = GroundLayer(
+        # Before the cap the rear angle may leave its range, in which the laws hold it.
+        surface=_surface(*axes, _plausible(found.yaw_rate), found.rear_angle),
+        cap=cap,
+        total=replace(total, lateral_acceleration_cap=cap, steering=steering),
+        share=interpolated(*axes, found.lateral_acceleration / cap),
+    )
+    return replace(layer, gap=_gap(layer, turns, speed, front_angle, passive_safe=passive_safe))
+
+
+def _gap(
+    layer: GroundLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
+) -> Gap:
+    """How far the surfaces are off the optimum: at GAP_POINTS x GAP_POINTS places between first and last speed (m/s) and front
+    angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
+    source, rear_max = np.random.default_rng(0), layer.total.steering.rear_angle_max
+    speeds, angles = (np.sort(source.uniform(*ends, GAP_POINTS)) for ends in (speed, front_angle))
+    straight = turns.without_rear_steering() if passive_safe else turns
+    edge = np.minimum(turns.edge(speeds).front_angle, straight.edge(speeds).front_angle)
+    beside = edge[:, np.newaxis] * (1.0 - BESIDE_EDGE)
+    known = (beside >= front_angle[0]) & (beside <= front_angle[1])
+    speeds_beside = np.broadcast_to(speeds[:, np.newaxis], beside.shape)[known]
+    found = [
+        layer.truth(speeds, angles),
+        *(layer.truth(v[np.newaxis], angle[np.newaxis]) for v, angle in zip(speeds_beside, beside[known], strict=True)),
+    ]
+    optima = [
+        (turns.solve(speeds, angles), straight.solve(speeds, angles)),
+        (turns.at(speeds_beside, beside[known]), straight.at(speeds_beside, beside[known])),
+    ]
+    feasible = np.concatenate([(optimum.feasible & passive.feasible).ravel() for optimum, passive in optima])
+    off = []
+    for channel, name in enumerate(("yaw_rate", "rear_angle")):
+        have = np.concatenate([pair[channel].ravel() for pair in found])
+        want = np.concatenate([getattr(optimum, name).ravel() for optimum, _ in optima])
+        off.append(np.abs(have - (want if name == "yaw_rate" else np.clip(want, -rear_max, rear_max))))
+    off.append(off[1] * turns.problem.car.yaw_gain(np.concatenate([np.repeat(speeds, angles.size), speeds_beside])))
+    return Gap(*(float(error[feasible].max(initial=0.0)) for error in off))
+
+
+def _holds(reference_map: ReferenceMap, turns: SteadyTurns, passive_safe: bool) -> bool:
+    """Whether a map is the optimum on its grid: one that was edited is not."""
+    if reference_map.speed[0] <= 0.0:
+        return False
+    axes = (reference_map.speed, reference_map.front_angle)
+    optimum = turns.solve(*axes)
+    feasible, margin = optimum.feasible, optimum.margin
+    if passive_safe:
+        passive = turns.without_rear_steering().solve(*axes)
+        feasible, margin = feasible & passive.feasible, np.minimum(margin, passive.margin)
+    clear = np.abs(margin) > SAME_YAW_RATE
+    if np.any((feasible != reference_map.feasible) & clear):
+        return False
+    both = feasible & reference_map.feasible
+    return bool(np.all(np.abs(optimum.yaw_rate - reference_map.yaw_rate)[both] <= SAME_YAW_RATE))
+
+
+def continued(
+    problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray, passive_safe: bool, steering: CapSteering
+) -> Surface:
+    """The optimum without the grip bounds, continued, of a map with breakpoints `speed` (n,) and `front_angle` (m,), and up to
+    the first of them the plain rules, which are linear there."""
+    without_grip = replace(problem, lateral_acceleration_max=UNBOUNDED, front_slip_max=UNBOUNDED, rear_slip_max=UNBOUNDED)
+    ends_passively = passive_safe and problem.rear_angle_max > 0.0
+    ending = replace(problem, rear_angle_max=0.0) if ends_passively else without_grip
+    bounded = _PassivelySafe(LinearTurns(problem)) if ends_passively else LinearTurns(problem)
+    cap = problem.lateral_acceleration_cap
+    plain = extended(bounded.solve, bounded.edge, problem.car.yaw_gain, cap, speed, front_angle, steering)
+    (first_speed, _), (first_angle, _) = _ends(speed), _ends(front_angle)
+
+    def surface(v: FloatArray, angle: FloatArray) -> Pair:
+        v_inside = np.maximum(v, first_speed)
+        end = np.minimum(exact.edge(ending, v_inside).front_angle * JUST_INSIDE, front_angle[-1])[:, np.newaxis]
+        solved_at = np.minimum(angle, end)
+        optimum = exact.solve(without_grip, v_inside, solved_at)
+        gain = problem.car.yaw_gain(v_inside)[:, np.newaxis]
+        yaw_rate = _plausible(optimum.yaw_rate + gain * (angle - solved_at))
+        rear_angle = optimum.rear_angle
+        slow, ahead = v <= first_speed, angle <= first_angle
+        yaw_rate[slow], rear_angle[slow] = plain(v[slow], angle)
+        yaw_rate[:, ahead], rear_angle[:, ahead] = plain(v, angle[ahead])
+        return yaw_rate, rear_angle
+
+    return surface
+
+
+@dataclass(frozen=True)
+class _PassivelySafe:
+    """Turns as far as the passive car goes: from there on with its slope, whatever ends it."""
+
+    turns: LinearTurns
+
+    def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        found = self.turns.solve(speed, front_angle)
+        return replace(found, feasible=found.feasible & passively_feasible(self.turns, speed, front_angle))
+
+    def edge(self, speed: FloatArray) -> Edge:
+        end = self.turns.without_rear_steering().edge(speed).front_angle
+        found = self.turns.at(speed, end * JUST_INSIDE)
+        return Edge(end, found.yaw_rate, found.rear_angle, np.zeros(speed.shape, dtype=bool))
+
+
+def _ends(axis: FloatArray) -> tuple[float, float]:
+    """First breakpoint above zero, and last one."""
+    return float(axis[axis > 0.0][0]), float(axis[-1])
+
+
+def extended(
+    solve: Callable[[FloatArray, FloatArray], Solution],
+    edge: Callable[[FloatArray], Edge],
+    passive_gain: Callable[[FloatArray], FloatArray],
+    cap: float,
+    speed: FloatArray,
+    front_angle: FloatArray,
+    steering: CapSteering,
+) -> Surface:
+    """An optimum extended by the plain rules of `extend`, where none is known without the grip bounds.
+
+    Args:
+        solve: at speeds (n,) and front angles (m,), inside the breakpoints of the map.
+        edge: where the feasible front angles end at speeds (n,).
+        passive_gain: G of speeds (n,), 1/s. cap: ay_cap in m/s^2.
+        speed, front_angle: breakpoints of the map, (n,) and (m,).
+    """
+    rear_max, (first_speed, _), (first_angle, last_angle) = steering.rear_angle_max, _ends(speed), _ends(front_angle)
+
+    def surface(v: FloatArray, angle: FloatArray) -> Pair:
+        v_inside = np.maximum(v, first_speed)
+        inside = np.clip(angle, first_angle, last_angle)
+        optimum, end = solve(v_inside, inside), edge(v_inside)
+        gain = passive_gain(v_inside)[:, np.newaxis]
+        edge_angle, edge_yaw_rate = end.front_angle[:, np.newaxis], end.yaw_rate[:, np.newaxis]
+        rear_at_edge = edge_angle - edge_yaw_rate / gain
+        line = edge_yaw_rate + gain * (np.maximum(angle, first_angle) - edge_angle)
+        beyond = np.where(end.grip_limited[:, np.newaxis], (cap / v_inside)[:, np.newaxis], line)
+        solved = optimum.yaw_rate + gain * np.maximum(angle - last_angle, 0.0)
+        yaw_rate = np.where(optimum.feasible, solved, beyond)
+        rear_angle = np.where(optimum.feasible, optimum.rear_angle, rear_at_edge)
+        share = np.minimum(v / first_speed, 1.0)[:, np.newaxis] * np.minimum(angle / first_angle, 1.0)
+        return _plausible(share * yaw_rate), share * np.clip(rear_angle, -rear_max, rear_max)
+
+    return surface
+
+
+def _plausible(yaw_rate: FloatArray) -> FloatArray:
+    """Held where no car's map goes: far above any cap, and the most that the C lets a calibration hold."""
+    return np.minimum(yaw_rate, 0.999 * PLAUSIBLE["yaw_rate"].high)
+
+
+def _bilinear(total: TotalMap) -> Surface:
+    """A total map's own tables, interpolated."""
+    return _surface(total.speed, total.front_angle, total.yaw_rate, total.rear_angle)
+
+
+def _surface(speed: FloatArray, front_angle: FloatArray, *tables: FloatArray) -> Surface:
+    """Both tables (n, m), bilinear."""
+    yaw_rate, rear_angle = (interpolated(speed, front_angle, table) for table in tables)
+    return lambda v, angle: (yaw_rate(v, angle), rear_angle(v, angle))
+
+
+def interpolated(speed: FloatArray, front_angle: FloatArray, table: FloatArray) -> Values:
+    """A table (n, m), bilinear; the last row and column hold beyond."""
+
+    def value(v: FloatArray, angle: FloatArray) -> FloatArray:
+        return along(along(table, *cell_of(speed, v)).T, *cell_of(front_angle, angle)).T
+
+    return value
+
+
+def cell_of(axis: FloatArray, x: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Cell index and share of the cell, 0 to 1, of points (k,) on breakpoints (n,)."""
+    cell = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, axis.size - 2)
+    return cell, np.clip((x - axis[cell]) / (axis[cell + 1] - axis[cell]), 0.0, 1.0)
+
+
+def along(table: FloatArray, cell: npt.NDArray[np.int64], share: FloatArray) -> FloatArray:
+    """Rows of a table (..., n, m) interpolated at positions (k,): (..., k, m)."""
+    low, high = table[..., cell, :], table[..., cell + 1, :]
+    result: FloatArray = low + share[:, np.newaxis] * (high - low)
+    return result
+
+
+def rule_at(ground: Ground, layer: GroundLayer, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.str_]:
+    """(n, m) `Rule` letters of a table of the surface on any axes from zero."""
+    total = layer.total
+    i = np.clip(np.searchsorted(total.speed, speed * JUST_INSIDE), 0, total.speed.size - 1)
+    j = np.clip(np.searchsorted(total.front_angle, front_angle * JUST_INSIDE), 0, total.front_angle.size - 1)
+    rule = total.rule[np.ix_(i, j)]
+    if ground.origin != "table":
+        asked = layer.surface(speed, front_angle)[0] * speed[:, np.newaxis]
+        above = asked > layer.allowed(speed, front_angle) * (1.0 + 1e-9)
+        rule = np.where(above, Rule.CONTINUED.value, rule)
+    rule[speed == 0.0, :] = Rule.ZERO.value
+    rule[:, front_angle == 0.0] = Rule.ZERO.value
+    return rule

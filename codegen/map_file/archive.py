@@ -1,0 +1,94 @@
+"""The bytes of an `.npz` file as arrays, nothing trusted: no pickle is read and no size believed."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.errors import MapError
+from codegen.files import read_file, reason_of
+
+AnyArray = npt.NDArray[Any]
+
+MAX_UNPACKED_BYTES = 64 * 2**20
+MAX_PACKED_BYTES = MAX_UNPACKED_BYTES + 2**20  # the arrays, stored as they are, and the directory of the archive
+NPY_HEADER_BYTES = 128
+SAVE_AS = "save plain numeric arrays with numpy.savez(path, vx=..., delta_f=..., yaw_rate=...)"
+
+
+def read_map_file(path: Path) -> bytes:
+    """The bytes of an .npz file. Raises MapError."""
+    return read_file(path, MAX_PACKED_BYTES, "check the path, name an .npz file; `codegen solve` makes a map", MapError)
+
+
+def check_size(size: int, limit: int, where: object) -> None:
+    """Refuse more than `limit` bytes. Raises MapError."""
+    if size > limit:
+        remedy = "give the map fewer breakpoints, or its stack fewer frictions"
+        raise MapError(f"over {MAX_UNPACKED_BYTES >> 20} MiB unpacked", where=where, remedy=remedy)
+
+
+@contextmanager
+def _refuse_damage(where: object) -> Iterator[None]:
+    """Turn whatever zipfile, zlib and NumPy raise on bytes that are not theirs (no closed set) into a MapError."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except MapError:
+        raise
+    except Exception as error:
+        raise MapError(
+            f"damaged or cut short ({reason_of(error)})", where=where, remedy="copy or make the file again"
+        ) from error
+
+
+def read_archive(
+    data: bytes, where: object, keys: Sequence[str], check_keys: Callable[[Iterable[str], object], None]
+) -> dict[str, AnyArray]:
+    """The arrays of `keys` that an .npz archive holds; `check_keys` judges all names before one is unpacked. MapError."""
+    check_size(len(data), MAX_PACKED_BYTES, where)
+    if not data.startswith(b"PK"):
+        raise MapError("not an .npz file (a zip archive)", where=where, remedy=SAVE_AS)
+    with _refuse_damage(where), zipfile.ZipFile(io.BytesIO(data)) as archive:
+        check_size(sum(info.file_size for info in archive.infolist()), MAX_UNPACKED_BYTES, where)
+        members: dict[str, zipfile.ZipInfo] = {}
+        for info in archive.infolist():
+            key = info.filename.removesuffix(".npy")
+            if key in members:
+                raise MapError("the key is there twice", where=f"{where}: {key}", remedy=SAVE_AS)
+            members[key] = info
+        check_keys(members, where)
+        return {key: _read_member(archive, members[key], f"{where}: {key}") for key in keys if key in members}
+
+
+def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str) -> AnyArray:
+    # Other methods of compression allocate what their stream asks for.
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise MapError("compressed in a way that NumPy does not use", where=place, remedy=SAVE_AS)
+    with _refuse_damage(place):
+        with archive.open(info) as member:
+            data = member.read(info.file_size + 1)  # without a bound zlib would unpack all that the stream holds
+        stream = io.BytesIO(data)
+        version = np.lib.format.read_magic(stream)
+        if version not in ((1, 0), (2, 0)):
+            raise ValueError(f"npy format version {version[0]}.{version[1]}")
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran_order, dtype = read_header(stream)
+        if dtype.hasobject:
+            raise MapError("an object array: a pickle, which is never read", where=place, remedy=SAVE_AS)
+        # NumPy's own reader would allocate the shape that the header claims before it looks at the data.
+        if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
+            raise ValueError(f"shape {shape} does not fit {len(data) - stream.tell()} bytes")
+        # A narrow number becomes one of 8 bytes.
+        check_size(math.prod(shape) * max(dtype.itemsize, 8), MAX_UNPACKED_BYTES, place)
+        return np.ndarray(shape, dtype, data, stream.tell(), order="F" if fortran_order else "C")

@@ -1,0 +1,301 @@
+"""The reference map and its file, `.npz`.
+
+`vx` (n,) m/s and `delta_f` (m,) rad, strictly increasing, with `yaw_rate` (n, m) rad/s are a map. The optimisation adds
+`beta`, `delta_r` (rad), `feasible`, `active` (what binds) and `meta`, a JSON text with the configuration. Nothing in a file is
+trusted: no pickle is read, no size believed, and what breaks the contract is refused with its key, index and remedy.
+
+That map is for the friction of its configuration, `road.friction`. A stack adds maps of the same car for lower frictions on the
+same axes: `friction` (k,) rising by 0.01 or more, all as far below that of the map, and `friction_yaw_rate` (k, n, m) with
+`friction_feasible` and, exactly where the map has the table itself, `friction_beta`, `friction_delta_r`, `friction_active`.
+Each layer is held to all that the map is held to. Who reads the map alone finds it where it always was.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from codegen import __version__
+from codegen.configuration import Config, check_name, parse
+from codegen.errors import CodegenError, ConfigError, MapError
+from codegen.files import write_atomically
+from codegen.map_file import archive, tables
+from codegen.map_file.road import on_road
+from codegen.map_file.tables import KEYS, UNITS, AnyArray, Binding, BindingArray, BoolArray, FloatArray
+
+__all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
+
+SCHEMA_VERSION = 1
+STANDARD_GRAVITY = 9.81
+
+ATTRIBUTES = {
+    "yaw_rate": "yaw_rate",
+    "beta": "sideslip",
+    "delta_r": "rear_angle",
+    "feasible": "feasible",
+    "active": "active",
+}
+"""File key of each table -> attribute of `ReferenceMap`."""
+
+
+@dataclass(frozen=True)
+class FrictionLayer:
+    """One lower friction of a stack, and the map for it: a map like any other, on the axes of the map that it belongs to."""
+
+    friction: float
+    map: ReferenceMap
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceMap:
+    """Yaw rates for n speeds and m front angles. SI units, ISO 8855 signs; a left turn, for the map is symmetric.
+
+    Attributes:
+        speed: (n,) m/s, strictly increasing, zero or above.
+        front_angle: (m,) rad at the road wheel, strictly increasing, zero or above.
+        yaw_rate: (n, m) rad/s, zero or above; NaN where infeasible and only there (so are `sideslip` and `rear_angle`).
+        feasible: (n, m) whether a steady turn inside all constraints exists.
+        sideslip: (n, m) rad, file key `beta`; None where the file has none (so are all below).
+        rear_angle: (n, m) rad, file key `delta_r`.
+        active: (n, m) `Binding` flags.
+        config: the configuration that the map was made from; its `road.friction` is the friction of this map.
+        case: name of the case in it.
+        meta: the parsed JSON of the file; {} where it has none.
+        layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
+            (`road.on_road`), case and meta of this one: who replaces those here replaces them there.
+
+    Raises:
+        ConfigError: the configuration cannot stand for a friction of the stack.
+    """
+
+    speed: FloatArray
+    front_angle: FloatArray
+    yaw_rate: FloatArray
+    feasible: BoolArray
+    sideslip: FloatArray | None = None
+    rear_angle: FloatArray | None = None
+    active: BindingArray | None = None
+    config: Config | None = None
+    case: str | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    layers: tuple[FrictionLayer, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.layers:
+            own = tuple(FrictionLayer(layer.friction, self._of_this_car(layer)) for layer in self.layers)
+            object.__setattr__(self, "layers", own)
+
+    def _of_this_car(self, layer: FrictionLayer) -> ReferenceMap:
+        config = None if self.config is None else on_road(self.config, layer.friction)
+        changes = {} if config is None else {"configuration": config.model_dump(mode="json")}
+        return replace(layer.map, config=config, case=self.case, meta={**self.meta, **changes}, layers=())
+
+    @property
+    def solved(self) -> bool:
+        """Whether the map came from the optimisation: its configuration, case and binding constraints are known."""
+        return self.config is not None and self.case is not None and self.active is not None
+
+    @property
+    def tyre_model(self) -> str | None:
+        """Of the optimisation, "linear" or "magic-formula"; None where configuration or case are not known."""
+        return None if self.config is None or self.case is None else self.config.case(self.case).tyre_model
+
+
+def make_meta(config: Config, case: str, method: str) -> dict[str, Any]:
+    """The `meta` of a solved map. No clock, user or host: the same input and versions give the same text."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "case": case,
+        "method": method,
+        "configuration": config.model_dump(mode="json"),
+        "units": dict(UNITS),
+        "active_bits": {str(binding.name).lower(): int(binding) for binding in Binding},
+        "tools": {"codegen": __version__, "numpy": np.__version__},
+    }
+
+
+def load(path: Path) -> ReferenceMap:
+    """Read and check a map. Raises MapError with file, key and index for everything that breaks the contract."""
+    return from_bytes(archive.read_map_file(path), path)
+
+
+def from_bytes(data: bytes, where: object) -> ReferenceMap:
+    """The map in the bytes of an `.npz`; `where` is what messages name as the place. Raises MapError."""
+    return from_arrays(archive.read_archive(data, where, KEYS, tables.check_keys), where)
+
+
+def from_arrays(arrays: Mapping[str, AnyArray], where: object) -> ReferenceMap:
+    """Check arrays under the keys of the file and make a map of them; other keys are ignored.
+
+    The arrays are copied. Values of infeasible cells mean nothing and become NaN.
+
+    Raises:
+        MapError: the first fault, with its key and index.
+    """
+    tables.check_keys(arrays, where)
+    speed, front_angle = tables.read_axis(arrays, "vx", where), tables.read_axis(arrays, "delta_f", where)
+    shape = (speed.size, front_angle.size)
+    own = tables.read_tables(arrays, shape, where)
+    meta = _meta(arrays, where)
+    config, case = _configuration(meta, where)
+    gravity = STANDARD_GRAVITY if config is None else config.road.gravity_m_s2
+    tables.check_lateral_acceleration(speed, own.yaw_rate, gravity, where)
+    base = ReferenceMap(
+        speed, front_angle, own.yaw_rate, own.feasible, own.sideslip, own.rear_angle, own.active, config, case, meta
+    )
+    friction = tables.read_frictions(arrays, where)
+    if not friction.size:
+        return base
+    if config is not None:
+        tables.check_below_design(friction, config.road.friction, where)
+    stack = tables.read_tables(arrays, (friction.size, *shape), where)
+    tables.check_lateral_acceleration(speed, stack.yaw_rate, gravity, where)
+    return _with_stack(base, friction, stack, where)
+
+
+def _with_stack(base: ReferenceMap, friction: FloatArray, stack: tables.Tables, where: object) -> ReferenceMap:
+    layers = [
+        FrictionLayer(float(value), replace(base, **{name: getattr(layer, name) for name in ATTRIBUTES.values()}))
+        for value, layer in zip(friction, (stack.layer(index) for index in range(friction.size)), strict=True)
+    ]
+    try:
+        return replace(base, layers=tuple(layers))
+    except ConfigError as error:
+        raise MapError(error.what, where=f"{where}: {error.where}", remedy=error.remedy) from error
+
+
+def to_bytes(reference_map: ReferenceMap) -> bytes:
+    """The `.npz` of a map, checked as `load` does. Equal maps give equal bytes on every machine: stored, no time stamp.
+
+    Raises:
+        MapError: the map breaks the contract, or its `meta` does not hold its configuration and case.
+    """
+    where = "the map to save"
+    checked = from_arrays(_arrays(reference_map, where), where)
+    if (checked.config, checked.case) != (reference_map.config, reference_map.case):
+        raise MapError("it is not of this configuration and case", where=f"{where}: meta", remedy="make it with make_meta")
+    arrays = _arrays(checked, where)
+    archive.check_size(
+        sum(array.nbytes + archive.NPY_HEADER_BYTES for array in arrays.values()), archive.MAX_UNPACKED_BYTES, where
+    )
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as packed:
+        for key, array in arrays.items():
+            entry = zipfile.ZipInfo(f"{key}.npy")  # dated 1980
+            entry.create_system, entry.external_attr = 3, 0o644 << 16
+            member = io.BytesIO()
+            little_endian = array.astype(array.dtype.newbyteorder("<"))
+            np.lib.format.write_array(member, little_endian, version=(1, 0), allow_pickle=False)
+            packed.writestr(entry, member.getvalue())
+    return stream.getvalue()
+
+
+def save(reference_map: ReferenceMap, path: Path) -> None:
+    """Write a map (see `to_bytes`). A failure, whenever it comes, leaves what stood at `path`. Raises MapError."""
+    data = to_bytes(reference_map)
+    try:
+        write_atomically(path, data)
+    except CodegenError as error:
+        raise MapError(error.what, where=error.where, remedy=error.remedy) from error
+
+
+def _arrays(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
+    arrays: dict[str, AnyArray | None] = {"vx": reference_map.speed, "delta_f": reference_map.front_angle}
+    arrays |= {key: getattr(reference_map, name) for key, name in ATTRIBUTES.items()}
+    if reference_map.layers:
+        arrays |= _stacked(reference_map, where)
+    if reference_map.meta:
+        text = json.dumps(dict(reference_map.meta), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        arrays["meta"] = np.array(text)
+    return {key: array for key, array in arrays.items() if array is not None}
+
+
+def _stacked(reference_map: ReferenceMap, where: object) -> dict[str, AnyArray]:
+    """The arrays of the stack under their keys. Raises MapError where a layer is no map like the one that it belongs to."""
+    shape = (reference_map.speed.size, reference_map.front_angle.size)
+    attributes = {key: name for key, name in ATTRIBUTES.items() if getattr(reference_map, name) is not None}
+    for index, layer in enumerate(reference_map.layers):
+        of_layer = {key: getattr(layer.map, name) for key, name in ATTRIBUTES.items()}
+        if not (
+            np.array_equal(layer.map.speed, reference_map.speed)
+            and np.array_equal(layer.map.front_angle, reference_map.front_angle)
+            and {key: table.shape for key, table in of_layer.items() if table is not None} == dict.fromkeys(attributes, shape)
+        ):
+            raise MapError(
+                "this layer does not have the axes and the tables of the map",
+                where=f"{where}: friction[{index}]",
+                remedy="make it with optimum.stack.solve_stack",
+            )
+    arrays = {"friction": np.array([layer.friction for layer in reference_map.layers], dtype=np.float64)}
+    for key, name in attributes.items():
+        arrays[tables.STACK_PREFIX + key] = np.stack([getattr(layer.map, name) for layer in reference_map.layers])
+    return arrays
+
+
+# --- meta ----------------------------------------------------------------------------------------------------------------
+
+
+def _meta(arrays: Mapping[str, AnyArray], where: object) -> dict[str, Any]:
+    if "meta" not in arrays:
+        return {}
+    array, place = np.asarray(arrays["meta"]), f"{where}: meta"
+    if array.ndim != 0 or array.dtype.kind != "U":
+        kind = tables.kind_of(array) or "numeric"
+        raise MapError(
+            f"{kind} of shape {array.shape}, where one JSON text is needed",
+            where=place,
+            remedy="save it as numpy.array(json.dumps(...)), or leave the key out",
+        )
+    try:
+        # array.item() lets some code points through that no text may hold.
+        text = array.astype(array.dtype.newbyteorder("<")).tobytes().decode("utf-32-le").rstrip("\0")
+        meta = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise MapError(f"not JSON text: {error}", where=place, remedy="mend it, or leave the key out") from error
+    if not isinstance(meta, dict):
+        raise MapError("JSON, but no object", where=place, remedy="give {...}, or leave the key out")
+    version = meta.get("schema_version")
+    if type(version) is not int or version != SCHEMA_VERSION:
+        raise MapError(
+            f"{version!r} is not a version that this program reads ({SCHEMA_VERSION})",
+            where=f"{place}.schema_version",
+            remedy="make the map again with this version, or leave the key meta out",
+        )
+    return meta
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON number")
+
+
+def _configuration(meta: Mapping[str, Any], where: object) -> tuple[Config | None, str | None]:
+    data, case = meta.get("configuration"), meta.get("case")
+    place = f"{where}: meta.configuration"
+    if data is not None and not isinstance(data, dict):
+        raise MapError("no JSON object", where=place, remedy="give the tables of ars.toml, or leave the key out")
+    _check_case(case, f"{where}: meta.case")
+    try:
+        config = None if data is None else parse(data, place)
+        if config is not None and case is not None:
+            config.case(case, f"{where}: meta.case")
+    except ConfigError as error:
+        raise MapError(error.what, where=error.where, remedy=error.remedy) from error
+    except RecursionError as error:
+        raise MapError("nested too deep", where=place, remedy="give the tables of ars.toml, or leave the key out") from error
+    return config, case
+
+
+def _check_case(case: object, place: str) -> None:
+    try:
+        if case is not None:
+            check_name(case if isinstance(case, str) else "")
+    except ValueError as error:
+        what, _, remedy = str(error).partition("; ")
+        raise MapError(what, where=place, remedy=remedy) from error

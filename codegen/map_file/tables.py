@@ -1,0 +1,303 @@
+"""The arrays under the keys of the `.npz` file, checked one by one; messages name key and index.
+
+The tables of the map are (n, m), those of its stack of lower frictions (k, n, m): the same checks, with one index more.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.errors import MapError
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+BindingArray = npt.NDArray[np.uint8]
+AnyArray = npt.NDArray[Any]
+
+LATERAL_ACCELERATION_MAX_G = 5.0  # far above any tyre: degrees taken for radians ask for more
+
+REQUIRED = ("vx", "delta_f", "yaw_rate")
+UNITS = {"vx": "m/s", "delta_f": "rad", "yaw_rate": "rad/s", "beta": "rad", "delta_r": "rad", "feasible": "1", "active": "1"}
+TABLES = ("yaw_rate", "beta", "delta_r", "feasible", "active")
+OPTIONAL_TABLES = ("beta", "delta_r", "active")
+"""Tables without a default: the map and its stack both have one of them, or neither has."""
+STACK_PREFIX = "friction_"
+KEYS = (*UNITS, "friction", *(STACK_PREFIX + key for key in TABLES), "meta")
+KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
+
+MAX_LAYERS = 32
+"""Far beyond what an ECU has room for; keeps a file from asking for a million configurations."""
+FRICTION_STEP_MIN = 0.01
+"""Between neighbouring frictions: the resolution of an estimate, and wide enough to interpolate over in single precision."""
+FRICTION_STEP_SLACK = 1e-9
+"""Rounding of decimal frictions: 0.29 - 0.28 is a little less than 0.01."""
+
+
+class Binding(enum.IntFlag):
+    """The constraints that bind in a cell: a set, for several may be reached together."""
+
+    NONE = 0
+    SIDESLIP = 1
+    LATERAL_ACCELERATION = 2
+    SLIP_FRONT = 4
+    SLIP_REAR = 8
+    REAR_ANGLE = 16
+
+
+ALL_BINDING = sum(Binding)
+
+
+class _Plausible(NamedTuple):
+    low: float
+    high: float
+    unit: str
+    if_low: str
+    if_high: str
+
+
+_IN_DEGREES = "if it is in degrees, multiply by pi/180"
+_PEAK_FRICTION = "give the peak friction of the road, such as 0.3"
+PLAUSIBLE = {
+    "vx": _Plausible(0.0, 150.0, "m/s", "leave reverse out: the map is for forward speeds", "if it is in km/h, divide by 3.6"),
+    "delta_f": _Plausible(0.0, 1.2, "rad", "leave right turns out: the map is symmetric", _IN_DEGREES),
+    "yaw_rate": _Plausible(
+        0.0, 10.0, "rad/s", "turn the sign: both are positive to the left", "if it is in deg/s, multiply by pi/180"
+    ),
+    "beta": _Plausible(-0.5, 0.5, "rad", _IN_DEGREES, _IN_DEGREES),
+    "delta_r": _Plausible(-0.5, 0.5, "rad", _IN_DEGREES, _IN_DEGREES),
+    "friction": _Plausible(0.05, 1.5, "", _PEAK_FRICTION, _PEAK_FRICTION),
+}
+"""Values (SI) beyond which no car's map goes, and what is likely wrong where one does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """The tables of a map, (n, m), or of a stack, (k, n, m); SI units, NaN where infeasible and only there; read-only."""
+
+    yaw_rate: FloatArray
+    feasible: BoolArray
+    sideslip: FloatArray | None
+    rear_angle: FloatArray | None
+    active: BindingArray | None
+
+    def layer(self, index: int) -> Tables:
+        """The (n, m) tables of one friction of a stack."""
+        sideslip, rear_angle, active = (
+            None if table is None else table[index] for table in (self.sideslip, self.rear_angle, self.active)
+        )
+        return Tables(self.yaw_rate[index], self.feasible[index], sideslip, rear_angle, active)
+
+
+def check_keys(keys: Iterable[str], where: object) -> None:
+    """Refuse a set of keys that lacks a required one or holds half a stack. Raises MapError."""
+    present = list(keys)
+    for key in REQUIRED:
+        if key not in present:
+            raise MapError(
+                "this key is missing",
+                where=f"{where}: {key}",
+                remedy=f"add it, in {UNITS[key]}; the file holds {', '.join(present) or 'nothing'}",
+            )
+    stacked = [key for key in KEYS if key.startswith(STACK_PREFIX) and key in present]
+    if "friction" not in present:
+        if stacked:
+            remedy = f"add it, the friction of each layer of {stacked[0]}, or leave out {', '.join(stacked)}"
+            raise MapError("this key is missing", where=f"{where}: friction", remedy=remedy)
+        return
+    for key in ("yaw_rate", *OPTIONAL_TABLES):
+        of_stack = STACK_PREFIX + key
+        if key in present and of_stack not in present:
+            remedy = f"add it, {key} for each friction, or leave out friction" + (
+                f" and {', '.join(stacked)}" if stacked else ""
+            )
+            raise MapError("this key is missing", where=f"{where}: {of_stack}", remedy=remedy)
+        if of_stack in present and key not in present:
+            remedy = f"add {key}, or leave out {of_stack}"
+            raise MapError(f"the stack has it, but the map has no {key}", where=f"{where}: {of_stack}", remedy=remedy)
+
+
+def read_axis(arrays: Mapping[str, AnyArray], key: str, where: object) -> FloatArray:
+    """The breakpoints `vx` or `delta_f`. Raises MapError."""
+    values = _numbers(arrays, key, None, where)
+    if values.size < 2:
+        raise MapError(f"{values.size} points", where=f"{where}: {key}", remedy="give at least two")
+    for index in np.argwhere(~np.isfinite(values))[:1]:
+        raise MapError(f"{values[index[0]]} on an axis", where=_at(where, key, index), remedy="give a finite breakpoint")
+    for index in np.argwhere(np.diff(values) <= 0.0)[:1] + 1:
+        left, right = values[index[0] - 1], values[index[0]]
+        raise MapError(
+            f"{right:.9g} is not above the breakpoint before it ({left:.9g})",
+            where=_at(where, key, index),
+            remedy="sort the axis, with the rows or columns of the tables, and remove doubles",
+        )
+    _check_plausible(values, key, key, where)
+    values.setflags(write=False)
+    return values
+
+
+def read_frictions(arrays: Mapping[str, AnyArray], where: object) -> FloatArray:
+    """The frictions (k,) of the stack, rising by FRICTION_STEP_MIN or more; (0,) where there is none. Raises MapError."""
+    if "friction" not in arrays:
+        return np.empty(0)
+    values = _numbers(arrays, "friction", None, where)
+    if not 1 <= values.size <= MAX_LAYERS:
+        remedy = f"give 1 to {MAX_LAYERS}, or leave out all keys of the stack"
+        raise MapError(f"{values.size} frictions", where=f"{where}: friction", remedy=remedy)
+    for index in np.argwhere(~np.isfinite(values))[:1]:
+        raise MapError(f"{values[index[0]]} on an axis", where=_at(where, "friction", index), remedy="give a finite friction")
+    _check_plausible(values, "friction", "friction", where)
+    for index in np.argwhere(np.diff(values) < FRICTION_STEP_MIN - FRICTION_STEP_SLACK)[:1] + 1:
+        left, right = values[index[0] - 1], values[index[0]]
+        raise MapError(
+            f"{right:.9g} is not at least {FRICTION_STEP_MIN:g} above the friction before it ({left:.9g})",
+            where=_at(where, "friction", index),
+            remedy="sort the frictions, with the layers of the tables, and remove doubles",
+        )
+    values.setflags(write=False)
+    return values
+
+
+def check_below_design(friction: FloatArray, design: float, where: object) -> None:
+    """Refuse frictions (k,) of a stack that do not all lie below the design friction. Raises MapError."""
+    for index in np.argwhere(friction > design - FRICTION_STEP_MIN + FRICTION_STEP_SLACK)[:1]:
+        raise MapError(
+            f"{friction[index[0]]:.9g} is not at least {FRICTION_STEP_MIN:g} below the friction of the map itself "
+            f"(road.friction = {design:.9g})",
+            where=_at(where, "friction", index),
+            remedy="leave that layer out: the stack is for lower frictions",
+        )
+
+
+def read_tables(arrays: Mapping[str, AnyArray], shape: tuple[int, ...], where: object) -> Tables:
+    """The tables of the map where `shape` is (n, m), those of its stack where it is (k, n, m).
+
+    Raises:
+        MapError: the first fault, with its key and index.
+    """
+    prefix = STACK_PREFIX if len(shape) == 3 else ""
+    feasible = _feasible(arrays, f"{prefix}feasible", shape, where)
+    cells = {
+        key: _cells(arrays, prefix + key, key, feasible, where)
+        for key in ("yaw_rate", "beta", "delta_r")
+        if prefix + key in arrays
+    }
+    active = _active(arrays, f"{prefix}active", shape, where)
+    return Tables(cells["yaw_rate"], feasible, cells.get("beta"), cells.get("delta_r"), active)
+
+
+def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity: float, where: object) -> None:
+    """Refuse yaw rates, (n, m) or (k, n, m), that no tyre allows at their speed. Raises MapError."""
+    in_g = speed[:, np.newaxis] * yaw_rate / gravity
+    # A map on the bound itself may lie above it by rounding.
+    for index in np.argwhere(in_g > LATERAL_ACCELERATION_MAX_G * (1.0 + 1e-9))[:1]:
+        cell, i = tuple(index), index[-2]
+        raise MapError(
+            f"{yaw_rate[cell]:.4g} rad/s at vx[{i}] = {speed[i]:.4g} m/s is {in_g[cell]:.3g} g of lateral acceleration, "
+            f"above {LATERAL_ACCELERATION_MAX_G:g} g",
+            where=_at(where, "yaw_rate" if yaw_rate.ndim == 2 else f"{STACK_PREFIX}yaw_rate", index),
+            remedy="check whether vx is in km/h or yaw_rate in deg/s",
+        )
+
+
+def kind_of(array: AnyArray) -> str | None:
+    """What an array without real numbers holds, in a word; None for other kinds."""
+    return KINDS.get(array.dtype.kind)
+
+
+def _at(where: object, key: str, index: Iterable[np.intp]) -> str:
+    return f"{where}: {key}[{', '.join(str(i) for i in index)}]"
+
+
+def _numbers(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...] | None, where: object) -> FloatArray:
+    """A copy in float64 of real numbers (any integer or floating type) of a shape (None: one axis of any length)."""
+    array = np.asarray(arrays[key])
+    place = f"{where}: {key}"
+    if array.dtype.kind not in "iuf":
+        kind = kind_of(array) or str(array.dtype)
+        raise MapError(f"{kind} values, where real numbers are needed", where=place, remedy="save it as plain numbers")
+    if shape is None and array.ndim != 1:
+        raise MapError(f"shape {array.shape}, where one dimension is needed", where=place, remedy="save it with .ravel()")
+    if shape is not None and array.shape != shape:
+        axes, remedy = "vx by delta_f", "give a row for each vx and a column for each delta_f"
+        if len(shape) == 3:
+            axes, remedy = f"friction by {axes}", f"for each friction {remedy}"
+        remedy = "transpose it" if array.shape == shape[::-1] else remedy
+        raise MapError(f"shape {array.shape}, where {shape} is needed ({axes})", where=place, remedy=remedy)
+    with np.errstate(all="ignore"):  # an overflow is found as inf
+        return np.array(array, dtype=np.float64, order="C")
+
+
+def _check_plausible(values: FloatArray, key: str, quantity: str, where: object) -> None:
+    limits = PLAUSIBLE[quantity]
+    for index in np.argwhere((values < limits.low) | (values > limits.high))[:1]:
+        value = values[tuple(index)]
+        raise MapError(
+            f"{value:.6g} is outside {limits.low:g} to {limits.high:g} {limits.unit}",
+            where=_at(where, key, index),
+            remedy=limits.if_low if value < limits.low else limits.if_high,
+        )
+
+
+def _feasible(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object) -> BoolArray:
+    if key not in arrays:
+        feasible = np.ones(shape, dtype=np.bool_)
+    else:
+        array = np.asarray(arrays[key])
+        numbers = _numbers({key: array.view(np.uint8) if array.dtype == np.bool_ else array}, key, shape, where)
+        for index in np.argwhere((numbers != 0.0) & (numbers != 1.0))[:1]:
+            raise MapError(
+                f"{numbers[tuple(index)]:g} is neither true nor false",
+                where=_at(where, key, index),
+                remedy="give booleans, or 0 and 1",
+            )
+        feasible = numbers == 1.0
+    _check_some_feasible(arrays, feasible, key, where)
+    feasible.setflags(write=False)
+    return feasible
+
+
+def _check_some_feasible(arrays: Mapping[str, AnyArray], feasible: BoolArray, key: str, where: object) -> None:
+    some = feasible.any(axis=(-2, -1))
+    if feasible.ndim == 2 and not some:
+        raise MapError("infeasible everywhere", where=f"{where}: {key}", remedy="loosen the limits or move the grid")
+    for index in np.argwhere(~some)[:1]:
+        raise MapError(
+            f"infeasible everywhere at friction {np.asarray(arrays['friction'])[index[0]]:g}",
+            where=_at(where, key, index),
+            remedy="leave that layer out, loosen the limits or move the grid",
+        )
+
+
+def _cells(arrays: Mapping[str, AnyArray], key: str, quantity: str, feasible: BoolArray, where: object) -> FloatArray:
+    values = _numbers(arrays, key, feasible.shape, where)
+    for index in np.argwhere(feasible & ~np.isfinite(values))[:1]:
+        raise MapError(
+            f"{values[tuple(index)]} in a feasible cell",
+            where=_at(where, key, index),
+            remedy=f"give a number, or mark the cell false in an array '{key.removesuffix(quantity)}feasible'",
+        )
+    values[~feasible] = np.nan
+    _check_plausible(values, key, quantity, where)
+    values.setflags(write=False)
+    return values
+
+
+def _active(arrays: Mapping[str, AnyArray], key: str, shape: tuple[int, ...], where: object) -> BindingArray | None:
+    if key not in arrays:
+        return None
+    numbers = _numbers(arrays, key, shape, where)
+    for index in np.argwhere(~np.isin(numbers, np.arange(ALL_BINDING + 1)))[:1]:
+        raise MapError(
+            f"{numbers[tuple(index)]:g} is no set of binding constraints",
+            where=_at(where, key, index),
+            remedy=f"give whole numbers from 0 to {ALL_BINDING}, or leave the key out",
+        )
+    active = numbers.astype(np.uint8)
+    active.setflags(write=False)
+    return active

@@ -1,0 +1,1 @@
+"""The optimisation: steady turns, constraints, and the solvers of the reference map."""

@@ -1,0 +1,229 @@
+"""The steady-turn problem handed to IPOPT point by point: the reference that the other solutions are held against.
+
+Nothing of `exact` or `nonlinear` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made
+from the CasADi models (see `ipopt_turns`); the solver is built once and warm-started along the grid. Where the objective is
+concave over the steady turns, it is started from both ends and the better result taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from codegen.configuration import KM_H, Config
+from codegen.errors import MapError
+from codegen.interrupts import deferred
+from codegen.optimum.exact import Solution, flags
+from codegen.optimum.ipopt_turns import turn_expressions
+from codegen.optimum.problem import FloatArray, SteadyTurnProblem
+from codegen.vehicle.dynamics import TyreModel
+
+Progress = Callable[[int, int], None]
+
+# Tight, because the comparison is: a bound that is just touched leaves an error of sqrt(mu), so mu must end far below 1e-12.
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-12,
+    "ipopt.compl_inf_tol": 1e-16,
+    "ipopt.constr_viol_tol": 1e-12,
+    "ipopt.dual_inf_tol": 1e-8,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.honor_original_bounds": "yes",
+    "ipopt.mu_target": 0.0,
+    "ipopt.max_iter": 200,
+    "ipopt.mu_strategy": "monotone",
+    "ipopt.mu_init": 1e-2,
+}
+# For the few points where rounding stops IPOPT short of that: still within 1e-6 of a scaled variable.
+_EASIER_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-14}
+_NO_STEP_LEFT = "Search_Direction_Becomes_Too_Small"
+# A linear problem, whose value alone counts: tighter than this it may stall without end where its solution is not unique.
+_ELASTIC_OPTIONS = {**_OPTIONS, "ipopt.tol": 1e-10, "ipopt.compl_inf_tol": 1e-10, "ipopt.constr_viol_tol": 1e-10}
+_CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+_FEASIBILITY_TOLERANCE = 1e-9
+_TIE = 1e-9
+"""Objectives closer than this count as equal, relative to the larger of one and their size."""
+
+
+@dataclass(frozen=True)
+class _Solvers:
+    """Optimisation, elastic feasibility problem and tangent of the steady turns, in variables scaled to order one."""
+
+    optimum: Any
+    optimum_easier: Any
+    elastic: Any
+    tangent: Any
+    slips: Any
+    scale: FloatArray
+    bounds: FloatArray
+    shares: int
+    """How many bounds there are beside the box."""
+
+
+def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) -> _Solvers:
+    z, slack = ca.SX.sym("z", 3), ca.SX.sym("s")
+    speed, front = ca.SX.sym("vx"), ca.SX.sym("delta_f")
+    turn = turn_expressions(config, problem, tyre_model, z, speed, front)
+    parameters = ca.vertcat(speed, front)
+    steady_turn = {"x": z, "p": parameters, "f": turn.objective, "g": ca.vertcat(turn.residual, turn.used)}
+    optimum, easier = (ca.nlpsol("optimum", "ipopt", steady_turn, options) for options in (_OPTIONS, _EASIER_OPTIONS))
+    # |z_beta| and |z_rear| become constraints here, so that all of them can be relaxed by the same slack.
+    box = ca.vertcat(turn.used, z[0], z[2])
+    relaxed = ca.vertcat(turn.residual, box - slack, box + slack)
+    elastic = ca.nlpsol(
+        "elastic", "ipopt", {"x": ca.vertcat(z, slack), "p": parameters, "f": slack, "g": relaxed}, _ELASTIC_OPTIONS
+    )
+    direction = -ca.solve(ca.jacobian(turn.residual, z[:2]), ca.jacobian(turn.residual, z[2]))
+    steady_tangent = ca.vertcat(direction, 1.0)
+    curvature = steady_tangent.T @ ca.hessian(turn.objective, z)[0] @ steady_tangent
+    tangent = ca.Function("curvature", [parameters, z], [ca.simplify(curvature)])
+    slips = ca.Function("slips", [z, parameters], [turn.slips])
+    rear_bound = 1.0 if problem.rear_angle_max > 0.0 else 0.0
+    bounds = np.array([1.0, np.inf, rear_bound])
+    return _Solvers(optimum, easier, elastic, tangent, slips, turn.scale, bounds, int(turn.used.numel()))
+
+
+def solve(
+    config: Config,
+    problem: SteadyTurnProblem,
+    speed: FloatArray,
+    front_angle: FloatArray,
+    progress: Progress | None = None,
+    tyre_model: TyreModel = "linear",
+) -> Solution:
+    """Solve for speeds (n,) in m/s and front angles (m,) in rad, one cell after the other.
+
+    Args:
+        progress: called with (cells done, cells in all) after each speed.
+        tyre_model: "linear" for the single-track car with linear tyres, "magic-formula" for the two-track plant.
+
+    Returns:
+        As `exact.solve`; `margin` is NaN, for an interior-point method does not know the feasible interval.
+
+    Raises:
+        MapError: IPOPT does not converge; names the operating point.
+    """
+    solvers = _build(config, problem, tyre_model)
+    shape = (speed.size, front_angle.size)
+    result, slips = np.full((*shape, 3), np.nan), np.full((*shape, 2), np.nan)
+    with deferred() as stop_if_asked:
+        for i, vx in enumerate(speed):
+            warm, feasible_expected = np.zeros(3), True
+            for j, delta_f in enumerate(front_angle):
+                point = _solve_point(solvers, np.array([vx, delta_f]), warm, feasible_expected=feasible_expected)
+                stop_if_asked()
+                feasible_expected = point is not None
+                if point is not None:
+                    result[i, j] = point * solvers.scale
+                    slips[i, j] = np.asarray(solvers.slips(point, [vx, delta_f])).ravel()
+                    warm = point
+            if progress is not None:
+                progress((i + 1) * front_angle.size, speed.size * front_angle.size)
+    sideslip, yaw_rate, rear_angle = (result[..., k] for k in range(3))
+    return Solution(
+        yaw_rate=yaw_rate,
+        sideslip=sideslip,
+        rear_angle=rear_angle,
+        feasible=np.isfinite(yaw_rate),
+        active=flags(problem, speed[:, np.newaxis] * yaw_rate, sideslip, (slips[..., 0], slips[..., 1]), rear_angle),
+        margin=np.full(shape, np.nan),
+    )
+
+
+def _solve_point(solvers: _Solvers, parameters: FloatArray, warm: FloatArray, *, feasible_expected: bool) -> FloatArray | None:
+    """The optimum in scaled variables, or None where the point is infeasible.
+
+    An infeasible point costs IPOPT's restoration far more than the elastic problem, which therefore goes first where a
+    neighbour was infeasible. It alone decides that a point is infeasible: an optimisation that fails proves nothing.
+    """
+    inside: FloatArray | None = None
+    if not feasible_expected:
+        inside = _feasible_point(solvers, parameters, warm)
+        if inside is None:
+            return None
+    best = _best(solvers, parameters, _starts(solvers, parameters, warm))
+    if best is None:
+        inside = _feasible_point(solvers, parameters, warm) if inside is None else inside
+        if inside is None:
+            return None
+        best = _best(solvers, parameters, [inside])
+    if best is None:
+        raise _not_converged(parameters, "the optimum")
+    return best
+
+
+def _starts(solvers: _Solvers, parameters: FloatArray, warm: FloatArray) -> list[FloatArray]:
+    """The neighbour's solution; both ends of the rear angle where the objective is concave over the steady turns."""
+    steers = solvers.bounds[2] > 0.0
+    if steers and float(solvers.tangent(parameters, warm)) <= 0.0:
+        return [np.array([warm[0], warm[1], end]) for end in (-1.0, 1.0)]
+    return [warm]
+
+
+def _best(solvers: _Solvers, parameters: FloatArray, starts: list[FloatArray]) -> FloatArray | None:
+    """The best of what IPOPT finds from several starts; of equally good turns the one furthest to the left."""
+    found = [answer for answer in (_run(solvers, parameters, start) for start in starts) if answer is not None]
+    if not found:
+        return None
+    least = min(objective for objective, _ in found)
+    # Without a weight on sideslip a turn to the right can be as good; a front angle to the left asks for the left one.
+    equal = [point for objective, point in found if objective <= least + _TIE * max(1.0, abs(least))]
+    return max(equal, key=lambda point: float(point[1]))
+
+
+def _not_converged(parameters: FloatArray, what: str) -> MapError:
+    speed, front_angle = (float(value) for value in parameters)
+    return MapError(
+        f"IPOPT does not converge to {what}",
+        where=f"{speed / KM_H:.6g} km/h, {math.degrees(front_angle):.6g} deg",
+        remedy="take the exact method, or check the vehicle data",
+    )
+
+
+def _run(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> tuple[float, FloatArray] | None:
+    """Objective and point that IPOPT converges to from `start`, or None."""
+    for optimum in (solvers.optimum, solvers.optimum_easier):
+        answer = optimum(
+            x0=start,
+            p=parameters,
+            lbx=-solvers.bounds,
+            ubx=solvers.bounds,
+            lbg=np.append([0.0, 0.0], -np.ones(solvers.shares)),
+            ubg=np.append([0.0, 0.0], np.ones(solvers.shares)),
+        )
+        status = optimum.stats()["return_status"]
+        if status in _CONVERGED:
+            return float(answer["f"]), np.asarray(answer["x"]).ravel()
+        if status != _NO_STEP_LEFT:
+            break
+    return None
+
+
+def _feasible_point(solvers: _Solvers, parameters: FloatArray, start: FloatArray) -> FloatArray | None:
+    """The point that is furthest inside all constraints; None where even that one violates a constraint."""
+    steers = solvers.bounds[2] > 0.0
+    # Without rear steering delta_r is fixed at zero and has no bound to relax.
+    limits = np.append(np.ones(solvers.shares + 1), 1.0 if steers else np.inf)
+    fixed = np.inf if steers else 0.0
+    infinite = np.full(limits.size, np.inf)
+    for first in (start, np.zeros(3)):
+        answer = solvers.elastic(
+            x0=np.append(first, 1.0),
+            p=parameters,
+            lbx=[-np.inf, -np.inf, -fixed, -np.inf],
+            ubx=[np.inf, np.inf, fixed, np.inf],
+            lbg=np.concatenate([[0.0, 0.0], -infinite, -limits]),
+            ubg=np.concatenate([[0.0, 0.0], limits, infinite]),
+        )
+        if solvers.elastic.stats()["return_status"] in _CONVERGED:
+            point = np.asarray(answer["x"]).ravel()
+            return point[:3] if point[3] <= _FEASIBILITY_TOLERANCE else None
+    raise _not_converged(parameters, "a feasible point")

@@ -1,0 +1,283 @@
+"""Solution of the steady-turn problem on the plant's own steady turns, with Magic Formula tyres at four loaded wheels.
+
+The problem is that of `problem`, the steady turn that of `vehicle.dynamics.two_track`, whose slip outputs are bounded. One
+degree of freedom is left at each operating point: the yaw rate, inside the interval of `nonlinear_range`. The objective's
+stationary points inside it and its ends are the candidates; the best of them is the optimum.
+
+Two additions that the linear car does not need: a turn must be stable, by the margin that the grid keeps from the critical
+speed (`problem.STABILITY_MARGIN`), and a slip bound ends short of the tyre's peak
+(`problem.PEAK_SHARE`).
+
+r < 0 is left out: with the front wheels turned to the left it has as much slip as |r|, more sideslip and a larger rear angle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from codegen.configuration import Case, Config
+from codegen.optimum.brackets import shrink
+from codegen.optimum.exact import Edge, Solution, flags
+from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, joined, nowhere, placed, taken
+from codegen.optimum.nonlinear_car import SteadyCar
+from codegen.optimum.nonlinear_range import (
+    END,
+    REAR_ANGLE,
+    SAMPLES,
+    SIDESLIP,
+    SLIP_FRONT,
+    SLIP_REAR,
+    Curves,
+    Points,
+    Ranges,
+    check,
+    curves,
+    meetings,
+    ranges,
+)
+from codegen.optimum.problem import SteadyTurnProblem
+
+BLOCK = 1200
+"""Operating points at a time: their samples stay in the processor's cache."""
+
+STATIONARY_TOLERANCE = 1e-5
+"""Of the distance between two samples. The secant in what is left of the bracket is off by about the square of that."""
+
+FRONT_ANGLE_MAX = math.radians(60.0)
+"""Where the search for an edge ends by default: no configuration has a stop beyond."""
+SCAN_POINTS = 25
+INSIDE = 1e-9
+"""Share by which the edge is given further inside, where rounding has no say in what is feasible."""
+BEYOND = 1e-6
+"""The search goes as far beyond its last angle, so that an edge on it is found."""
+EDGE_TOLERANCE = 1e-13
+"""Of the distance between two angles of the scan."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Optimum at p operating points; arrays (p,), NaN where infeasible.
+
+    `grip`: whether grip sets the range's upper end; `grip_yaw_rate`: where grip ends the turns, rad/s, NaN where another bound
+    does so before.
+    """
+
+    turns: Turns
+    feasible: BoolArray
+    margin: FloatArray
+    grip: BoolArray
+    grip_yaw_rate: FloatArray
+
+
+@dataclass(frozen=True)
+class NonlinearTurns:
+    """The steady turns of a case with the nonlinear tyre: see `turns.SteadyTurns`."""
+
+    problem: SteadyTurnProblem
+    car: SteadyCar
+    method = "newton"
+
+    @classmethod
+    def from_config(cls, config: Config, case: Case) -> Self:
+        """Of one case. Raises ConfigError where the tyre has no end to its linear range."""
+        car = SteadyCar.from_config(config)
+        problem = SteadyTurnProblem.from_config(config, case)
+        return cls(replace(problem, front_slip_max=car.front.slip_max, rear_slip_max=car.rear.slip_max), car)
+
+    def without_rear_steering(self) -> Self:
+        """The same car with its rear wheels straight."""
+        return replace(self, problem=replace(self.problem, rear_angle_max=0.0))
+
+    def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """See `SteadyTurns`."""
+        pairs = np.broadcast_arrays(speed[:, np.newaxis], front_angle)
+        return self.at(*(values.ravel() for values in pairs)).reshaped(pairs[0].shape)
+
+    def at(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """See `SteadyTurns`."""
+        return self.at_with_grip(speed, front_angle)[0]
+
+    def at_with_grip(self, speed: FloatArray, front_angle: FloatArray) -> tuple[Solution, FloatArray]:
+        """The same, and the yaw rates (n,) in rad/s at which grip (a slip bound, that on lateral acceleration or the stability
+        limit) ends the turns of each pair, feasible or not; NaN where another bound does so before."""
+        points = Points(speed, front_angle)
+        found = self._found(points)
+        turns = found.turns
+        slips = (np.abs(turns.slip_front), np.abs(turns.slip_rear))
+        active = flags(self.problem, points.speed * turns.yaw_rate, turns.sideslip, slips, turns.rear_angle)
+        solution = Solution(
+            yaw_rate=turns.yaw_rate,
+            sideslip=turns.sideslip,
+            rear_angle=turns.rear_angle,
+            feasible=found.feasible,
+            active=active,
+            margin=found.margin,
+        )
+        return solution, found.grip_yaw_rate
+
+    def edge(self, speed: FloatArray, front_angle_max: float = FRONT_ANGLE_MAX) -> Edge:
+        """See `SteadyTurns`: the root of the margin between the last feasible of some angles and the next one."""
+        angles = front_angle_max * (1.0 + BEYOND) * np.linspace(0.0, 1.0, SCAN_POINTS)
+        speeds, fronts = (values.ravel() for values in np.broadcast_arrays(speed[:, np.newaxis], angles))
+        margins = np.concatenate([self._margin(block) for block in _blocks(Points(speeds, fronts))])
+        margins = margins.reshape(speed.size, SCAN_POINTS)
+        kept = margins >= 0.0
+        last = SCAN_POINTS - 1 - kept[:, ::-1].argmax(axis=1)
+        ends = last < SCAN_POINTS - 1
+        front_angle = np.full(speed.shape, np.inf)
+        rows = np.flatnonzero(ends)
+        at = last[rows]
+        front_angle[rows], _ = shrink(
+            lambda some, angle: self._margin(Points(speed[rows[some]], angle)),
+            angles[at],
+            angles[at + 1],
+            margins[rows, at],
+            margins[rows, at + 1],
+            EDGE_TOLERANCE,
+        )
+        front_angle *= 1.0 - INSIDE
+        found = self._found(Points(speed, np.where(ends, front_angle, 0.0)))
+        turns = found.turns
+        return Edge(
+            front_angle=front_angle,
+            yaw_rate=np.where(ends, turns.yaw_rate, np.nan),
+            rear_angle=np.where(ends, turns.rear_angle, np.nan),
+            grip_limited=ends & found.grip,
+        )
+
+    def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
+        """The largest that is asked for: it depends on speed and front angle, and the cap must not cut an optimum."""
+        return float(np.nanmax(asked))
+
+    def turns_at(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> Turns:
+        """The plant's own steady turns, rad, at speeds, front angles and yaw rates of one shape, up to the tyres' peak.
+
+        `converged` is False where there is none (and for NaN).
+        """
+        car = self.car
+        front, rear = (replace(axle, slip_max=min(axle.tyre.peak_slip, FRONT_ANGLE_MAX)) for axle in (car.front, car.rear))
+        known = np.isfinite(yaw_rate)
+        asked = np.where(known, yaw_rate, 0.0)
+        turns = replace(car, front=front, rear=rear).turns(speed.ravel(), front_angle.ravel(), asked.ravel())
+        there = (np.abs(turns.slip_front) <= front.slip_max) & (np.abs(turns.slip_rear) <= rear.slip_max)
+        return replace(turns, converged=turns.converged & there & known.ravel()).reshaped(yaw_rate.shape)
+
+    # --- one block of operating points ----------------------------------------------------------------------------------
+
+    def _margin(self, points: Points) -> FloatArray:
+        """(p,) rad; see `exact.Solution`."""
+        found = curves(self.problem, self.car, points)
+        between = ranges(self.problem, self.car, found)
+        return self._margin_of(between, self._at(found, between.low), self._at(found, between.high))
+
+    def _margin_of(self, between: Ranges, low: Turns, high: Turns) -> FloatArray:
+        """How wide the range is, in rear angle; without rear steering how far zero lies inside."""
+        if self.problem.rear_angle_max > 0.0:
+            width = low.rear_angle - high.rear_angle
+        else:
+            width = np.minimum(low.rear_angle, -high.rear_angle)
+        return np.where(between.missed > 0.0, np.minimum(width, -between.missed), width)
+
+    def _at(self, found: Curves, yaw_rate: FloatArray, cells: IndexArray | None = None) -> Turns:
+        """The turns at yaw rates (k,) of some operating points, by default of all."""
+        chosen = np.arange(found.points.size) if cells is None else cells
+        points = found.points[chosen]
+        turns = self.car.turns(points.speed, points.front_angle, yaw_rate, found.between(chosen, yaw_rate))
+        check(turns, points)
+        return turns
+
+    def _found(self, points: Points) -> _Found:
+        """The optimum at any number of operating points."""
+        parts = [self._found_in(block) for block in _blocks(points)]
+        return _Found(
+            joined([part.turns for part in parts]),
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("feasible", "margin", "grip", "grip_yaw_rate")
+            ),
+        )
+
+    def _found_in(self, points: Points) -> _Found:
+        found = curves(self.problem, self.car, points)
+        between = ranges(self.problem, self.car, found)
+        low, high = self._at(found, between.low), self._at(found, between.high)
+        margin = self._margin_of(between, low, high)
+        feasible = margin >= 0.0
+        grip = np.isin(between.high_by, (SLIP_FRONT, SLIP_REAR, END))
+        grip_yaw_rate = np.where(grip, between.high, np.nan)
+        if self.problem.rear_angle_max > 0.0:
+            best = self._best(found, np.flatnonzero(feasible), low, high)
+        else:
+            best = self._straight(found, np.flatnonzero(feasible))
+            grip &= -high.rear_angle <= low.rear_angle
+        return _Found(placed(nowhere(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate)
+
+    def _straight(self, found: Curves, cells: IndexArray) -> Turns:
+        """The turns of some operating points with the rear wheels straight: one of each, for their angle falls with r."""
+        rear_angle = found.turns.rear_angle[:, cells]
+        left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
+        rows = np.full(cells.shape, REAR_ANGLE)
+        return self._at(found, meetings(self.car, found, cells, rows, np.zeros(cells.shape), left), cells)
+
+    def _best(self, found: Curves, cells: IndexArray, low: Turns, high: Turns) -> Turns:
+        """The best turns of some operating points, between the ends of their ranges: an end or where the slope vanishes."""
+        first, last = low.yaw_rate[cells], high.yaw_rate[cells]
+        inner = found.turns.yaw_rate[:, cells]
+        below, above = inner <= first, inner >= last
+        slope, slope_low, slope_high = (self._slope(turns) for turns in (found.turns, low, high))
+        slope = np.where(below, slope_low[cells], np.where(above, slope_high[cells], slope[:, cells]))
+        slopes = np.vstack([slope_low[cells], slope, slope_high[cells]])
+        places = np.vstack([first, np.clip(inner, first, last), last])
+        best, objective = (taken(high, cells), self._objective(taken(high, cells)))
+        best, objective = self._better(best, objective, np.arange(cells.size), taken(low, cells))
+        # A minimum lies where the slope turns from falling to rising.
+        left, which = np.nonzero((slopes[:-1] < 0.0) & (slopes[1:] > 0.0))
+        if which.size:
+            _, yaw_rate = shrink(
+                lambda some, r: self._slope(self._at(found, r, cells[which[some]])),
+                places[left, which],
+                places[left + 1, which],
+                slopes[left, which],
+                slopes[left + 1, which],
+                STATIONARY_TOLERANCE,
+            )
+            turns = self._at(found, yaw_rate, cells[which])
+            # Several of one operating point, if there ever are, take their turns.
+            for number in range(int(np.bincount(which).max())):
+                once = _nth(which, number)
+                best, objective = self._better(best, objective, which[once], taken(turns, once))
+        return best
+
+    def _better(self, best: Turns, objective: FloatArray, at: IndexArray, others: Turns) -> tuple[Turns, FloatArray]:
+        """The better turns of each operating point: `others` are those of some (`at`). Of equal ones the first stays."""
+        value = self._objective(others)
+        chosen = np.flatnonzero(value < objective[at])
+        improved = objective.copy()
+        improved[at[chosen]] = value[chosen]
+        return placed(best, at[chosen], taken(others, chosen)), improved
+
+    def _objective(self, turns: Turns) -> FloatArray:
+        value: FloatArray = -(turns.yaw_rate**2) + self.problem.sideslip_weight * turns.sideslip**2
+        return value
+
+    def _slope(self, turns: Turns) -> FloatArray:
+        """Half the derivative of the objective by the yaw rate."""
+        slope: FloatArray = -turns.yaw_rate + self.problem.sideslip_weight * turns.sideslip * turns.rates[SIDESLIP]
+        return slope
+
+
+def _blocks(points: Points) -> list[Points]:
+    return [points[slice(start, start + BLOCK)] for start in range(0, max(points.size, 1), BLOCK)]
+
+
+def _nth(values: IndexArray, number: int) -> IndexArray:
+    """Where each value occurs for the `number`-th time, counted from zero."""
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    rank = np.arange(values.size) - np.searchsorted(ordered, ordered)
+    result: IndexArray = order[rank == number]
+    return result

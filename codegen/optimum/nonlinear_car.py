@@ -1,0 +1,305 @@
+"""The two-track plant in a steady turn, many turns at once.
+
+At a speed, a front angle and a yaw rate the steady turn has two unknowns: the slip angles at the middle of both axles (they
+give the lateral speed and the rear angle). Two equations hold them, the side forces and their yaw moments:
+
+    Y_f + Y_r = m vx r,    lf Y_f + M_f - lr Y_r + M_r = 0
+
+with Y the sum of an axle's tyre forces across the car and M what they do about its middle (half a track apart, turned by the
+steering angle). Wheel loads, slip angles and forces are those of `vehicle.dynamics.two_track` with all derivatives zero.
+Newton's method solves them from the single-track car's answer; the same derivatives give how the turn changes with r.
+
+Beyond its slip bound the force of an axle goes on along its tangent. No such turn is allowed, so no result depends on it; but
+every yaw rate then has a turn, and by how much the bound is exceeded tells where it is met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+
+from codegen.configuration import Config
+from codegen.optimum.brackets import shrink
+from codegen.optimum.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, placed
+from codegen.optimum.nonlinear_axle import Axle, Motion, axle_force, curve
+from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
+from codegen.vehicle.tyre import AxleTyres
+
+STEP_TOLERANCE = 1e-13
+"""rad: Newton's method ends with a step below; angles are of order 0.1 rad."""
+STEP_ACCEPTED = 1e-10
+"""rad: a last step up to this still counts as converged, for rounding may keep the steps above the tolerance."""
+RESIDUAL_ACCEPTED = 2e-8
+"""m/s^2, of the whole car: so does a turn that is so well balanced."""
+STEPS_MAX = 8
+DAMPED_STEPS = 40
+ROUNDS = 6
+"""Of taking one axle after the other. What one does to the other is a small part of what it does to itself."""
+NEAR = 1e-5
+"""rad: near enough for Newton's method."""
+BRACKET_TOLERANCE = 1e-6
+REACH = 1.0
+"""rad beyond the slip bound, where the force that goes on along its tangent is larger than any turn needs."""
+ANGLE_MAX = 1.5
+"""rad. Directions of travel are kept below, where the tangent is finite."""
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """Residuals of both equations, N m about the rear axle and N, and their derivatives by slip angles and yaw rate."""
+
+    moments: FloatArray
+    sides: FloatArray
+    moments_by_front: FloatArray
+    moments_by_rear: FloatArray
+    sides_by_front: FloatArray
+    sides_by_rear: FloatArray
+    moments_by_yaw_rate: FloatArray
+    sides_by_yaw_rate: FloatArray
+
+    def solved(self, moments: FloatArray, sides: FloatArray) -> Slips:
+        """The changes of both slip angles that take away moments and side forces."""
+        scale = 1.0 / (self.moments_by_front * self.sides_by_rear - self.moments_by_rear * self.sides_by_front)
+        front = (self.moments_by_rear * sides - moments * self.sides_by_rear) * scale
+        return front, (moments * self.sides_by_front - self.moments_by_front * sides) * scale
+
+    def size(self, wheelbase: float) -> FloatArray:
+        """Of the residuals, N."""
+        return np.hypot(self.moments / wheelbase, self.sides)
+
+
+@dataclass(frozen=True)
+class SteadyCar:
+    """The plant in a steady turn: SI units. Tyre shifts are left out, so that right turns mirror left ones."""
+
+    mass: float
+    front_arm: float
+    rear_arm: float
+    half_track: float
+    friction: float
+    wheel_speed_min: float
+    front: Axle
+    rear: Axle
+
+    @classmethod
+    def from_config(cls, config: Config) -> Self:
+        """The plant of a configuration on the road of its map. Raises ConfigError (see `MagicFormulaTyre.slip_bound`).
+
+        The slip bound of an axle is that of the linear tyre, at the latest PEAK_SHARE of the slip at which its force peaks.
+        """
+        from codegen.vehicle.dynamics import WHEEL_SPEED_MIN, load_transfer_per_lateral_acceleration
+
+        tyres = AxleTyres.from_config(config)
+        axles = (
+            Axle(replace(tyre, horizontal_shift=0.0, vertical_shift=0.0), transfer, min(bound, PEAK_SHARE * tyre.peak_slip))
+            for tyre, transfer, bound in zip(
+                (tyres.front, tyres.rear),
+                load_transfer_per_lateral_acceleration(config),
+                (tyres.front_slip_bound, tyres.rear_slip_bound),
+                strict=True,
+            )
+        )
+        vehicle = config.vehicle
+        return cls(
+            vehicle.mass_kg,
+            vehicle.cg_to_front_axle_m,
+            vehicle.cg_to_rear_axle_m,
+            0.5 * vehicle.track_m,
+            config.road.friction,
+            WHEEL_SPEED_MIN,
+            *axles,
+        )
+
+    @property
+    def wheelbase(self) -> float:
+        """L in m."""
+        return self.front_arm + self.rear_arm
+
+    def grip_yaw_rate(self, speed: FloatArray) -> FloatArray:
+        """rad/s about which a slip bound is met, an upper estimate by the single-track car, for speeds (m/s) above zero."""
+        reach = []
+        for axle, arm in ((self.front, self.rear_arm), (self.rear, self.front_arm)):
+            peak = axle.tyre.peak_factor + max(axle.tyre.peak_load_sensitivity, 0.0)
+            force = 2.0 * self.friction * peak * axle.tyre.static_load * float(curve(axle.tyre, np.array(axle.slip_max))[0])
+            reach.append(force * self.wheelbase / (self.mass * arm))
+        result: FloatArray = min(reach) / speed
+        return result
+
+    def start(self, speed: FloatArray, yaw_rate: FloatArray) -> Slips:
+        """Slip angles (rad) of the single-track car with these tyres and loads, of any shape."""
+        slips = []
+        lateral_acceleration = speed * yaw_rate
+        for axle, arm in ((self.front, self.rear_arm), (self.rear, self.front_arm)):
+            peak, _ = axle.loads(lateral_acceleration.ravel(), self.friction)
+            total = np.maximum(peak.sum(axis=0), 1e-6 * axle.tyre.static_load).reshape(lateral_acceleration.shape)
+            slips.append(-axle.slip_for(self.mass * lateral_acceleration * arm / (self.wheelbase * total)))
+        return slips[0], slips[1]
+
+    def stability(self, speed: FloatArray, rear_rate: FloatArray) -> FloatArray:
+        """How far turns are from the stability limit, as a share of L/vx less STABILITY_MARGIN, from d delta_r / d r (s)."""
+        result: FloatArray = -rear_rate * np.maximum(speed, self.wheel_speed_min) / self.wheelbase - STABILITY_MARGIN
+        return result
+
+    def turns(
+        self,
+        speed: FloatArray,
+        front_angle: FloatArray,
+        yaw_rate: FloatArray,
+        start: Slips | None = None,
+        tolerance: float = STEP_TOLERANCE,
+    ) -> Turns:
+        """The turns at speeds, front angles (rad) and yaw rates (rad/s), each (N,).
+
+        By Newton's method from given slip angles, by default those of the single-track car; where that does not end, each axle
+        for itself inside a bracket, in turns. `converged` is False where neither ends.
+        """
+        motion = self._motion(speed, yaw_rate)
+        slips = self.start(speed, yaw_rate) if start is None else start
+        turn = self._by_newton(motion, front_angle, slips, tolerance)
+        for slowly in (self._damped, self._by_brackets):
+            rest = np.flatnonzero(~turn.converged)
+            if not rest.size:
+                break
+            # Most that need more are few.
+            some, angle = motion.of(rest), front_angle[rest]
+            slips = slowly(some, angle, self.start(some.speed, some.yaw_rate))
+            turn = placed(turn, rest, self._by_newton(some, angle, slips, tolerance))
+        return turn
+
+    def corrected(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray, slips: Slips) -> Turns:
+        """One step of Newton's method from given slip angles, with the rates of the turn there; arrays (N,)."""
+        motion = self._motion(speed, yaw_rate)
+        return self._step(self._balance(motion, front_angle, slips), motion, front_angle, slips)
+
+    def geometry(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray, slips: Slips) -> Turns:
+        """All angles that go with slip angles (N,), whatever the forces; rates as if those did not change."""
+        unchanged = np.zeros(speed.shape), np.zeros(speed.shape)
+        return self._turns(self._motion(speed, yaw_rate), front_angle, slips, unchanged)
+
+    def _motion(self, speed: FloatArray, yaw_rate: FloatArray) -> Motion:
+        rolling = np.maximum(speed, self.wheel_speed_min)
+        return Motion(speed, rolling, yaw_rate, self.half_track, self.wheel_speed_min, self.friction)
+
+    def _by_newton(self, motion: Motion, front_angle: FloatArray, slips: Slips, tolerance: float) -> Turns:
+        front, rear = slips
+        for _ in range(STEPS_MAX):
+            at = self._balance(motion, front_angle, (front, rear))
+            turn = self._step(at, motion, front_angle, (front, rear))
+            step = np.maximum(np.abs(turn.slip_front - front), np.abs(turn.slip_rear - rear))
+            front, rear = turn.slip_front, turn.slip_rear
+            if (step <= tolerance).all():
+                break
+        # On the very bound of a slip angle, where the slope of the force may jump, steps may go to and fro for ever.
+        balanced = at.size(self.wheelbase) <= RESIDUAL_ACCEPTED * self.mass
+        return replace(turn, converged=(step <= max(tolerance, STEP_ACCEPTED)) | balanced)
+
+    def _damped(self, motion: Motion, front_angle: FloatArray, start: Slips) -> Slips:
+        """Slip angles near the turns by Newton's method, each step halved until the residuals shrink."""
+        here, at = start, self._balance(motion, front_angle, start)
+        share = np.ones(front_angle.shape)
+        for _ in range(DAMPED_STEPS):
+            step = at.solved(at.moments, at.sides)
+            if (share * np.maximum(np.abs(step[0]), np.abs(step[1])) < NEAR).all():
+                break
+            there = here[0] + share * step[0], here[1] + share * step[1]
+            then = self._balance(motion, front_angle, there)
+            better = then.size(self.wheelbase) < at.size(self.wheelbase)
+            here = np.where(better, there[0], here[0]), np.where(better, there[1], here[1])
+            at = _Balance(*(np.where(better, getattr(then, e.name), getattr(at, e.name)) for e in fields(_Balance)))
+            share = np.where(better, np.minimum(2.0 * share, 1.0), 0.5 * share)
+        return here
+
+    def _by_brackets(self, motion: Motion, front_angle: FloatArray, start: Slips) -> Slips:
+        """Slip angles near the turns, found by taking each axle for itself while the other one stands still."""
+        n = front_angle.size
+        slips = list(start)
+        for _ in range(ROUNDS):
+            moved = 0.0
+            for axle, own in enumerate((self.front, self.rear)):
+                limit = np.full(n, own.slip_max + REACH)
+
+                def residual(some: IndexArray, slip: FloatArray, axle: int = axle) -> FloatArray:
+                    at = [values[some] for values in slips]
+                    at[axle] = slip
+                    balance = self._balance(motion.of(some), front_angle[some], (at[0], at[1]))
+                    return balance.moments if axle == 0 else balance.sides
+
+                everywhere = np.arange(n)
+                ends = (residual(everywhere, -limit), residual(everywhere, limit))
+                before, slips[axle] = slips[axle], shrink(residual, -limit, limit, *ends, BRACKET_TOLERANCE)[1]
+                moved = max(moved, float(np.abs(slips[axle] - before).max()))
+            if moved < NEAR:
+                break
+        return slips[0], slips[1]
+
+    def _balance(self, motion: Motion, front_angle: FloatArray, slips: Slips) -> _Balance:
+        """How far given slip angles are from a steady turn."""
+        slip_front, slip_rear = slips
+        rolling, mass, wheelbase = motion.rolling, self.mass, self.wheelbase
+        # The front axle first: its steering angle is given, so that the slip angle sets its lateral speed.
+        clipped = np.clip(slip_front, -self.front.slip_max, self.front.slip_max)
+        inside = slip_front == clipped
+        lateral, by_slip = _lateral(rolling, front_angle + clipped)
+        front = axle_force(self.front, motion, clipped, lateral)
+        side_front = self.front.onward(front.side_by_slip + front.side_by_speed * by_slip, inside)
+        moment_front = (front.moment_by_slip + front.moment_by_speed * by_slip) * inside
+        lateral, by_slip = _lateral(rolling, front_angle + slip_front)
+        at_rear = lateral - wheelbase * motion.yaw_rate
+        excess = slip_front - clipped
+        clipped = np.clip(slip_rear, -self.rear.slip_max, self.rear.slip_max)
+        inside = slip_rear == clipped
+        rear = axle_force(self.rear, motion, clipped, at_rear)
+        side_rear = self.rear.onward(rear.side_by_slip, inside)
+        sides = front.side + side_front * excess, rear.side + side_rear * (slip_rear - clipped)
+        needed = mass * motion.speed * motion.yaw_rate
+        by_yaw_rate = (
+            wheelbase * (front.side_by_yaw_rate - rear.moment_by_speed)
+            + front.moment_by_yaw_rate
+            + rear.moment_by_yaw_rate
+            - self.rear_arm * mass * motion.speed,
+            front.side_by_yaw_rate + rear.side_by_yaw_rate - wheelbase * rear.side_by_speed - mass * motion.speed,
+        )
+        return _Balance(
+            moments=wheelbase * sides[0] + front.moment + rear.moment - self.rear_arm * needed,
+            sides=sides[0] + sides[1] - needed,
+            moments_by_front=wheelbase * side_front + moment_front + rear.moment_by_speed * by_slip,
+            moments_by_rear=rear.moment_by_slip * inside,
+            sides_by_front=side_front + rear.side_by_speed * by_slip,
+            sides_by_rear=side_rear,
+            moments_by_yaw_rate=by_yaw_rate[0],
+            sides_by_yaw_rate=by_yaw_rate[1],
+        )
+
+    def _step(self, at: _Balance, motion: Motion, front_angle: FloatArray, slips: Slips) -> Turns:
+        """All angles one step of Newton's method further, with the rates where it began."""
+        front_step, rear_step = at.solved(at.moments, at.sides)
+        rates = at.solved(at.moments_by_yaw_rate, at.sides_by_yaw_rate)
+        return self._turns(motion, front_angle, (slips[0] + front_step, slips[1] + rear_step), rates)
+
+    def _turns(self, motion: Motion, front_angle: FloatArray, slips: Slips, rates: Slips) -> Turns:
+        """All angles of the turns with those slip angles and their rates."""
+        front, rear = slips
+        rolling, yaw_rate = motion.rolling, motion.yaw_rate
+        lateral, by_slip = _lateral(rolling, front_angle + front)
+        lateral_rate = by_slip * rates[0]
+        middle = lateral - self.front_arm * yaw_rate
+        back = lateral - self.wheelbase * yaw_rate
+        sideslip_rate = (lateral_rate - self.front_arm) * rolling / (rolling * rolling + middle * middle)
+        rear_rate = (lateral_rate - self.wheelbase) * rolling / (rolling * rolling + back * back) - rates[1]
+        return Turns(
+            yaw_rate=yaw_rate,
+            slip_front=front,
+            slip_rear=rear,
+            sideslip=np.arctan(middle / rolling),
+            rear_angle=np.arctan(back / rolling) - rear,
+            rates=np.stack([rates[0], rates[1], sideslip_rate, rear_rate]),
+            converged=np.ones(front.shape, dtype=np.bool_),
+        )
+
+
+def _lateral(rolling: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lateral speed in m/s at a direction of travel in rad, and its derivative by that."""
+    lateral = rolling * np.tan(np.clip(direction, -ANGLE_MAX, ANGLE_MAX))
+    return lateral, rolling + lateral * lateral / rolling

@@ -1,0 +1,317 @@
+"""The yaw rates at which a car with nonlinear tyres keeps all bounds, at many operating points at once.
+
+At one speed and front angle the steady turns are a curve over the yaw rate, from straight travel (all forces zero, the rear
+wheels parallel to the front ones) up to where one of these ends it: the bound on lateral acceleration, or the turn that
+comes too near to the stability limit (`problem.STABILITY_MARGIN`). At that limit the rear angle stops to fall with r, and the
+determinant of the plant's Jacobian over lateral speed and yaw rate is zero: it is the critical speed of the linear car, which
+now depends on the turn.
+
+Along the curve both slip angles, the sideslip and the rear angle fall with r. So each bound is met once, those above zero from
+the infeasible side and those below it from the feasible one, and what is left is one interval. Samples of the curve bracket
+all meetings; Newton's method on the turn and the bound together finds them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from codegen.configuration import KM_H
+from codegen.errors import MapError
+from codegen.optimum.brackets import shrink
+from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, placed
+from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar
+from codegen.optimum.problem import SteadyTurnProblem
+
+SAMPLES = 9
+BEYOND_GRIP = 1.08
+"""The samples end at this share of the single-track car's grip, the last of them beyond a bound; further where it is not."""
+BEYOND_REACH = 1.02
+"""The same for the angles."""
+REACH_WITHOUT_STEERING = 0.2
+"""rad of rear angle, to either side, up to which the turns of a car are followed that does not steer it."""
+ENLARGED = 1.3
+ROUNDS_MAX = 40
+
+SAMPLE_TOLERANCE = 1e-7
+"""rad: samples bracket and start, and are no result."""
+MEETING_TOLERANCE = 1e-13
+"""Of the yaw rate, relative, and of slip angles, in rad."""
+MEETING_ACCEPTED = 1e-11
+MEETING_STEPS = 12
+LIMIT_TOLERANCE = 1e-10
+"""Of the distance between two samples: the end of a curve."""
+SHORT_OF_BOUND = 1.0 - 1e-6
+"""Of the way from a sample to a slip bound: where rounding does not put the turn beyond it."""
+BRACKET_TOLERANCE = 1e-13
+
+SLIP_FRONT, SLIP_REAR, SIDESLIP, REAR_ANGLE, END = range(5)
+"""Rows of `Turns.values`, and the end of the curve."""
+NONE = -1
+
+
+@dataclass(frozen=True)
+class Points:
+    """Operating points (p,): speeds in m/s, front angles in rad."""
+
+    speed: FloatArray
+    front_angle: FloatArray
+
+    def __getitem__(self, chosen: IndexArray | BoolArray | slice) -> Points:
+        return Points(self.speed[chosen], self.front_angle[chosen])
+
+    @property
+    def size(self) -> int:
+        """p."""
+        return int(self.speed.size)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """SAMPLES turns at each of p operating points, arrays (SAMPLES, p), yaw rates rising from zero to the end of the curve."""
+
+    points: Points
+    turns: Turns
+
+    @property
+    def end(self) -> FloatArray:
+        """(p,) rad/s."""
+        end: FloatArray = self.turns.yaw_rate[-1]
+        return end
+
+    def between(self, cells: IndexArray, yaw_rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Both slip angles (k,) at yaw rates (k,) of some operating points (k,), by cubic interpolation between samples."""
+        nodes = self.turns.yaw_rate[:, cells]
+        before = np.clip((nodes <= yaw_rate).sum(axis=0) - 1, 0, SAMPLES - 2)
+        low, width = nodes[before, np.arange(cells.size)], nodes[1, :] - nodes[0, :]
+        t = np.where(width > 0.0, (yaw_rate - low) / np.where(width > 0.0, width, 1.0), 0.0)
+        slips = []
+        for row, values in enumerate((self.turns.slip_front, self.turns.slip_rear)):
+            left, right = values[before, cells], values[before + 1, cells]
+            rates = self.turns.rates[row]
+            slope, end_slope = rates[before, cells] * width, rates[before + 1, cells] * width
+            rise = right - left
+            slips.append(left + t * (slope + t * (3.0 * rise - 2.0 * slope - end_slope + t * (slope + end_slope - 2.0 * rise))))
+        return slips[0], slips[1]
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """The yaw rates between the bounds at p operating points; arrays (p,).
+
+    Attributes:
+        low, high: rad/s. No yaw rate is feasible where `high` is below `low`.
+        low_by, high_by: the row of `Turns.values` whose bound sets it; END for the end of the curve, NONE for zero.
+        missed: by how much even the end of the curve exceeds a bound that is met from above (rad), or, where that is more, by
+            how much straight travel misses the stability margin; zero or below where neither does.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    low_by: IndexArray
+    high_by: IndexArray
+    missed: FloatArray
+
+
+def bounds(problem: SteadyTurnProblem, car: SteadyCar) -> FloatArray:
+    """(4,) rad: of the magnitudes of `Turns.values`; inf for the rear angle of a car that does not steer it."""
+    rear = problem.rear_angle_max if problem.rear_angle_max > 0.0 else math.inf
+    return np.array([car.front.slip_max, car.rear.slip_max, problem.sideslip_max, rear])
+
+
+def curves(problem: SteadyTurnProblem, car: SteadyCar, points: Points) -> Curves:
+    """Samples of the steady turns. Raises MapError where one is not found, with its operating point."""
+    # Beyond the second one the bounds on angles alone leave nothing.
+    limit = np.minimum(problem.lateral_acceleration_max / points.speed, BEYOND_REACH * _reach(problem, car, points))
+    end = np.minimum(limit, BEYOND_GRIP * car.grip_yaw_rate(points.speed))
+    found = _sampled(problem, car, points, end)
+    lowest = -bounds(problem, car)[:, np.newaxis]
+    for _ in range(ROUNDS_MAX):
+        short = np.flatnonzero((end < limit) & ~(found.turns.values[:, -1] < lowest).any(axis=0))
+        if not short.size:
+            break
+        end[short] = np.minimum(limit[short], ENLARGED * end[short])
+        found = _with(found, short, _sampled(problem, car, points[short], end[short]))
+    return _until_unstable(problem, car, found, lowest)
+
+
+def _reach(problem: SteadyTurnProblem, car: SteadyCar, points: Points) -> FloatArray:
+    """(p,) rad/s: the largest yaw rate that goes with slip angles, sideslip and rear angle inside their bounds."""
+    front, rear, sideslip, rear_angle = bounds(problem, car)
+    ahead = np.tan(np.minimum(points.front_angle + front, ANGLE_MAX))
+    behind = math.tan(min(rear + min(rear_angle, REACH_WITHOUT_STEERING), ANGLE_MAX))
+    rolling = np.maximum(points.speed, car.wheel_speed_min)
+    result: FloatArray = rolling * np.minimum((ahead + behind) / car.wheelbase, (ahead + math.tan(sideslip)) / car.front_arm)
+    return result
+
+
+def _sampled(problem: SteadyTurnProblem, car: SteadyCar, points: Points, end: FloatArray) -> Curves:
+    shares = np.linspace(0.0, 1.0, SAMPLES)[:, np.newaxis]
+    shape = (SAMPLES, points.size)
+    speed, front_angle = (np.broadcast_to(values, shape).ravel() for values in (points.speed, points.front_angle))
+    turns = car.turns(speed, front_angle, (shares * end).ravel(), tolerance=SAMPLE_TOLERANCE)
+    lost = np.flatnonzero(~turns.converged)
+    if lost.size:
+        turns = placed(turns, lost, _out_of_reach(problem, car, Points(speed, front_angle)[lost], turns.yaw_rate[lost]))
+    check(turns, Points(speed, front_angle))
+    return Curves(points, turns.reshaped(shape))
+
+
+def _out_of_reach(problem: SteadyTurnProblem, car: SteadyCar, points: Points, yaw_rate: FloatArray) -> Turns:
+    """Stand-ins for turns (k,) that were not found, `converged` where that does no harm.
+
+    It does none where not even without regard to forces a sideslip and a rear angle inside their bounds go with slip angles
+    inside theirs. Any slip angles inside theirs then violate a bound, and on the side on which the turn itself would.
+    """
+    front, rear, sideslip, rear_angle = bounds(problem, car)
+    corners = [
+        car.geometry(points.speed, points.front_angle, yaw_rate, (np.full(points.size, a), np.full(points.size, b)))
+        for a in (-front, front)
+        for b in (-rear, rear)
+    ]
+    lowest, highest = (of([turns.values for turns in corners], axis=0) for of in (np.min, np.max))
+    limit = np.array([sideslip, rear_angle])[:, np.newaxis]
+    excluded = ((lowest[2:] > limit) | (highest[2:] < -limit)).any(axis=0)
+    straight = (np.zeros(points.size), np.zeros(points.size))
+    return replace(car.geometry(points.speed, points.front_angle, yaw_rate, straight), converged=excluded)
+
+
+def check(turns: Turns, points: Points) -> None:
+    """Raise MapError where a turn was not found, with its operating point."""
+    for index in np.flatnonzero(~turns.converged)[:1]:
+        raise MapError(
+            f"no steady turn is found for a yaw rate of {math.degrees(turns.yaw_rate[index]):.6g} deg/s",
+            where=f"{points.speed[index] / KM_H:.6g} km/h, {math.degrees(points.front_angle[index]):.6g} deg",
+            remedy='check the vehicle data, or take tyre_model = "linear"',
+        )
+
+
+def _with(found: Curves, cells: IndexArray, others: Curves) -> Curves:
+    """The curves with those of some operating points replaced."""
+    return Curves(found.points, placed(found.turns, cells, others.turns))
+
+
+def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, lowest: FloatArray) -> Curves:
+    """The curves, each ended where the turn comes too near to the stability limit, if that is inside the other bounds."""
+    spare = car.stability(found.points.speed, found.turns.rates[REAR_ANGLE])
+    below = found.turns.values < lowest[:, np.newaxis]
+    last = _first(below.any(axis=0) | (spare <= 0.0))
+    cells = np.flatnonzero((last > 0) & (last < SAMPLES))
+    last = last[cells]
+    low, high = found.turns.yaw_rate[last - 1, cells], found.turns.yaw_rate[last, cells]
+    left_low, left_high = spare[last - 1, cells], spare[last, cells]
+
+    def left(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
+        """What is left to the limit."""
+        here = cells[some]
+        points = found.points[here]
+        turns = car.turns(points.speed, points.front_angle, yaw_rate, found.between(here, yaw_rate))
+        check(turns, points)
+        return car.stability(points.speed, turns.rates[REAR_ANGLE])
+
+    # Beyond a slip bound the force goes on as no tyre's does: there the limit may be missed. It is asked for at the bound.
+    rows, at = np.nonzero(below[[SLIP_FRONT, SLIP_REAR]][:, last, cells])
+    if at.size:
+        met = meetings(car, found, cells[at], rows, lowest[rows, 0], last[at] - 1)
+        np.minimum.at(high, at, low[at] + (met - low[at]) * SHORT_OF_BOUND)
+        asked = np.unique(at)
+        left_high[asked] = left(asked, high[asked])
+    some = np.flatnonzero(left_high <= 0.0)
+    if not some.size:
+        return found
+    end, _ = shrink(
+        lambda k, yaw_rate: left(some[k], yaw_rate), low[some], high[some], left_low[some], left_high[some], LIMIT_TOLERANCE
+    )
+    return _with(found, cells[some], _sampled(problem, car, found.points[cells[some]], end))
+
+
+def _first(there: BoolArray) -> IndexArray:
+    """(p,): of the samples (SAMPLES, p) the first that is; SAMPLES where none is."""
+    return np.where(there.any(axis=0), there.argmax(axis=0), SAMPLES)
+
+
+def meetings(
+    car: SteadyCar, found: Curves, cells: IndexArray, rows: IndexArray, target: FloatArray, left: IndexArray
+) -> FloatArray:
+    """Yaw rates (k,) at which a row of `Turns.values` meets a value (rad), inside the cell of samples `left`, `left` + 1.
+
+    Raises MapError where one is not found.
+    """
+    turns, points = found.turns, found.points[cells]
+    low, high = turns.yaw_rate[left, cells], turns.yaw_rate[left + 1, cells]
+    values = turns.values
+    here, there = values[rows, left, cells], values[rows, left + 1, cells]
+    r = low + (high - low) * np.clip((target - here) / np.where(there == here, 1.0, there - here), 0.0, 1.0)
+    front, rear = found.between(cells, r)
+    picked = np.arange(cells.size)
+    done = np.zeros(cells.shape, dtype=np.bool_)
+    for _ in range(MEETING_STEPS):
+        turn = car.corrected(points.speed, points.front_angle, r, (front, rear))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -(turn.values[rows, picked] - target) / turn.rates[rows, picked]
+        moved = np.clip(np.where(np.isfinite(step), r + step, r), low, high)
+        new_front = turn.slip_front + turn.rates[0] * (moved - r)
+        new_rear = turn.slip_rear + turn.rates[1] * (moved - r)
+        change = np.maximum(np.abs(new_front - front), np.abs(new_rear - rear))
+        done = (np.abs(moved - r) <= MEETING_ACCEPTED * high) & (change <= MEETING_ACCEPTED)
+        small = (np.abs(moved - r) <= MEETING_TOLERANCE * high) & (change <= MEETING_TOLERANCE)
+        r, front, rear = moved, new_front, new_rear
+        if small.all():
+            return r
+    rest = np.flatnonzero(~done)
+    if rest.size:
+
+        def above(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
+            """How far the row is above its value there."""
+            chosen = rest[some]
+            turns = car.turns(
+                points.speed[chosen], points.front_angle[chosen], yaw_rate, found.between(cells[chosen], yaw_rate)
+            )
+            check(turns, points[chosen])
+            return turns.values[rows[chosen], np.arange(some.size)] - target[chosen]
+
+        ends = ((here - target)[rest], (there - target)[rest])
+        r[rest] = shrink(above, low[rest], high[rest], *ends, BRACKET_TOLERANCE)[1]
+    return r
+
+
+def ranges(problem: SteadyTurnProblem, car: SteadyCar, found: Curves) -> Ranges:
+    """What all bounds leave of the curves. Raises MapError where a meeting is not found."""
+    bound = bounds(problem, car)[:, np.newaxis, np.newaxis]
+    values = found.turns.values
+    low, low_by = _ends(car, found, values > bound, bound.ravel(), from_below=True)
+    high, high_by = _ends(car, found, values < -bound, -bound.ravel(), from_below=False)
+    exceeded = (values[:, -1] - bound[:, 0]).max(axis=0)
+    unstable = -car.stability(found.points.speed, found.turns.rates[REAR_ANGLE, 0])
+    return Ranges(low, high, low_by, high_by, np.maximum(exceeded, unstable))
+
+
+def _ends(
+    car: SteadyCar, found: Curves, violated: BoolArray, target: FloatArray, *, from_below: bool
+) -> tuple[FloatArray, IndexArray]:
+    """One end of the intervals and what sets it: the last meeting with a bound from below, or the first one from above."""
+    points = found.points.size
+    # Index of the sample before the meeting; out of the samples where a bound is kept (or violated) all along.
+    if from_below:
+        left = SAMPLES - 1 - violated[:, ::-1].argmax(axis=1)
+        left = np.where(violated.any(axis=1), left, NONE)
+        critical = left.max(axis=0)
+        inside = (critical >= 0) & (critical < SAMPLES - 1)
+        end = np.where(critical >= SAMPLES - 1, found.end, 0.0)
+        by = np.where(critical >= SAMPLES - 1, left.argmax(axis=0), NONE)
+    else:
+        left = np.where(violated.any(axis=1), violated.argmax(axis=1) - 1, SAMPLES - 1)
+        critical = left.min(axis=0)
+        inside = critical < SAMPLES - 1
+        end, by = found.end.copy(), np.full(points, END)
+    rows, cells = np.nonzero(inside & (left == critical))
+    if cells.size:
+        met = meetings(car, found, cells, rows, target[rows], np.maximum(critical[cells], 0))
+        order = np.lexsort((rows, met if from_below else -met, cells))
+        cells, rows, met = cells[order], rows[order], met[order]
+        # The last of each operating point is the innermost.
+        last = np.append(cells[1:] != cells[:-1], True)
+        end[cells[last]], by[cells[last]] = met[last], rows[last]
+    return end, by

@@ -1,0 +1,107 @@
+"""The steady-turn problem of a case behind one small interface, whatever its tyre model.
+
+Who needs optima or edges takes `turns_of` a case, or `turns_behind` a map, and does not ask which tyre is at work.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.configuration import Case, Config
+from codegen.map_file.map import ReferenceMap
+from codegen.optimum import exact
+from codegen.optimum.exact import Edge, Solution
+from codegen.optimum.problem import FloatArray, SteadyTurnProblem
+
+__all__ = ["Edge", "LinearTurns", "Solution", "SteadyTurns", "passively_feasible", "turns_behind", "turns_of"]
+
+
+class SteadyTurns(Protocol):
+    """The optima of one case on the continuous problem. Speeds in m/s above zero, front angles in rad from zero up.
+
+    All but `problem` may raise MapError where a steady turn is not found, with its operating point.
+    """
+
+    @property
+    def problem(self) -> SteadyTurnProblem:
+        """Bounds and weight."""
+        ...
+
+    @property
+    def method(self) -> str:
+        """How it is solved, as the `meta` of a map names it."""
+        ...
+
+    def without_rear_steering(self) -> SteadyTurns:
+        """The same car under the same bounds with its rear wheels straight."""
+        ...
+
+    def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """Optima (n, m) for speeds (n,) and front angles (m,)."""
+        ...
+
+    def at(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """Optima (n,) for speeds (n,) and front angles (n,) that belong together."""
+        ...
+
+    def edge(self, speed: FloatArray, front_angle_max: float = ...) -> Edge:
+        """Where the feasible front angles end, for speeds (n,); inf where it is not looked for: beyond a largest one (rad)."""
+        ...
+
+    def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
+        """ay_cap in m/s^2, from the lateral accelerations (any shape, NaN where infeasible) of a map's optima and its edges."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinearTurns:
+    """With linear tyres on the single-track car: closed forms (see `exact`)."""
+
+    problem: SteadyTurnProblem
+    method = "exact"
+
+    def without_rear_steering(self) -> LinearTurns:
+        """See `SteadyTurns`."""
+        return LinearTurns(replace(self.problem, rear_angle_max=0.0))
+
+    def solve(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """See `SteadyTurns`."""
+        return exact.solve(self.problem, speed, front_angle)
+
+    def at(self, speed: FloatArray, front_angle: FloatArray) -> Solution:
+        """See `SteadyTurns`."""
+        return exact.solve(self.problem, speed, front_angle[:, np.newaxis]).reshaped(speed.shape)
+
+    def edge(self, speed: FloatArray, _front_angle_max: float = math.inf) -> Edge:
+        """See `SteadyTurns`."""
+        return exact.edge(self.problem, speed)
+
+    def lateral_acceleration_cap(self, _asked: FloatArray, /) -> float:
+        """What the ay bound and both slip bounds allow: the same at every speed."""
+        return self.problem.lateral_acceleration_cap
+
+
+def turns_of(config: Config, case: Case) -> SteadyTurns:
+    """The problem of a case. Raises ConfigError where the tyre has no end to its linear range."""
+    if case.tyre_model == "linear":
+        return LinearTurns(SteadyTurnProblem.from_config(config, case))
+    from codegen.optimum.nonlinear import NonlinearTurns
+
+    return NonlinearTurns.from_config(config, case)
+
+
+def turns_behind(reference_map: ReferenceMap) -> SteadyTurns | None:
+    """The optimisation behind a solved map, None for a bare one. Raises ConfigError (see `turns_of`)."""
+    if not reference_map.solved or reference_map.config is None or reference_map.case is None:
+        return None
+    return turns_of(reference_map.config, reference_map.config.case(reference_map.case))
+
+
+def passively_feasible(turns: SteadyTurns, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.bool_]:
+    """(n, m): where the car meets the same bounds with its rear wheels straight, for speeds (n,) m/s, front angles (m,) rad."""
+    return turns.without_rear_steering().solve(speed, front_angle).feasible

@@ -1,1 +1,0 @@
-"""The optimal yaw-rate reference map: solve, store, extend, look up. Layer 3."""

@@ -1,0 +1,84 @@
+"""Chosen breakpoints: the bound holds at random points against the optimum solved there.
+
+The evidence tier places more maps, with narrow bounds.
+"""
+
+import functools
+import math
+from dataclasses import astuple, replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from codegen.ecu_map.extend import extend
+from codegen.ecu_map.lookup import Lookup
+from codegen.ecu_map.placement import Maker, Target
+from codegen.ecu_map.placement_error import Ruler
+from codegen.ecu_map.reference_surface import Gap, Ground, ground_of
+from codegen.ecu_map.total import Rule
+from codegen.map_file.map import ReferenceMap, from_arrays
+from codegen.optimum.solve import solve_case
+from tests.ecu_map.placements import ROUNDING, largest_error, truth_of
+from tests.optimum.cars import PAPER, changed, paper_map, paper_total
+
+BARE_BOUND = math.radians(4.0)
+
+
+@functools.cache
+def ground() -> Ground:
+    """The ground of the paper's 4WS-2."""
+    return ground_of(paper_map(), PAPER)
+
+
+@functools.cache
+def bare() -> ReferenceMap:
+    """A user's table: every tenth speed and every fourteenth angle of the paper's map."""
+    solved, cells = paper_map(), (slice(None, None, 10), slice(None, None, 14))
+    arrays: dict[str, npt.NDArray[np.generic]] = {"vx": solved.speed[cells[0]], "delta_f": solved.front_angle[cells[1]]}
+    return from_arrays({**arrays, "yaw_rate": solved.yaw_rate[cells], "feasible": solved.feasible[cells]}, "bare")
+
+
+@pytest.mark.parametrize("fault", ["none", "a number", "a speed moved"])
+def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
+    """A table on a tenth of the paper's breakpoints, which has an error of its own, with and without a fault in it."""
+    total, kept = paper_total(), np.r_[0, 1:102:10]
+    speed, front_angle = total.speed[kept], total.front_angle[kept]
+    table = {name: getattr(total, name)[np.ix_(kept, kept)] for name in ("yaw_rate", "rear_angle", "rule")}
+    if fault == "a number":
+        table["yaw_rate"] = table["yaw_rate"] + 0.2 * (np.arange(front_angle.size) == 3)
+    elif fault == "a speed moved":
+        speed[3] = 0.5 * (speed[2] + speed[3])
+    found = replace(total, speed=speed, front_angle=front_angle, **table)
+    measured = Ruler(ground(), (speed, front_angle), np.float32).error(found)
+    unsure = replace(ground(), layers=(replace(ground().layers[0], gap=Gap(0.1, 0.2, 0.3)),))
+    wider = Ruler(unsure, (speed, front_angle), np.float32).error(found)
+    assert np.subtract(astuple(wider), astuple(measured)) == pytest.approx([0.1, 0.1, 0.2, 0.2, 0.3])
+    seen = largest_error(found, truth_of(PAPER, "4ws-2"), 3)
+    assert (measured.yaw_rate_whole > math.radians(4.6)) == (fault != "none")
+    assert 0.9 * measured.yaw_rate_whole < seen < measured.yaw_rate_whole + ROUNDING
+
+
+def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
+    total = extend(bare(), PAPER, PAPER.steering.front_angle_stop)
+    own = Lookup.from_map(total, np.float64)
+    uneven = Maker(ground_of(bare(), PAPER), Target(1, np.float32, "float")).for_error(BARE_BOUND, ("uneven",))
+    assert uneven is not None and (uneven.origin, uneven.gap) == ("table", 0.0)
+    assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
+    assert uneven.flash_bytes < 4 * total.yaw_rate.size
+    assert Rule.CONTINUED.value not in uneven.total.rule
+
+
+def test_an_edited_map_is_a_table() -> None:
+    solved = paper_map()
+    yaw_rate, feasible = solved.yaw_rate.copy(), solved.feasible.copy()
+    yaw_rate[50, 20] *= 0.9
+    feasible[50, 20:] = False
+    fewer = replace(solved, feasible=feasible, yaw_rate=np.where(feasible, solved.yaw_rate, np.nan))
+    assert ground().origin == "optimum"
+    assert [ground_of(each, PAPER).origin for each in (replace(solved, yaw_rate=yaw_rate), fewer)] == ["table", "table"]
+    safe = changed(PAPER, cases={"safe": {**PAPER.cases["4ws-2"].model_dump(mode="json"), "passive_safe": True}})
+    of_safe = ground_of(solve_case(safe, "safe"), safe)
+    speed, angle = np.linspace(0.0, 33.0, 40), np.linspace(0.0, 0.6, 50)
+    found, expected = of_safe.layers[-1].truth(speed, angle)[0], truth_of(safe, "safe")(speed, angle)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)  # the edge is 1e-12 of itself inside
