@@ -8,6 +8,7 @@ from codegen.vehicle.single_track import SingleTrack
 from hil_sim.suite.cars import SHARES, SPEEDS_KM_H, examine
 from hil_sim.suite.cells import cells
 from hil_sim.suite.conditions import CONDITIONS
+from hil_sim.suite.limits import Limits
 from hil_sim.suite.plants import changed
 from hil_sim.suite.random_cars import DEVELOPMENT_SEED, MASS_KG, TEST_SEED, random_cars
 from hil_sim.suite.runs import drive, judge, map_yaw_rate, run_table
@@ -45,6 +46,6 @@ def test_cells_driven_at_once_are_those_driven_alone() -> None:
 
 def test_a_car_that_cannot_be_tuned_is_told() -> None:
     config = random_cars(DEVELOPMENT_SEED, 1)[0]
-    result = examine(7, changed(config, {"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}))
+    result = examine(7, changed(config, {"tuning": {"mass_percent": []}, "grid": {"speed_points": 5}}), Limits())
     assert not result.passed and "an empty list" in result.error and result.title.startswith("car 7: ")
     assert not replace(result, error="").requirements

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from codegen.configuration import Config
+from codegen.configuration import KM_H, Config
 from codegen.emit.controller_view import controller_view
 from codegen.emit.inputs_view import inputs_view
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
@@ -204,7 +204,7 @@ def _check_what_fits_together(built: Built) -> None:
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
-    for enable, disable in ((20.0, lowest), (5.0, built.next(5.0, 0.0))):
+    for enable, disable in ((float(built.real(0.5 * KM_H)), lowest), (20.0, lowest), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
     ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}

@@ -44,7 +44,7 @@ def test_steady_values_and_peak_of_the_runs(reproduction: Reproduction) -> None:
 def test_outputs_are_written_and_printed_as_in_the_readme(reproduction: Reproduction) -> None:
     assert all(path.exists() for path in reproduction.outputs.values())
     json.dumps(reproduction.to_dict(), allow_nan=False)
-    shown = re.search(r"\$ make sil\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    shown = re.search(r"\$ codegen paper -o build\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     assert shown is not None
     lines = [line for line in shown[1].splitlines() if line != "..."]
     assert len(lines) > 10 and set(lines) <= set(reproduction.lines())
