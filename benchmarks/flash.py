@@ -16,7 +16,7 @@ from codegen.configuration import Config
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement_error import MeasuredError
 from codegen.ecu_map.placement_sweep import FlashTable, flash_table
-from codegen.ecu_map.reference_surface import Ground, ground_of
+from codegen.ecu_map.reference_surface import ReferenceSurface, reference_surface_of
 from codegen.ecu_map.total import TotalMap
 from codegen.optimum.nonlinear import NonlinearTurns
 from codegen.optimum.solve import solve_case
@@ -54,13 +54,13 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     tables: list[tuple[str, tuple[str, ...], tuple[Row, ...]]] = []
     for config, tyre in ((CONFIG, ""), (nonlinear(CONFIG, CASE), " with the nonlinear tyre")):
         reference_map = solve_case(config, CASE)
-        ground = ground_of(reference_map, config)
-        seen = _solved_anew(ground, config) if tyre else _at_random(ground)
+        surface = reference_surface_of(reference_map, config)
+        seen = _solved_anew(surface, config) if tyre else _at_random(surface)
         for kind, count in TABLES.items():
             say(f"placing breakpoints for kind {kind}{tyre}")
             found = flash_table(reference_map, config, count, bounds=(BOUND,) if quick or tyre else None)
             title = f"At {math.degrees(BOUND):g} deg/s, map {CASE}{tyre}, kind {kind}: tables and axes"
-            tables.append((title, COLUMNS, _rows(found, ground, seen)))
+            tables.append((title, COLUMNS, _rows(found, surface, seen)))
             if not quick and not tyre:
                 rows = tuple(Row(cells) for cells in flash_rows(found))
                 tables.append((f"Error against flash, map {CASE}, kind {kind}", HEADER, rows))
@@ -77,9 +77,9 @@ def run(quick: bool, say: Callable[[str], None]) -> CountReport:
     )
 
 
-def _rows(found: FlashTable, ground: Ground, seen: Seen) -> tuple[Row, ...]:
+def _rows(found: FlashTable, surface: ReferenceSurface, seen: Seen) -> tuple[Row, ...]:
     grid = f"{found.grid[0]} x {found.grid[1]}"
-    told = (*_told(found.grid_error, found.tables), seen(ground.total, found.tables))
+    told = (*_told(found.grid_error, found.tables), seen(surface.total, found.tables))
     rows = [Row(("the grid as it is, float", grid, f"{found.grid_bytes:,}", "100 %", *told, "-"))]
     for point in found.points:
         placed, required = point.placed, REQUIRED.get(point.way)
@@ -104,17 +104,17 @@ def _told(error: MeasuredError, tables: int) -> tuple[str, str]:
     return f"{math.degrees(error.yaw_rate_whole):.3g}", rear
 
 
-def _at_random(ground: Ground) -> Seen:
+def _at_random(surface: ReferenceSurface) -> Seen:
     rng = np.random.default_rng(1)
-    speed, front_angle = (_stored(rng.uniform(0.0, top, RANDOM)) for top in (ground.own_speed[1], ground.front_angle_top))
-    truth = ground.layers[-1].truth(speed, front_angle)
+    speed, front_angle = (_stored(rng.uniform(0.0, top, RANDOM)) for top in (surface.own_speed[1], surface.front_angle_top))
+    truth = surface.layers[-1].truth(speed, front_angle)
     return lambda total, tables: _largest(total, tables, speed, front_angle, truth, np.True_)
 
 
-def _solved_anew(ground: Ground, config: Config) -> Seen:
+def _solved_anew(surface: ReferenceSurface, config: Config) -> Seen:
     rng = np.random.default_rng(1)
     speed, front_angle = (
-        _stored(np.sort(rng.uniform(*ends, SOLVED_ANEW))) for ends in (ground.own_speed, ground.own_front_angle)
+        _stored(np.sort(rng.uniform(*ends, SOLVED_ANEW))) for ends in (surface.own_speed, surface.own_front_angle)
     )
     optimum = NonlinearTurns.from_config(config, config.case(CASE)).solve(speed, front_angle)
     truth = (optimum.yaw_rate, optimum.rear_angle)

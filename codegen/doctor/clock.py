@@ -11,8 +11,8 @@ from codegen.doctor.finding import Finding, State
 PERIOD = 0.001
 """s; the plant's step."""
 WAITS = 50
-MUCH = 0.5
-"""Of a period: later than that, the bench in real time counts late cycles."""
+LATENESS_MAX_FRACTION = 0.5
+"""Fraction of the period by which a wait may end late; beyond it the bench counts late cycles in real time."""
 PRIORITY = 1
 
 
@@ -26,7 +26,7 @@ def punctuality() -> Finding:
         late.append(time.monotonic() - start - PERIOD)
     middle, worst = statistics.median(late), max(late)
     what = f"waits of 1 ms end {1e3 * middle:.2f} ms late, at worst {1e3 * worst:.1f} ms"
-    if middle > MUCH * PERIOD:
+    if middle > LATENESS_MAX_FRACTION * PERIOD:
         return Finding(name, State.BAD, what, serves, "take --lock-step, or a machine with less to do")
     return Finding(name, State.GOOD, what, serves)
 

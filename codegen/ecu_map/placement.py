@@ -1,7 +1,7 @@
 """Breakpoints chosen for a bound: on the error against the continuous map, on the bytes, or on both.
 
 `choose` makes the total map that a build holds then. Its axes are even or uneven, whichever takes fewer bytes; its tables hold
-`place_ground`'s surface. The bound is on what the lookup gives, after the cap, in the stored numbers, wherever an ECU may be.
+`reference_surface`'s surface. The bound is on what the lookup gives, after the cap, in the stored numbers, wherever an ECU may be.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from codegen.configuration import Config
 from codegen.ecu_map.placement_axes import POINTS_MAX, Axes, Cost, Search, Spacing
-from codegen.ecu_map.placement_error import MeasuredError, Ruler
-from codegen.ecu_map.reference_surface import Ground, GroundLayer, Origin, ground_of, rule_at
+from codegen.ecu_map.placement_error import ErrorEstimator, MeasuredError
+from codegen.ecu_map.reference_surface import Origin, ReferenceSurface, SurfaceLayer, reference_surface_of, rule_at
 from codegen.ecu_map.storage import Real, Scales, Storage, raw_of, scale_of, table_bytes, values_of
-from codegen.ecu_map.table_layout import Sheet, grip_sheet, reference_sheet, yaw_rate_sheet
+from codegen.ecu_map.table_layout import TableLayout, grip_layout, reference_layout, yaw_rate_layout
 from codegen.ecu_map.total import GripTable, TotalMap
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
@@ -29,24 +29,24 @@ FloatArray = npt.NDArray[np.float64]
 SPACINGS: tuple[Spacing, ...] = ("even", "uneven")
 """Of two that take the same bytes the first is taken: its cells are found without a search."""
 
-CLOSER = (0.98, 0.96)
-"""Of a bound: tighter ones, for which the search can happen to find fewer bytes."""
+BOUND_FRACTIONS = (0.98, 0.96)
+"""Fractions of the requested bound at which the search is repeated: it can happen to find fewer bytes."""
 
-TRIES = 10
-"""Of a search whose tables turn out a little further off in the stored numbers, each time for a tighter bound."""
-SPARE = 0.995
-"""Of the bound that the last try calls for."""
+ATTEMPT_COUNT = 10
+"""Attempts with ever tighter bounds, for tables whose stored numbers are further off than the exact ones."""
+FINAL_BOUND_FRACTION = 0.995
+"""Fraction of the requested bound used in the last attempt."""
 
 LEVEL = 0.85
 """Step of the search for the lowest level above which a table need not go."""
 
-EASY = 2e-4
-"""Of the largest yaw rate: an error that is mostly reached."""
-FAR = 4.0
-"""Times what the fine grid is off: likewise."""
+REACHABLE_ERROR_FRACTION = 2e-4
+"""Error, as a fraction of the largest yaw rate, that is usually reached."""
+GRID_ERROR_FACTOR = 4.0
+"""Multiple of the fine grid's own error that is usually reached."""
 
-ONWARDS = 1.6
-"""From an error that was not reached: step to the next one that is tried."""
+ERROR_GROWTH_FACTOR = 1.6
+"""Factor from an error that was not reached to the next one that is tried."""
 
 SMALLEST, HALVES = 1e-4, 9
 """Of the search for the bound that fills a number of bytes: the smallest, of the largest yaw rate, and how often the span is
@@ -101,7 +101,7 @@ class Placed:
         origin: what the error is measured against.
         own_speed, own_front_angle: first and last breakpoint of the map that it is made from, m/s and rad.
         tables: 2 with one of the rear angle, else 1.
-        gap: what of the error is the ground's own: how far it may be off the optimum, rad/s.
+        gap: what of the error is the surface's own: how far it may be off the optimum, rad/s.
     """
 
     total: TotalMap
@@ -132,7 +132,7 @@ def choose(reference_map: ReferenceMap, config: Config, request: Request, tables
         BuildError: the request cannot be met; the line says what can be reached.
         MapError: see `extend`.
     """
-    maker = Maker(ground_of(reference_map, config), Target(tables, real, request.storage))
+    maker = Maker(reference_surface_of(reference_map, config), Target(tables, real, request.storage))
     return _within_flash(maker, request) if request.max_error is None else _within_error(maker, request, request.max_error)
 
 
@@ -176,9 +176,9 @@ def _within_flash(maker: Maker, request: Request) -> Placed:
 
 
 def _reachable(maker: Maker, target: float) -> str:
-    tried = max(2.0 * target, FAR * maker.gap, EASY * maker.largest)
+    tried = max(2.0 * target, GRID_ERROR_FACTOR * maker.gap, REACHABLE_ERROR_FRACTION * maker.largest)
     while (found := maker.for_error(tried, ("uneven",))) is None:
-        tried *= ONWARDS
+        tried *= ERROR_GROWTH_FACTOR
         if tried > maker.largest:
             return "more than the map holds"
     return _degrees(found.bounded_error, up=True)
@@ -193,18 +193,18 @@ def _degrees(yaw_rate: float, *, up: bool = False) -> str:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _Tables:
     """What stands beside the tables that are searched for.
 
     Attributes:
         grips: of the share of the cap, one for each friction; None where the cap is the same everywhere.
-        sheets: of the tables, with those beside them.
+        layouts: of the tables, with those beside them.
         bytes_of: of all of them, from how many breakpoints the tables have.
     """
 
-    ground: Ground
+    surface: ReferenceSurface
     grips: tuple[GripTable | None, ...]
-    sheets: tuple[Sheet, ...]
+    layouts: tuple[TableLayout, ...]
     bytes_of: Cost
     _searches: dict[tuple[Spacing, float], Search] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -212,28 +212,28 @@ class _Frame:
         """For axes of a spacing at no more than so many bytes: one search, whatever the bound."""
         key = (spacing, bytes_max)
         if key not in self._searches:
-            self._searches[key] = Search(self.ground, self.sheets, spacing, self.bytes_of, bytes_max)
+            self._searches[key] = Search(self.surface, self.layouts, spacing, self.bytes_of, bytes_max)
         return self._searches[key]
 
 
 @dataclass(frozen=True)
 class Maker:
-    """Makes total maps of one ground for one target."""
+    """Makes total maps of one surface for one target."""
 
-    ground: Ground
+    surface: ReferenceSurface
     target: Target
 
     @property
     def largest(self) -> float:
         """The largest yaw rate, rad/s."""
-        return max(float(layer.total.yaw_rate.max()) for layer in self.ground.layers)
+        return max(float(layer.total.yaw_rate.max()) for layer in self.surface.layers)
 
     @property
     def gap(self) -> float:
-        """What the ground itself may be off the optimum in what is bounded, rad/s."""
-        return max(gap for layer in self.ground.layers for gap in self._gaps(layer))
+        """What the surface itself may be off the optimum in what is bounded, rad/s."""
+        return max(gap for layer in self.surface.layers for gap in self._gaps(layer))
 
-    def _gaps(self, layer: GroundLayer) -> tuple[float, ...]:
+    def _gaps(self, layer: SurfaceLayer) -> tuple[float, ...]:
         return (layer.gap.yaw_rate, layer.gap.rear_yaw_rate)[: self.target.tables]
 
     @property
@@ -244,44 +244,44 @@ class Maker:
 
     @property
     def _follows_grip(self) -> bool:
-        return any(layer.share is not None for layer in self.ground.layers)
+        return any(layer.share is not None for layer in self.surface.layers)
 
     def _bytes_of(self, speeds: int, front_angles: int) -> int:
-        return self.target.bytes_of(speeds, front_angles, len(self.ground.layers))
+        return self.target.bytes_of(speeds, front_angles, len(self.surface.layers))
 
     def _grip_bytes(self, speeds: int, front_angles: int) -> int:
         """Of tables of the cap's share, of all frictions."""
         number, is_raw = np.dtype(self.target.real).itemsize, self.target.storage == "int16"
-        cells = len(self.ground.layers) * speeds * front_angles
+        cells = len(self.surface.layers) * speeds * front_angles
         return cells * (2 if is_raw else number) + number * (speeds + front_angles + is_raw)
 
-    def _frame(self, bound: float) -> _Frame | None:
+    def _frame(self, bound: float) -> _Tables | None:
         """For a bound in rad/s; None where no table of the cap's share holds it."""
-        layers = self.ground.layers
+        layers = self.surface.layers
         if not self._follows_grip:
             return self._bare_frame
-        search = Search(self.ground, [grip_sheet(layer) for layer in layers], "uneven", self._grip_bytes)
+        search = Search(self.surface, [grip_layout(layer) for layer in layers], "uneven", self._grip_bytes)
         axes = search.place(GRIP_SHARE * bound)
         if axes is None:
             return None
         grips = tuple(self._grip(axes, layer.share(*axes)) for layer in layers if layer.share is not None)
         beside = self._grip_bytes(axes[0].size, axes[1].size)
-        return _Frame(
-            self.ground,
+        return _Tables(
+            self.surface,
             grips,
             tuple(self._sheet(layer, grip) for layer, grip in zip(layers, grips, strict=True)),
             lambda speeds, front_angles: beside + self._bytes_of(speeds, front_angles),
         )
 
     @cached_property
-    def _bare_frame(self) -> _Frame:
+    def _bare_frame(self) -> _Tables:
         """Where the cap is the same everywhere: for any bound."""
-        layers = self.ground.layers
-        sheets = tuple(self._sheet(layer, None) for layer in layers)
-        return _Frame(self.ground, (None,) * len(layers), sheets, self._bytes_of)
+        layers = self.surface.layers
+        layouts = tuple(self._sheet(layer, None) for layer in layers)
+        return _Tables(self.surface, (None,) * len(layers), layouts, self._bytes_of)
 
-    def _sheet(self, layer: GroundLayer, grip: GripTable | None) -> Sheet:
-        return yaw_rate_sheet(layer, grip) if self.target.tables == 1 else reference_sheet(layer, grip)
+    def _sheet(self, layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
+        return yaw_rate_layout(layer, grip) if self.target.tables == 1 else reference_layout(layer, grip)
 
     def _grip(self, axes: Axes, share: FloatArray) -> GripTable:
         """As it is stored."""
@@ -301,7 +301,7 @@ class Maker:
             best = self._for_error(spacing, max_error, frame, math.inf if best is None else best.flash_bytes) or best
         if best is None:
             return None
-        for share in CLOSER:
+        for share in BOUND_FRACTIONS:
             found = self._for_error(best.spacing, share * max_error, frame, math.inf)
             best = found if found is not None and found.flash_bytes < best.flash_bytes else best
         return best
@@ -314,18 +314,18 @@ class Maker:
             best = found or best
         return best
 
-    def _for_error(self, spacing: Spacing, max_error: float, frame: _Frame, bytes_max: float) -> Placed | None:
+    def _for_error(self, spacing: Spacing, max_error: float, frame: _Tables, bytes_max: float) -> Placed | None:
         search = frame.search(spacing, bytes_max)
         bound = max_error - self.gap
         axes = search.place(bound)
-        for _ in range(TRIES):
+        for _ in range(ATTEMPT_COUNT):
             if axes is None:
                 return None
             placed = self._on(axes, spacing, frame)
             if placed.bounded_error <= max_error:
                 return placed
             # The lattice of the search and the rounding of the numbers both leave a little out.
-            bound *= SPARE * max_error / placed.bounded_error
+            bound *= FINAL_BOUND_FRACTION * max_error / placed.bounded_error
             axes = search.again(axes, bound)
         return None
 
@@ -378,36 +378,36 @@ class Maker:
         return None if axes is None else self._on(axes, spacing, frame)
 
     def _smallest(self, spacing: Spacing) -> Placed:
-        axes = (np.array([0.0, self.ground.own_speed[1]]), np.array([0.0, self.ground.front_angle_top]))
+        axes = (np.array([0.0, self.surface.own_speed[1]]), np.array([0.0, self.surface.front_angle_top]))
         frame = self._frame(self.largest)
         assert frame is not None  # a cap's share is far from the largest yaw rate everywhere
         return self._on(axes, spacing, frame)
 
-    def _on(self, axes: Axes, spacing: Spacing, frame: _Frame) -> Placed:
+    def _on(self, axes: Axes, spacing: Spacing, frame: _Tables) -> Placed:
         """The total map on given axes, from zero, as it is stored, and its error."""
-        ruler = Ruler(self.ground, axes, self.target.real)
-        stored, rounding = self._stored(self._lowered(_total(self.ground, axes, frame.grips), ruler))
+        estimator = ErrorEstimator(self.surface, axes, self.target.real)
+        stored, rounding = self._stored(self._lowered(_total(self.surface, axes, frame.grips), estimator))
         return Placed(
             total=stored,
             spacing=spacing,
             flash_bytes=frame.bytes_of(axes[0].size, axes[1].size),
-            error=ruler.error(stored),
+            error=estimator.error(stored),
             rounding=rounding,
-            origin=self.ground.origin,
-            own_speed=self.ground.own_speed,
-            own_front_angle=self.ground.own_front_angle,
+            origin=self.surface.origin,
+            own_speed=self.surface.own_speed,
+            own_front_angle=self.surface.own_front_angle,
             tables=self.target.tables,
             gap=self.gap,
         )
 
-    def _lowered(self, total: TotalMap, ruler: Ruler) -> TotalMap:
+    def _lowered(self, total: TotalMap, estimator: ErrorEstimator) -> TotalMap:
         """The total map, held where it is so far above the cap that no error comes of it: plain numbers, and a finer scale."""
-        before = ruler.on_lattice(total)
+        before = estimator.on_lattice(total)
         level = max(float(layer.yaw_rate.max()) for layer in total.stack)
         while True:
             level *= LEVEL
             held = _held(total, level)
-            after = ruler.on_lattice(held)
+            after = estimator.on_lattice(held)
             if after.yaw_rate_whole > before.yaw_rate_whole or after.yaw_rate > before.yaw_rate:
                 return total
             if self.target.tables > 1 and (
@@ -430,12 +430,12 @@ class Maker:
         return replace(stored[-1], layers=tuple(stored[:-1])), (rounding[0], rounding[1])
 
 
-def _total(ground: Ground, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:
-    layers = [_layer(ground, layer, axes, grip) for layer, grip in zip(ground.layers, grips, strict=True)]
+def _total(surface: ReferenceSurface, axes: Axes, grips: Sequence[GripTable | None]) -> TotalMap:
+    layers = [_layer(surface, layer, axes, grip) for layer, grip in zip(surface.layers, grips, strict=True)]
     return replace(layers[-1], layers=tuple(layers[:-1]))
 
 
-def _layer(ground: Ground, layer: GroundLayer, axes: Axes, grip: GripTable | None) -> TotalMap:
+def _layer(surface: ReferenceSurface, layer: SurfaceLayer, axes: Axes, grip: GripTable | None) -> TotalMap:
     yaw_rate, rear_angle = layer.surface(*axes)
     return replace(
         layer.total,
@@ -443,7 +443,7 @@ def _layer(ground: Ground, layer: GroundLayer, axes: Axes, grip: GripTable | Non
         front_angle=axes[1],
         yaw_rate=yaw_rate,
         rear_angle=rear_angle,
-        rule=rule_at(ground, layer, *axes),
+        rule=rule_at(surface, layer, *axes),
         layers=(),
         grip=grip,
     )

@@ -19,8 +19,8 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from codegen.ecu_map.reference_surface import Ground, along, cell_of
-from codegen.ecu_map.table_layout import Outcome, Sheet
+from codegen.ecu_map.reference_surface import ReferenceSurface, along, cell_of
+from codegen.ecu_map.table_layout import Outcome, TableLayout
 
 FloatArray = npt.NDArray[np.float64]
 Spacing = Literal["even", "uneven"]
@@ -48,7 +48,7 @@ COARSE = 0.004
 
 @dataclass(frozen=True)
 class _Layer:
-    """A sheet on a lattice: its arrays, (k, n, m) each, and what comes of them."""
+    """A layout on a lattice: its arrays, (k, n, m) each, and what comes of them."""
 
     values: FloatArray
     beside: FloatArray
@@ -56,10 +56,10 @@ class _Layer:
     outcome: Outcome
 
     @classmethod
-    def of(cls, sheet: Sheet, speed: FloatArray, front_angle: FloatArray) -> Self:
+    def of(cls, layout: TableLayout, speed: FloatArray, front_angle: FloatArray) -> Self:
         """On these coordinates."""
-        values, beside, truth = (of(speed, front_angle) for of in (sheet.values, sheet.beside, sheet.truth))
-        return cls(values, beside, truth, sheet.outcome)
+        values, beside, truth = (of(speed, front_angle) for of in (layout.values, layout.beside, layout.truth))
+        return cls(values, beside, truth, layout.outcome)
 
     @property
     def transposed(self) -> _Layer:
@@ -76,22 +76,22 @@ class _Layer:
 class Lattice:
     """Sheets on a grid: `coordinates` are speeds (n,) and front angles (m,), from zero to the top."""
 
-    def __init__(self, sheets: Sequence[Sheet], speed: FloatArray, front_angle: FloatArray) -> None:
-        self.sheets, self.coordinates = sheets, (speed, front_angle)
-        self.layers = [_Layer.of(sheet, speed, front_angle) for sheet in sheets]
+    def __init__(self, layouts: Sequence[TableLayout], speed: FloatArray, front_angle: FloatArray) -> None:
+        self.layouts, self.coordinates = layouts, (speed, front_angle)
+        self.layers = [_Layer.of(layout, speed, front_angle) for layout in layouts]
 
     @classmethod
-    def over(cls, ground: Ground, sheets: Sequence[Sheet], axes: Axes | None = None) -> Lattice:
+    def over(cls, surface: ReferenceSurface, layouts: Sequence[TableLayout], axes: Axes | None = None) -> Lattice:
         """A lattice over all that an ECU meets, fine enough for the cells of `axes`."""
-        return cls(sheets, *cls.points(ground, axes))
+        return cls(layouts, *cls.points(surface, axes))
 
     @staticmethod
-    def points(ground: Ground, axes: Axes | None = None) -> Axes:
+    def points(surface: ReferenceSurface, axes: Axes | None = None) -> Axes:
         """The coordinates of such a lattice."""
         speed, front_angle = (None, None) if axes is None else axes
         return (
-            _points(ground.own_speed, ground.own_speed[1], ground.speed_kinks, speed),
-            _points(ground.own_front_angle, ground.front_angle_top, ground.front_angle_kinks, front_angle),
+            _points(surface.own_speed, surface.own_speed[1], surface.speed_kinks, speed),
+            _points(surface.own_front_angle, surface.front_angle_top, surface.front_angle_kinks, front_angle),
         )
 
 
@@ -140,8 +140,8 @@ class Strips:
         """For each layer the values (k, p, m) at points (p,) of this axis, over the lattice of the other one."""
         beside = self.lattice.coordinates[1 - self.dimension] if self.other is None else self.other
         rows = []
-        for sheet in self.lattice.sheets:
-            values = np.swapaxes(sheet.values(beside, at), 1, 2) if self.dimension else sheet.values(at, beside)
+        for layout in self.lattice.layouts:
+            values = np.swapaxes(layout.values(beside, at), 1, 2) if self.dimension else layout.values(at, beside)
             rows.append(values if self._across is None else np.swapaxes(along(np.swapaxes(values, 1, 2), *self._across), 1, 2))
         return rows
 
@@ -251,13 +251,13 @@ AXIS_OF = {"even": even_axis, "uneven": uneven_axis}
 
 @dataclass(frozen=True)
 class Search:
-    """A search for axes of one spacing, for the sheets of all frictions. `cost` is to be small, and at most `cost_max`.
+    """A search for axes of one spacing, for the layouts of all frictions. `cost` is to be small, and at most `cost_max`.
 
     A second search comes by the same coarse bounds: what was found for those is kept.
     """
 
-    ground: Ground
-    sheets: Sequence[Sheet]
+    surface: ReferenceSurface
+    layouts: Sequence[TableLayout]
     spacing: Spacing
     cost: Cost
     cost_max: float = math.inf
@@ -276,23 +276,23 @@ class Search:
 
     @cached_property
     def _first(self) -> Lattice:
-        return Lattice.over(self.ground, self.sheets)
+        return Lattice.over(self.surface, self.layouts)
 
     @property
     def _largest(self) -> float:
-        """Yaw rate of all sheets, rad/s."""
+        """Yaw rate of all layouts, rad/s."""
         return max(float(layer.truth.max()) for layer in self._first.layers)
 
     def _at_level(self, level: int, bound: float, before: Axes | None) -> Axes | None:
         """What is found for a bound that was come to by halves, on a lattice for the axes of the level before."""
         if (level, bound) not in self._coarse:
-            lattice = self._first if before is None else Lattice.over(self.ground, self.sheets, before)
+            lattice = self._first if before is None else Lattice.over(self.surface, self.layouts, before)
             self._coarse[level, bound] = self._from_starts(lattice, bound)
         return self._coarse[level, bound]
 
     def again(self, axes: Axes, bound: float) -> Axes | None:
         """Another search for about the same bound, on a lattice fine enough for the cells of these axes."""
-        lattice = Lattice.over(self.ground, self.sheets, axes)
+        lattice = Lattice.over(self.surface, self.layouts, axes)
         kept = self._cheaper(*(self._turned(lattice, dimension, axes[dimension], bound) for dimension in (0, 1)))
         return self._cheaper(kept, self._from_starts(lattice, bound))
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement_axes import Axes, Lattice
-from codegen.ecu_map.reference_surface import Ground, Pair, above_zero
+from codegen.ecu_map.reference_surface import Pair, ReferenceSurface, above_zero
 from codegen.ecu_map.storage import Real
 from codegen.ecu_map.table_layout import gain_of
 from codegen.ecu_map.total import TotalMap
@@ -45,16 +45,16 @@ class MeasuredError:
         return MeasuredError(*(max(getattr(self, key.name), getattr(other, key.name)) for key in fields(self)))
 
 
-class Ruler:
-    """Measures total maps on the same axes against a ground, as the lookup computes them in `real`, at the friction of each
+class ErrorEstimator:
+    """Measures total maps on the same axes against a surface, as the lookup computes them in `real`, at the friction of each
     layer; the rear angle as the laws take it, within its range."""
 
-    def __init__(self, ground: Ground, axes: Axes, real: Real) -> None:
-        self.ground, self.real = ground, real
-        speed, front_angle = (axis.astype(real).astype(np.float64) for axis in Lattice.points(ground, axes))
+    def __init__(self, surface: ReferenceSurface, axes: Axes, real: Real) -> None:
+        self.surface, self.real = surface, real
+        speed, front_angle = (axis.astype(real).astype(np.float64) for axis in Lattice.points(surface, axes))
         self._axes = (speed, front_angle)
-        self._truth = [layer.truth(speed, front_angle) for layer in ground.layers]
-        self._own = np.ix_(_within(speed, ground.own_speed), _within(front_angle, ground.own_front_angle))
+        self._truth = [layer.truth(speed, front_angle) for layer in surface.layers]
+        self._own = np.ix_(_within(speed, surface.own_speed), _within(front_angle, surface.own_front_angle))
 
     def on_lattice(self, total: TotalMap) -> MeasuredError:
         """Sampled in every cell."""
@@ -80,8 +80,8 @@ class Ruler:
 
     def _climb(self, lookup: Lookup, index: int, channel: int, start: tuple[int, int]) -> MeasuredError:
         """The largest error near a point of the lattice; near one of the map's own, among the map's own."""
-        ends = (self.ground.own_speed, self.ground.own_front_angle)
-        layer = self.ground.layers[index]
+        ends = (self.surface.own_speed, self.surface.own_front_angle)
+        layer = self.surface.layers[index]
         own = all(_within(axis[k : k + 1], end)[0] for axis, k, end in zip(self._axes, start, ends, strict=True))
         windows = []
         for axis, k, end in zip(self._axes, start, ends, strict=True):
@@ -103,7 +103,7 @@ class Ruler:
 
     def _differences(self, lookup: Lookup, index: int, axes: Axes, truth: Pair) -> list[FloatArray]:
         """Of each channel, with what the layer's surfaces may be off themselves."""
-        layer, speed = self.ground.layers[index], axes[0][:, np.newaxis]
+        layer, speed = self.surface.layers[index], axes[0][:, np.newaxis]
         friction = _lowest(lookup) if index == 0 else float(lookup.frictions[index])
         yaw_rate, rear_angle = (each.astype(np.float64) for each in lookup.reference(speed, axes[1][np.newaxis, :], friction))
         largest = layer.total.steering.rear_angle_max

@@ -11,8 +11,8 @@ import numpy as np
 from codegen.configuration import Config
 from codegen.ecu_map.placement import SPACINGS, Maker, Placed, Target
 from codegen.ecu_map.placement_axes import Spacing
-from codegen.ecu_map.placement_error import MeasuredError, Ruler
-from codegen.ecu_map.reference_surface import Origin, ground_of
+from codegen.ecu_map.placement_error import ErrorEstimator, MeasuredError
+from codegen.ecu_map.reference_surface import Origin, reference_surface_of
 from codegen.ecu_map.storage import Real, Storage
 from codegen.map_file.map import ReferenceMap
 
@@ -21,7 +21,7 @@ BOUNDS = tuple(math.radians(degrees) for degrees in (1.0, 0.5, 0.2, 0.1, 0.05, 0
 
 
 @dataclass(frozen=True)
-class Way:
+class StorageOption:
     """A way to store a map, which may choose between `spacings`."""
 
     name: str
@@ -29,7 +29,11 @@ class Way:
     storage: Storage
 
 
-WAYS = (Way("even", ("even",), "float"), Way("uneven", ("uneven",), "float"), Way("int16", SPACINGS, "int16"))
+STORAGE_OPTIONS = (
+    StorageOption("even", ("even",), "float"),
+    StorageOption("uneven", ("uneven",), "float"),
+    StorageOption("int16", SPACINGS, "int16"),
+)
 
 
 @dataclass(frozen=True)
@@ -82,19 +86,19 @@ def flash_table(
     Raises:
         MapError: see `extend`.
     """
-    ground = ground_of(reference_map, config)
-    total = ground.total
+    surface = reference_surface_of(reference_map, config)
+    total = surface.total
     plain = Target(tables, real, "float")
     points: list[FlashPoint] = []
     chosen = BOUNDS if bounds is None else bounds
     hopeless: set[str] = set()
     for bound in chosen:
-        for way in WAYS:
+        for way in STORAGE_OPTIONS:
             placed = None
             if way.name not in hopeless:
                 if progress is not None:
-                    progress(len(points), len(chosen) * len(WAYS), f"{math.degrees(bound):g} deg/s, {way.name}")
-                placed = Maker(ground, Target(tables, real, way.storage)).for_error(bound, way.spacings)
+                    progress(len(points), len(chosen) * len(STORAGE_OPTIONS), f"{math.degrees(bound):g} deg/s, {way.name}")
+                placed = Maker(surface, Target(tables, real, way.storage)).for_error(bound, way.spacings)
             if placed is None:
                 hopeless.add(way.name)
             points.append(FlashPoint(way.name, bound, placed))
@@ -104,8 +108,8 @@ def flash_table(
     return FlashTable(
         points=tuple(points),
         tables=tables,
-        origin=ground.origin,
+        origin=surface.origin,
         grid=grid,
-        grid_bytes=plain.bytes_of(*grid, len(ground.layers)),
-        grid_error=Ruler(ground, (total.speed, total.front_angle), real).error(total),
+        grid_bytes=plain.bytes_of(*grid, len(surface.layers)),
+        grid_error=ErrorEstimator(surface, (total.speed, total.front_angle), real).error(total),
     )

@@ -4,7 +4,7 @@ For a map that the exact solution made, this is the optimum itself: with linear 
 bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
 alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
 grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves
-is a surface too (`place_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last
+is a surface too (`placement_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last
 angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
 
 For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
@@ -59,7 +59,7 @@ JUST_INSIDE = 1.0 - 1e-12
 
 @dataclass(frozen=True)
 class Gap:
-    """How far a ground may be off the optimum, rad/s and rad; `rear_yaw_rate`: the latter times the passive gain, rad/s."""
+    """How far a surface may be off the optimum, rad/s and rad; `rear_yaw_rate`: the latter times the passive gain, rad/s."""
 
     yaw_rate: float = 0.0
     rear_angle: float = 0.0
@@ -67,7 +67,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class GroundLayer:
+class SurfaceLayer:
     """One friction: the surface before the cap, the cap in m/s^2, and the total map that a build without a choice holds.
 
     `share`: of the cap, where it is not the same everywhere. `gap`: what all this may be off, where the optimum takes too
@@ -90,7 +90,7 @@ class GroundLayer:
         """(n, m) rad/s."""
         return self.allowed(speed, front_angle) / above_zero(speed)[:, np.newaxis]
 
-    def with_share(self, share: Values) -> GroundLayer:
+    def with_share(self, share: Values) -> SurfaceLayer:
         """The same with another share of the cap."""
         return replace(self, share=share)
 
@@ -101,18 +101,18 @@ class GroundLayer:
 
 
 @dataclass(frozen=True)
-class Ground:
+class ReferenceSurface:
     """The continuous total map, the layer of the lowest friction first, and where it is.
 
     Attributes:
-        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`place_grip`), with a `gap` for what
+        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap` for what
             that is off; "table": the map's own bilinear interpolation.
         own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
         front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
         speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
     """
 
-    layers: tuple[GroundLayer, ...]
+    layers: tuple[SurfaceLayer, ...]
     origin: Origin
     own_speed: tuple[float, float]
     own_front_angle: tuple[float, float]
@@ -143,7 +143,7 @@ def above_zero(speed: FloatArray) -> FloatArray:
     return np.maximum(speed, 1e-9)
 
 
-def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
+def reference_surface_of(reference_map: ReferenceMap, config: Config) -> ReferenceSurface:
     """The continuous total map of a map; `config` is the car for one that brings no configuration.
 
     Raises:
@@ -159,9 +159,9 @@ def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
     if len(known) == len(layers):
         origin = "optimum" if all(layer.share is None for layer in known) else "surfaces"
     else:
-        known = tuple(GroundLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
+        known = tuple(SurfaceLayer(_bilinear(layer), layer.lateral_acceleration_cap, layer) for layer in total.stack)
     speed, front_angle = _ends(reference_map.speed), _ends(reference_map.front_angle)
-    return Ground(
+    return ReferenceSurface(
         layers=known,
         origin=origin,
         own_speed=speed,
@@ -172,7 +172,7 @@ def ground_of(reference_map: ReferenceMap, config: Config) -> Ground:
     )
 
 
-def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> GroundLayer | None:
+def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> SurfaceLayer | None:
     """The optimum behind a map, as a table is to hold it; None where it is not known or the map does not hold it.
 
     Args:
@@ -191,10 +191,10 @@ def optimum_of(reference_map: ReferenceMap, config: Config, total: TotalMap) -> 
         return _followed(turns, reference_map, total, passive_safe=case.passive_safe)
     axes = (reference_map.speed, reference_map.front_angle)
     surface = continued(turns.problem, *axes, case.passive_safe, total.steering)
-    return GroundLayer(surface, total.lateral_acceleration_cap, total)
+    return SurfaceLayer(surface, total.lateral_acceleration_cap, total)
 
 
-def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> GroundLayer:
+def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMap, *, passive_safe: bool) -> SurfaceLayer:
     """With a cap that follows slip: the largest of the continuous optimum, and shares of that."""
     speed, front_angle = (_ends(axis) for axis in (reference_map.speed, reference_map.front_angle))
     found = grip_surfaces(
@@ -204,7 +204,7 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
     # Near its peak the tyre slips more for the same lateral acceleration than the linear car's.
     slip = max(found.rear_slip, total.steering.rear_slip_per_lateral_acceleration)
     steering = replace(total.steering, rear_slip_per_lateral_acceleration=slip)
-    layer = GroundLayer(
+    layer = SurfaceLayer(
         # Before the cap the rear angle may leave its range, in which the laws hold it.
         surface=_surface(*axes, _plausible(found.yaw_rate), found.rear_angle),
         cap=cap,
@@ -215,7 +215,7 @@ def _followed(turns: NonlinearTurns, reference_map: ReferenceMap, total: TotalMa
 
 
 def _gap(
-    layer: GroundLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
+    layer: SurfaceLayer, turns: SteadyTurns, speed: tuple[float, float], front_angle: tuple[float, float], *, passive_safe: bool
 ) -> Gap:
     """How far the surfaces are off the optimum: at GAP_POINTS x GAP_POINTS places between first and last speed (m/s) and front
     angle (rad) that are on no line of their grid, and beside the edge at as many speeds."""
@@ -386,13 +386,13 @@ def along(table: FloatArray, cell: npt.NDArray[np.int64], share: FloatArray) -> 
     return result
 
 
-def rule_at(ground: Ground, layer: GroundLayer, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.str_]:
+def rule_at(surface: ReferenceSurface, layer: SurfaceLayer, speed: FloatArray, front_angle: FloatArray) -> npt.NDArray[np.str_]:
     """(n, m) `Rule` letters of a table of the surface on any axes from zero."""
     total = layer.total
     i = np.clip(np.searchsorted(total.speed, speed * JUST_INSIDE), 0, total.speed.size - 1)
     j = np.clip(np.searchsorted(total.front_angle, front_angle * JUST_INSIDE), 0, total.front_angle.size - 1)
     rule = total.rule[np.ix_(i, j)]
-    if ground.origin != "table":
+    if surface.origin != "table":
         asked = layer.surface(speed, front_angle)[0] * speed[:, np.newaxis]
         above = asked > layer.allowed(speed, front_angle) * (1.0 + 1e-9)
         rule = np.where(above, Rule.CONTINUED.value, rule)

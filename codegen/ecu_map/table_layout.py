@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from codegen.ecu_map.reference_surface import GroundLayer, above_zero, interpolated
+from codegen.ecu_map.reference_surface import SurfaceLayer, above_zero, interpolated
 from codegen.ecu_map.total import CapSteering, GripTable
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ Outcome = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Sheet:
+class TableLayout:
     """Of one friction.
 
     Attributes:
@@ -38,10 +38,10 @@ class Sheet:
     truth: Stacked
 
 
-def yaw_rate_sheet(layer: GroundLayer, grip: GripTable | None) -> Sheet:
+def yaw_rate_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
     """Of the table of the yaw rate, beside a table of the share of the cap (None: no such table)."""
     stored = _beside(layer, grip)
-    return Sheet(
+    return TableLayout(
         values=lambda v, angle: layer.surface(v, angle)[0][np.newaxis],
         beside=lambda v, angle: stored.limit(v, angle)[np.newaxis],
         outcome=np.minimum,
@@ -49,7 +49,7 @@ def yaw_rate_sheet(layer: GroundLayer, grip: GripTable | None) -> Sheet:
     )
 
 
-def reference_sheet(layer: GroundLayer, grip: GripTable | None) -> Sheet:
+def reference_layout(layer: SurfaceLayer, grip: GripTable | None) -> TableLayout:
     """Of both tables, that of the yaw rate and that of the rear angle, likewise."""
     stored, car = _beside(layer, grip), layer.total.steering
     largest = car.rear_angle_max
@@ -72,16 +72,16 @@ def reference_sheet(layer: GroundLayer, grip: GripTable | None) -> Sheet:
         yaw_rate, rear_angle = layer.truth(v, angle)
         return np.stack([yaw_rate, rear_angle * gain_of(car, above_zero(v)[:, np.newaxis])])
 
-    return Sheet(lambda v, angle: np.stack(layer.surface(v, angle)), beside, outcome, truth)
+    return TableLayout(lambda v, angle: np.stack(layer.surface(v, angle)), beside, outcome, truth)
 
 
-def grip_sheet(layer: GroundLayer) -> Sheet:
+def grip_layout(layer: SurfaceLayer) -> TableLayout:
     """Of the table of the share of the cap, beside the exact surface of the yaw rate."""
 
     def scale(v: FloatArray) -> FloatArray:
         return (layer.cap / above_zero(v))[:, np.newaxis]
 
-    return Sheet(
+    return TableLayout(
         values=lambda v, angle: (layer.limit(v, angle) / scale(v))[np.newaxis],
         beside=lambda v, angle: np.stack(np.broadcast_arrays(scale(v), layer.surface(v, angle)[0])),
         outcome=lambda share, numbers: np.minimum(share * numbers[:1], numbers[1:]),
@@ -95,6 +95,6 @@ def gain_of(car: CapSteering, speed: FloatArray) -> FloatArray:
     return result
 
 
-def _beside(layer: GroundLayer, grip: GripTable | None) -> GroundLayer:
+def _beside(layer: SurfaceLayer, grip: GripTable | None) -> SurfaceLayer:
     """The same with the share of the cap that a table holds."""
     return layer if grip is None else layer.with_share(interpolated(grip.speed, grip.front_angle, grip.share))

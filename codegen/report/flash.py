@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from codegen.ecu_map.placement_error import MeasuredError
-from codegen.ecu_map.placement_sweep import WAYS, FlashPoint, FlashTable
+from codegen.ecu_map.placement_sweep import STORAGE_OPTIONS, FlashPoint, FlashTable
 from codegen.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 
 if TYPE_CHECKING:
@@ -17,9 +17,14 @@ LOOKS = {
     "uneven": (VERMILION, "o", "uneven axes, float"),
     "int16": (GREEN, "^", "int16"),
 }
-"""Way -> colour, marker, and name in the legend."""
+"""StorageOption -> colour, marker, and name in the legend."""
 
-HEADER = ("error [deg/s]", *(f"{way.name} [B]" for way in WAYS), *(f"{way.name} [%]" for way in WAYS), "breakpoints, uneven")
+HEADER = (
+    "error [deg/s]",
+    *(f"{way.name} [B]" for way in STORAGE_OPTIONS),
+    *(f"{way.name} [%]" for way in STORAGE_OPTIONS),
+    "breakpoints, uneven",
+)
 AGAINST = {
     "optimum": "errors are against the optimum, solved anew at every point",
     "surfaces": "errors are against the optimum, solved on a fine grid, with what that may be off",

@@ -14,8 +14,8 @@ import pytest
 from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.placement import Maker, Target
-from codegen.ecu_map.placement_error import Ruler
-from codegen.ecu_map.reference_surface import Gap, Ground, ground_of
+from codegen.ecu_map.placement_error import ErrorEstimator
+from codegen.ecu_map.reference_surface import Gap, ReferenceSurface, reference_surface_of
 from codegen.ecu_map.total import Rule
 from codegen.map_file.map import ReferenceMap, from_arrays
 from codegen.optimum.solve import solve_case
@@ -26,9 +26,9 @@ BARE_BOUND = math.radians(4.0)
 
 
 @functools.cache
-def ground() -> Ground:
-    """The ground of the paper's 4WS-2."""
-    return ground_of(paper_map(), PAPER)
+def surface() -> ReferenceSurface:
+    """The surface of the paper's 4WS-2."""
+    return reference_surface_of(paper_map(), PAPER)
 
 
 @functools.cache
@@ -50,9 +50,9 @@ def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
     elif fault == "a speed moved":
         speed[3] = 0.5 * (speed[2] + speed[3])
     found = replace(total, speed=speed, front_angle=front_angle, **table)
-    measured = Ruler(ground(), (speed, front_angle), np.float32).error(found)
-    unsure = replace(ground(), layers=(replace(ground().layers[0], gap=Gap(0.1, 0.2, 0.3)),))
-    wider = Ruler(unsure, (speed, front_angle), np.float32).error(found)
+    measured = ErrorEstimator(surface(), (speed, front_angle), np.float32).error(found)
+    unsure = replace(surface(), layers=(replace(surface().layers[0], gap=Gap(0.1, 0.2, 0.3)),))
+    wider = ErrorEstimator(unsure, (speed, front_angle), np.float32).error(found)
     assert np.subtract(astuple(wider), astuple(measured)) == pytest.approx([0.1, 0.1, 0.2, 0.2, 0.3])
     seen = largest_error(found, truth_of(PAPER, "4ws-2"), 3)
     assert (measured.yaw_rate_whole > math.radians(4.6)) == (fault != "none")
@@ -62,7 +62,7 @@ def test_the_measured_error_is_that_at_random_points(fault: str) -> None:
 def test_a_bare_table_is_measured_against_its_own_interpolation() -> None:
     total = extend(bare(), PAPER, PAPER.steering.front_angle_stop)
     own = Lookup.from_map(total, np.float64)
-    uneven = Maker(ground_of(bare(), PAPER), Target(1, np.float32, "float")).for_error(BARE_BOUND, ("uneven",))
+    uneven = Maker(reference_surface_of(bare(), PAPER), Target(1, np.float32, "float")).for_error(BARE_BOUND, ("uneven",))
     assert uneven is not None and (uneven.origin, uneven.gap) == ("table", 0.0)
     assert largest_error(uneven.total, lambda v, a: own(v[:, np.newaxis], a), 6) <= BARE_BOUND + ROUNDING
     assert uneven.flash_bytes < 4 * total.yaw_rate.size
@@ -75,10 +75,13 @@ def test_an_edited_map_is_a_table() -> None:
     yaw_rate[50, 20] *= 0.9
     feasible[50, 20:] = False
     fewer = replace(solved, feasible=feasible, yaw_rate=np.where(feasible, solved.yaw_rate, np.nan))
-    assert ground().origin == "optimum"
-    assert [ground_of(each, PAPER).origin for each in (replace(solved, yaw_rate=yaw_rate), fewer)] == ["table", "table"]
+    assert surface().origin == "optimum"
+    assert [reference_surface_of(each, PAPER).origin for each in (replace(solved, yaw_rate=yaw_rate), fewer)] == [
+        "table",
+        "table",
+    ]
     safe = changed(PAPER, cases={"safe": {**PAPER.cases["4ws-2"].model_dump(mode="json"), "passive_safe": True}})
-    of_safe = ground_of(solve_case(safe, "safe"), safe)
+    of_safe = reference_surface_of(solve_case(safe, "safe"), safe)
     speed, angle = np.linspace(0.0, 33.0, 40), np.linspace(0.0, 0.6, 50)
     found, expected = of_safe.layers[-1].truth(speed, angle)[0], truth_of(safe, "safe")(speed, angle)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)  # the edge is 1e-12 of itself inside

@@ -7,7 +7,7 @@ from unittest import mock
 
 from benchmarks.nonlinear_map import nonlinear
 from codegen.configuration import Kind
-from codegen.ecu_map import placement_grip as place_grip
+from codegen.ecu_map import placement_grip
 from codegen.ecu_map.placement import Placed, Request, choose
 from codegen.ecu_map.storage import Storage
 from codegen.emit.build import BuildInputs, BuildOptions, build
@@ -52,7 +52,7 @@ def placed(kind: Kind, precision: Precision, storage: Storage, which: Which = "l
         chosen.append(choose(*arguments))
         return chosen[0]
 
-    with mock.patch.object(place_grip, "HALVINGS", 1), mock.patch("codegen.emit.build.choose", choosing):
+    with mock.patch.object(placement_grip, "HALVINGS", 1), mock.patch("codegen.emit.build.choose", choosing):
         folder = build(reference_map, config, options, BuildInputs("sample.npz", "0" * 64, "preset"))
     name = f"{kind} {precision} {storage} {which}"
     return compiled(name, functools.partial(made_case, name, folder, chosen[0].total, config)), chosen[0]

@@ -14,7 +14,7 @@ from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import Lookup
 from codegen.ecu_map.model_excess import model_excess
 from codegen.ecu_map.placement import Maker, Target
-from codegen.ecu_map.reference_surface import ground_of
+from codegen.ecu_map.reference_surface import reference_surface_of
 from codegen.errors import BuildError
 from codegen.map_file.map import load
 from codegen.optimum.solve import solve_case
@@ -144,7 +144,7 @@ def test_every_friction_of_a_stack_keeps_the_bound() -> None:
 @LONG
 def test_a_search_for_bytes_fills_those_of_a_bound() -> None:
     """It finds no larger error than a search for a bound, but for its step (`TIGHTER`, 3 %)."""
-    used = Maker(ground_of(bare(), PAPER), Target(1, np.float32, "float"))
+    used = Maker(reference_surface_of(bare(), PAPER), Target(1, np.float32, "float"))
     first, even = (used.for_error(BARE_BOUND, (spacing,)) for spacing in ("uneven", "even"))
     assert first is not None and even is not None and even.bounded_error <= BARE_BOUND
     best = used.for_error(BARE_BOUND)  # the spacing with fewer bytes
