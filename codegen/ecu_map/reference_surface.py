@@ -4,7 +4,7 @@ For a map that the exact solution made, this is the optimum itself: with linear 
 bounds, the optimum is the smaller of the optimum *without the grip bounds* and ay_cap / speed: the grip bounds are on |r|
 alone, and the objective falls with |r|. The lookup applies ay_cap / speed by itself, so that a table of the optimum without the
 grip bounds, continued, meets the kink between both exactly, wherever its cells lie. With the nonlinear tyre, what grip leaves
-is a surface too (`placement_grip`), which the lookup has a table of. Where sideslip or the rear angle end it, and beyond the last
+is a surface too (`placement_grip`), with a table of its own. Where sideslip or the rear angle end it, and beyond the last
 angle of the map, it goes on with the passive car's gain, as in `extend`; below the first speed and angle it is linear to zero.
 
 For any other map nothing but its own table is known: its bilinear interpolation, extended, is what the new table is measured
@@ -105,8 +105,8 @@ class ReferenceSurface:
     """The continuous total map, the layer of the lowest friction first, and where it is.
 
     Attributes:
-        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap` for what
-            that is off; "table": the map's own bilinear interpolation.
+        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap` for its
+            error; "table": the map's own bilinear interpolation.
         own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
         front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
         speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
