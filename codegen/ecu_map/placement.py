@@ -1,7 +1,7 @@
 """Breakpoints chosen for a bound: on the error against the continuous map, on the bytes, or on both.
 
 `choose` makes the total map that a build holds then. Its axes are even or uneven, whichever takes fewer bytes; its tables hold
-`reference_surface`'s surface. The bound holds for what the lookup gives after the cap, in the stored numbers, at any speed and angle.
+`reference_surface`'s surface. The bound holds for the lookup's result after the cap, in the stored numbers, at any point.
 """
 
 from __future__ import annotations

@@ -105,8 +105,8 @@ class ReferenceSurface:
     """The continuous total map, the layer of the lowest friction first, and where it is.
 
     Attributes:
-        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap` for its
-            error; "table": the map's own bilinear interpolation.
+        origin: "optimum": solved anew at every point; "surfaces": solved on a fine grid (`placement_grip`), with a `gap`
+            for its error; "table": the map's own bilinear interpolation.
         own_speed, own_front_angle: first and last breakpoint of the map (above zero), m/s and rad.
         front_angle_top: rad, the mechanical stop, or the map's last angle where that is larger.
         speed_kinks, front_angle_kinks: where the surfaces are not smooth by rule.
