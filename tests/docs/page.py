@@ -35,7 +35,7 @@ INSTEAD: Mapping[str, str] = {  # command: another one that is run in its place
     "make sil": "codegen paper -o build",  # the environment that make sets up is there already; this is what it then runs
 }
 
-EXAMPLES = ("codegen hil --build generated/4ws2 --bus socketcan:vcan0 --ecu native --log run.blf",)
+EXAMPLES = ("codegen hil --build generated/4ws2-paper --bus socketcan:vcan0 --ecu native --log run.blf",)
 """Commands whose output differs from that on the page: they run in real time."""
 
 
