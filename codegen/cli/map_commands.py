@@ -129,9 +129,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
 )
 @click.option("--storage", type=click.Choice(["float", "int16"]), help="Of tables on chosen breakpoints; by default float.")
-@click.option(
-    "--beyond-grip", is_flag=True, help="Accept a map that asks for more lateral acceleration than road tyres can give."
-)
+@click.option("--beyond-grip", is_flag=True, help="Accept a map that requires more lateral acceleration than road tyres reach.")
 @click.option("--check", is_flag=True, help="Write nothing; exit 1 where DIR is not up to date.")
 @json_option
 def build(

@@ -109,6 +109,11 @@ class Grid(Section):
     front_angle_points: int = Field(default=100, ge=2, le=MAX_BREAKPOINTS)
     front_angle_breakpoints_deg: Annotated[list[float] | None, Breakpoints(0.01, 45.0, "deg")] = None
 
+    @property
+    def last_speed_km_h(self) -> float:
+        """Last breakpoint of the speed axis, in km/h."""
+        return self.speed_breakpoints_km_h[-1] if self.speed_breakpoints_km_h else self.speed_max_km_h
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.speed_min_km_h >= self.speed_max_km_h:

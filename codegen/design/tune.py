@@ -110,9 +110,9 @@ def design(config: Config, progress: Progress | None = None) -> Design:
 
 def breakpoints(config: Config) -> list[Breakpoint]:
     """Those of `config.tuning` up to the last speed of the grid, that speed, and some up to the largest that is accepted."""
-    grid, controller = config.grid, config.controller
+    controller = config.controller
     top = controller.inputs.speed_max_km_h
-    last = min(grid.speed_breakpoints_km_h[-1] if grid.speed_breakpoints_km_h else grid.speed_max_km_h, top)
+    last = min(config.grid.last_speed_km_h, top)
     inside = [speed for speed in config.tuning.speed_km_h if speed < 0.999 * last]  # no two points within rounding
     beyond: list[float] = []
     if last < 0.999 * top:

@@ -230,7 +230,7 @@ class Maker:
 
     @property
     def gap(self) -> float:
-        """What the surface itself may be off the optimum in what is bounded, rad/s."""
+        """Error of the surface itself against the optimum, in rad/s of the bounded quantity."""
         return max(gap for layer in self.surface.layers for gap in self._gaps(layer))
 
     def _gaps(self, layer: SurfaceLayer) -> tuple[float, ...]:

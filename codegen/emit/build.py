@@ -223,7 +223,7 @@ def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) 
 
 
 def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
-    """Refuse a controller that would take what the map asks for as a fault, or that never runs within it."""
+    """Reject inputs whose range excludes the map: yaw rates that would count as faults, and an enabling speed above it."""
     controller, inputs = config.controller, config.controller.inputs
     fastest = reference_map.speed[-1] / KM_H
     if controller.enable_speed_km_h >= fastest:

@@ -118,11 +118,11 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-4,
             RATE_OFF,
         ),
-        configured("friction_min", controller, "friction_min", "a lower estimate counts as this"),
-        configured("enable_speed", controller, "enable_speed_km_h", "m/s, control starts from here", KM_H),
-        configured("disable_speed", controller, "disable_speed_km_h", "m/s, standby below", KM_H),
-        configured("standby_rate", controller, "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE),
-        configured("fail_safe_rate", controller.fail_safe, "rate_deg_s", "rad/s, return to zero in fail-safe", DEGREE),
+        configured(controller, "friction_min", "friction_min", "a lower estimate counts as this"),
+        configured(controller, "enable_speed", "enable_speed_km_h", "m/s, control starts from here", KM_H),
+        configured(controller, "disable_speed", "disable_speed_km_h", "m/s, standby below", KM_H),
+        configured(controller, "standby_rate", "standby_rate_deg_s", "rad/s, return to zero in standby", DEGREE),
+        configured(controller.fail_safe, "fail_safe_rate", "rate_deg_s", "rad/s, return to zero in fail-safe", DEGREE),
         *_actuator_parameters(config),
     )
 

@@ -185,7 +185,7 @@ def folders_of(paths: Iterable[str]) -> set[str]:
 
 
 def entries(folder: Path, below: str = "") -> Iterator[tuple[str, Kind]]:
-    """Everything in `folder` by relative path, sorted, a folder after what it holds; links are told, never followed.
+    """Yield every entry of `folder` by relative path, sorted, a folder after its content. Links are reported, not followed.
 
     Raises:
         BuildError: folders are nested deeper than any build's.

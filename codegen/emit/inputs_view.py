@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -30,19 +31,16 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
     """The fields of `<prefix>_inputs_parameters_t`, in order."""
     inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
     car = SingleTrack.from_config(config)
-
-    def key(name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
-        return configured(name, inputs, key, comment, scale, high=high)
-
+    of_key = functools.partial(configured, inputs)
     return (
-        key("speed_max", "speed_max_km_h", "m/s, range", KM_H, 200.0),
-        key("front_angle_max", "front_angle_max_deg", "rad, range", DEGREE, 1.5),
-        key("yaw_rate_max", "yaw_rate_max_deg_s", "rad/s, range", DEGREE, 20.0),
-        key("rear_angle_max", "rear_angle_max_deg", "rad, range", DEGREE),
-        key("friction_max", "friction_max", "range"),
-        key("speed_step", "acceleration_max_m_s2", "m/s at most in a sample", period, 200.0),
-        key("front_angle_step", "front_angle_rate_max_deg_s", "rad at most in a sample", DEGREE * period, 3.0),
-        key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s at most in a sample", DEGREE * period, 40.0),
+        of_key("speed_max", "speed_max_km_h", "m/s, range", KM_H, 200.0),
+        of_key("front_angle_max", "front_angle_max_deg", "rad, range", DEGREE, 1.5),
+        of_key("yaw_rate_max", "yaw_rate_max_deg_s", "rad/s, range", DEGREE, 20.0),
+        of_key("rear_angle_max", "rear_angle_max_deg", "rad, range", DEGREE),
+        of_key("friction_max", "friction_max", "range"),
+        of_key("speed_step", "acceleration_max_m_s2", "m/s at most in a sample", period, 200.0),
+        of_key("front_angle_step", "front_angle_rate_max_deg_s", "rad at most in a sample", DEGREE * period, 3.0),
+        of_key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s at most in a sample", DEGREE * period, 40.0),
         Parameter("wheelbase", config.vehicle.wheelbase, "m, of the linear car", 0.1, 20.0),
         Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m: of the linear car", -0.1, 0.1),
         Parameter(
@@ -52,36 +50,36 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-3,
             1.0,
         ),
-        key("yaw_rate_tolerance", "yaw_rate_tolerance_deg_s", "rad/s beyond what the road explains", DEGREE, 20.0),
-        key("lateral_acceleration_max", "lateral_acceleration_max_m_s2", "m/s^2 that no road allows"),
-        key(
+        of_key("yaw_rate_tolerance", "yaw_rate_tolerance_deg_s", "rad/s beyond what the road explains", DEGREE, 20.0),
+        of_key("lateral_acceleration_max", "lateral_acceleration_max_m_s2", "m/s^2 that no road allows"),
+        of_key(
             "yaw_rate_frozen",
             "yaw_rate_frozen_deg_s",
             "rad/s that yaw rate and front angle may move apart while one of them stays to the bit",
             DEGREE,
             20.0,
         ),
-        key(
+        of_key(
             "speed_agreement",
             "speed_agreement_km_h",
             "m/s, beyond a quarter of what stands for it, within which a speed that was wrong counts again",
             KM_H,
             200.0,
         ),
-        key(
+        of_key(
             "yaw_rate_agreement",
             "yaw_rate_agreement_deg_s",
             "rad/s, within which an angle or a yaw rate that was wrong does, in a turn of twice as much",
             DEGREE,
         ),
-        key(
+        of_key(
             "straight_yaw_rate",
             "straight_yaw_rate_deg_s",
             "rad/s that the front wheels make at most on a straight",
             DEGREE,
             1.0,
         ),
-        key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s that is learned at most", DEGREE, 1.0),
+        of_key("yaw_rate_offset_max", "yaw_rate_offset_max_deg_s", "rad/s that is learned at most", DEGREE, 1.0),
         Parameter(
             "yaw_rate_correction_share",
             period / inputs.yaw_rate_correction_time_s,
@@ -89,8 +87,8 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
             1e-6,
             1.0,
         ),
-        key("speed_fall", "speed_fall_m_s2", "m/s that a lost speed falls in a sample", period, 1.0),
-        key("friction_recovery", "friction_recovery_1_s", "that a lost estimate rises in a sample", period, 1.0),
+        of_key("speed_fall", "speed_fall_m_s2", "m/s that a lost speed falls in a sample", period, 1.0),
+        of_key("friction_recovery", "friction_recovery_1_s", "that a lost estimate rises in a sample", period, 1.0),
         Parameter(
             "missing_samples_max",
             fail_safe.degraded_samples_max,

@@ -99,8 +99,8 @@ def _lead_over_actuator(config: Config) -> Parameter:
 def _pi_parameters(config: Config) -> tuple[Parameter, ...]:
     controller = config.controller
     return (
-        configured("proportional_gain", controller, "proportional_gain_s", "s: rad of rear angle for each rad/s of error"),
-        configured("integral_gain", controller, "integral_gain", "rad of rear angle for each rad of integrated error"),
+        configured(controller, "proportional_gain", "proportional_gain_s", "s: rad of rear angle for each rad/s of error"),
+        configured(controller, "integral_gain", "integral_gain", "rad of rear angle for each rad of integrated error"),
         _lead_over_actuator(config),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -99,19 +98,9 @@ def read_build(folder: Path) -> dict[str, Any]:
     Raises:
         BuildError: not a build; an entry is missing or of another type. ConfigError: its configuration is none.
     """
-    manifest = read_manifest(folder)
-    require_whole(manifest, Path(folder) / MANIFEST)
-    return manifest
-
-
-def require_whole(manifest: Mapping[str, Any], place: Path) -> None:
-    """Refuse a manifest that lacks what a build writes into it.
-
-    Raises:
-        BuildError: naming the entry. ConfigError: its configuration is none.
-    """
+    manifest, place = read_manifest(folder), Path(folder) / MANIFEST
     try:
-        found = _Manifest.model_validate(dict(manifest))
+        found = _Manifest.model_validate(manifest)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         entry = ".".join(str(part) for part in fault["loc"])
@@ -122,3 +111,4 @@ def require_whole(manifest: Mapping[str, Any], place: Path) -> None:
         if section not in found.configuration and field.exclude_if is None:
             raise BuildError(f"configuration.{section}: missing", where=place, remedy="build again with `codegen build`")
     configuration.parse(found.configuration, f"{place}: configuration")
+    return manifest

@@ -32,9 +32,7 @@ class Parameter:
     increasing: bool = False
 
 
-def configured(
-    name: str, section: Section, key: str, comment: str, scale: float = 1.0, *, high: float | None = None
-) -> Parameter:
+def configured(section: Section, name: str, key: str, comment: str, scale: float = 1.0, high: float | None = None) -> Parameter:
     """A parameter that is a key of `ars.toml` in SI units, `scale` of them for one of the key's.
 
     Its range is the key's, or goes up to `high`: a calibration may open a check that the ECU makes elsewhere.

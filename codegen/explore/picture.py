@@ -22,11 +22,11 @@ from codegen.emit.laws import law_of
 from codegen.explore.controls import Step
 from codegen.explore.recalibrated import Calibration, Recalibrated
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import binding_text
 from codegen.plausibility.build import family_warnings
 from codegen.report.html import charts
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import GREY, phase_lines
-from codegen.report.summary import binding_text
 from hil_sim import manoeuvres
 from hil_sim.manoeuvres import Settings
 from hil_sim.metrics.run import column, spin_time
@@ -202,9 +202,7 @@ def family_data(config: Config, is_stale: Callable[[], bool]) -> Data | None:
 
 def _last_speed(config: Config) -> float:
     """km/h, of the map; above where the controller switches on."""
-    grid = config.grid
-    last = grid.speed_breakpoints_km_h[-1] if grid.speed_breakpoints_km_h else grid.speed_max_km_h
-    return max(last, 1.2 * config.controller.enable_speed_km_h)
+    return max(config.grid.last_speed_km_h, 1.2 * config.controller.enable_speed_km_h)
 
 
 def _least(values: FloatArray, place: int) -> float | None:

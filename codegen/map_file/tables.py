@@ -52,6 +52,20 @@ class Binding(enum.IntFlag):
 
 ALL_BINDING = sum(Binding)
 
+BINDING_NAMES = {
+    Binding.SIDESLIP: "sideslip",
+    Binding.LATERAL_ACCELERATION: "lateral acceleration",
+    Binding.SLIP_FRONT: "front slip",
+    Binding.SLIP_REAR: "rear slip",
+    Binding.REAR_ANGLE: "rear angle",
+}
+
+
+def binding_text(flags: int) -> str:
+    """A set of binding constraints in words, "front slip + rear slip"; "none" for an optimum inside all of them."""
+    names = [name for flag, name in BINDING_NAMES.items() if flags & flag]
+    return " + ".join(names) or "none"
+
 
 class _Plausible(NamedTuple):
     low: float

@@ -13,10 +13,11 @@ import numpy as np
 
 from codegen.configuration import KM_H, Config
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, TRIM_MAX_PERCENT
-from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins
+from codegen.design.margins import WARN_GAIN_MARGIN_DB, WARN_PHASE_MARGIN_DEG, Margins, family_margins, gains_of
 from codegen.ecu_map.model_excess import COARSE
 from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
-from codegen.emit.laws import is_untuned, law_of
+from codegen.errors import CodegenError
+from codegen.files import read_file
 from codegen.plausibility.map import cut_warning
 
 TRIM_WARNING_FACTOR = 2.0
@@ -24,6 +25,8 @@ TRIM_WARNING_FACTOR = 2.0
 MARGIN_TOLERANCE_DB, MARGIN_TOLERANCE_DEG = 0.05, 0.2
 """`codegen tune` rounds gains to four digits."""
 AHEAD_TOLERANCE = 0.02
+RECORD_BYTES_MAX = 2**24
+"""Largest verify.json, many times what a build with findings in every check has."""
 
 
 def build_warnings(manifest: Mapping[str, Any]) -> Iterator[str]:
@@ -79,16 +82,13 @@ def _closer(options: Mapping[str, Any]) -> str:
 
 def schedule_warnings(config: Config) -> Iterator[str]:
     """Return warnings about a gain schedule that does not suit the car: family margins, and the lag that it was tuned for."""
-    if not law_of_schedule(config):
-        return
     tracking, lag = config.controller.tracking, config.rear_actuator.lag_s
     schedule = tracking.schedule
-    assert schedule is not None
-    last = config.grid.speed_breakpoints_km_h[-1] if config.grid.speed_breakpoints_km_h else config.grid.speed_max_km_h
+    if config.controller.kind != "tracking" or schedule is None:
+        return
+    last = config.grid.last_speed_km_h
     speed = np.array([value for value in schedule.speed_km_h if value <= last] or schedule.speed_km_h[:1]) * KM_H
-    gains = law_of(config).gains(config)
-    assert gains is not None
-    margins, _ = family_margins(config, speed, *gains(speed))
+    margins, _ = family_margins(config, speed, *gains_of(schedule)(speed))
     yield from family_warnings(config, margins)
     if schedule.lead_s is None:
         return
@@ -111,9 +111,24 @@ def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
         )
 
 
-def law_of_schedule(config: Config) -> bool:
-    """Return whether the configuration has the kind "tracking" and a gain schedule."""
-    return config.controller.kind == "tracking" and not is_untuned(config)
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """Return the record of `codegen verify` beside a build; None where it is damaged, of another version, or no file."""
+    try:
+        record = json.loads(read_file(folder / BESIDE[0], RECORD_BYTES_MAX, "verify the build again"))
+        counts, checks = record["counts"], record["checks"].values()
+        complete = (
+            isinstance(record["build"]["manifest_sha256"], str)
+            and all(isinstance(counts[key], int) for key in ("passed", "failed"))
+            and all({"shows", "figure", "verdict", "findings", "limits"} <= check.keys() for check in checks)
+        )
+    except (CodegenError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return None
+    return dict(record) if complete else None
+
+
+def is_current(record: Mapping[str, Any], folder: Path) -> bool:
+    """Return whether a record is of the build as it is."""
+    return bool(record["build"]["manifest_sha256"] == hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest())
 
 
 def folder_warnings(folder: Path) -> Iterator[str]:
@@ -126,17 +141,12 @@ def folder_warnings(folder: Path) -> Iterator[str]:
     if edited:
         yield f"changed since the build: {', '.join(edited[:3])}{' and more' if len(edited) > 3 else ''}; build again"
     remedy = f"run `codegen verify {folder}`"
-    try:
-        record = json.loads((folder / BESIDE[0]).read_bytes())
-        digest, counts = record["build"]["manifest_sha256"], record["counts"]
-        failed = int(counts["failed"])
-    except FileNotFoundError:
+    record = read_record(folder)
+    if not (folder / BESIDE[0]).exists():
         yield f"not verified; {remedy}"
-        return
-    except (OSError, ValueError, KeyError, TypeError):
+    elif record is None:
         yield f"{BESIDE[0]} cannot be read; {remedy}"
-        return
-    if digest != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
+    elif not is_current(record, folder):
         yield f"{BESIDE[0]} is of an older build; {remedy}"
-    elif failed:
+    elif failed := record["counts"]["failed"]:
         yield f"{failed} checks of `codegen verify` failed; see {folder / BESIDE[1]}"

@@ -39,8 +39,9 @@ def check_path(path: Path) -> Found:
 def _check_configuration(path: Path) -> Found:
     """Check a configuration, and the maps of all its cases that steer the rear wheels."""
     config = configuration.load(path)
-    lines, warnings = [str(Handling.from_config(config))], [*car_warnings(config), *schedule_warnings(config)]
-    facts: dict[str, Any] = {"handling": Handling.from_config(config).to_dict(), "cases": {}}
+    handling = Handling.from_config(config)
+    lines, warnings = [str(handling)], [*car_warnings(config), *schedule_warnings(config)]
+    facts: dict[str, Any] = {"handling": handling.to_dict(), "cases": {}}
     for name in (name for name, case in config.cases.items() if case.rear_steering):
         try:
             with within(path):

@@ -13,11 +13,15 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.errors import MapError
-from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import binding_text
 from codegen.optimum.slip_use import slip_use
 from codegen.vehicle.single_track import SingleTrack
 
-BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.81
+"""m/s^2"""
 
 GRIP_MAX_G = 1.5
 """Largest lateral acceleration that road tyres reach without aerodynamic downforce, with room."""
@@ -51,8 +55,7 @@ class MapFacts:
         by: dict[str, float] = {}
         if reference_map.active is not None:
             for flags in np.unique(reference_map.active[less]):
-                names = [flag.name.lower().replace("_", " ") for flag in Binding if flag.name and int(flags) & flag]
-                by[" + ".join(names) or "none"] = 100.0 * float((less & (reference_map.active == flags)).sum()) / cells
+                by[binding_text(int(flags))] = 100.0 * float((less & (reference_map.active == flags)).sum()) / cells
         return cls(100.0 * (1.0 - cut.cells / max(cut.of, 1)), 100.0 * float(less.sum()) / cells, by)
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,22 +132,20 @@ def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
     )
 
 
-def lateral_acceleration_g(reference_map: ReferenceMap) -> float:
-    """Return the largest lateral acceleration of a map, in g."""
-    return float(np.nanmax(reference_map.speed[:, np.newaxis] * reference_map.yaw_rate)) / 9.81
+def _lateral_acceleration_g(speed: FloatArray, yaw_rate: FloatArray) -> float:
+    """Return the largest lateral acceleration, in g, for speeds (n,) in m/s and yaw rates (n, m) in rad/s."""
+    return float(np.nanmax(speed[:, np.newaxis] * yaw_rate)) / STANDARD_GRAVITY
 
 
 def beyond_grip(reference_map: ReferenceMap) -> str:
     """Return what is wrong with the units of a map, and the likely cause; "" where nothing is."""
-    largest = lateral_acceleration_g(reference_map)
+    speed, rates = reference_map.speed, reference_map.yaw_rate
+    largest = _lateral_acceleration_g(speed, rates)
     if largest <= GRIP_MAX_G:
         return ""
     what = f"the map asks for {largest:.2g} g of lateral acceleration, beyond the {GRIP_MAX_G:g} g that road tyres can give"
-    rates = reference_map.yaw_rate
-    if rates.shape[0] == rates.shape[1]:
-        transposed = float(np.nanmax(reference_map.speed[:, np.newaxis] * rates.T)) / 9.81
-        if transposed <= GRIP_MAX_G:
-            return f"{what}; transpose yaw_rate: its rows are speeds, its columns front angles"
+    if rates.shape[0] == rates.shape[1] and _lateral_acceleration_g(speed, rates.T) <= GRIP_MAX_G:
+        return f"{what}; transpose yaw_rate: its rows are speeds, its columns front angles"
     if largest / 3.6 <= GRIP_MAX_G:
         return f"{what}; is vx in km/h? It must be in m/s, and yaw_rate in rad/s"
     return f"{what}; vx must be in m/s, yaw_rate in rad/s"

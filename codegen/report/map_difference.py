@@ -15,8 +15,9 @@ import numpy.typing as npt
 from codegen.configuration import KM_H
 from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import BINDING_NAMES
 from codegen.optimum.slip_use import ABOVE, SlipUse, slip_use
-from codegen.report.summary import BINDING_NAMES, TYRE, map_summary
+from codegen.report.summary import TYRE, map_summary
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H, preset
 from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.tables import binding_text
 from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.style import (
     BLACK,
@@ -37,7 +38,6 @@ from codegen.report.style import (
     plain,
     style,
 )
-from codegen.report.summary import binding_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

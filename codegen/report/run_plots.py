@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from codegen.configuration import KM_H
+from codegen.configuration import KM_H, Config
 from codegen.report.legend import legend_below
 from codegen.report.run_marks import SPIN_MARKER, Mark, Span, draw_marks, draw_spans, spin_handles, until_spin
 from codegen.report.style import (
@@ -95,6 +95,16 @@ def column(run: FloatArray, name: str) -> FloatArray:
     if name == "speed_m_s":
         return values / KM_H
     return np.degrees(values) if name.endswith(("_rad", "_rad_s")) else values
+
+
+def signal_limits(config: Config) -> dict[str, float]:
+    """Return the limit to either side of each column as it is drawn: deg and m/s^2, of the optimisation and the actuator."""
+    limits = config.limits
+    return {
+        "sideslip_rad": limits.sideslip_max_deg,
+        "rear_angle_rad": min(limits.rear_angle_max_deg, config.rear_actuator.angle_max_deg),
+        "lateral_acceleration_m_s2": limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
+    }
 
 
 def run_window(runs: Mapping[str, FloatArray]) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from codegen.configuration import Config
 from codegen.errors import one_line
 from codegen.report.legend import legend_below
 from codegen.report.run_marks import Mark, Span, until_spin
-from codegen.report.run_plots import heading, looks_of, run_figure
+from codegen.report.run_plots import heading, looks_of, run_figure, signal_limits
 from codegen.report.style import FRONT_ANGLE, GREY, REAR_ANGLE, RUN_NAMES, FloatArray, new_figure, plain, style
 
 if TYPE_CHECKING:
@@ -69,11 +69,7 @@ def scenario_figure(
         return run_figure(runs, title, marks=marks, spans=spans, window=_whole(runs), of_map=of_map)
     if scenario.kind == "recording" or scenario.faults:
         return run_figure(runs, title, spans=spans, window=_whole(runs), of_map=of_map)
-    limits = {
-        "rear_angle_rad": config.rear_actuator.angle_max_deg,
-        "sideslip_rad": config.limits.sideslip_max_deg,
-        "lateral_acceleration_m_s2": config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
-    }
+    limits = signal_limits(config)
     if scenario.kind != "step":
         return run_figure(runs, title, of_map=of_map, limits=limits)
     after = {run: np.column_stack([record[:, 0] - scenario.steer_time, record[:, 1:]]) for run, record in runs.items()}
@@ -87,8 +83,13 @@ def _named(runs: Mapping[str, FloatArray], config: Config) -> dict[str, FloatArr
     return {own if name == CONTROLLED else name: run for name, run in runs.items()}
 
 
+def title_of(scenario: Scenario) -> str:
+    """Return the title of a scenario with typographic units."""
+    return scenario.title.replace("m/s^2", "m/s²")
+
+
 def _title(scenario: Scenario, name: str, details: str) -> str:
-    title = scenario.title.replace("m/s^2", "m/s²")
+    title = title_of(scenario)
     named = f"{one_line(name)} – {title}"
     # What does not fit beside each other goes below each other.
     first = [] if not name else [named] if len(named) <= TITLE_LENGTH else [one_line(name)]

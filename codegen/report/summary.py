@@ -11,18 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.configuration import KM_H
-from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import binding_text
 
 if TYPE_CHECKING:
     from hil_sim.metrics import Evaluation
-
-BINDING_NAMES = {
-    Binding.SIDESLIP: "sideslip",
-    Binding.LATERAL_ACCELERATION: "lateral acceleration",
-    Binding.SLIP_FRONT: "front slip",
-    Binding.SLIP_REAR: "rear slip",
-    Binding.REAR_ANGLE: "rear angle",
-}
 
 TYRE = "tyre of the optimisation"
 
@@ -41,12 +34,6 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         return "  ".join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]).rstrip()
 
     return "\n".join([line(header), "  ".join("-" * width for width in widths), *(line(row) for row in rows)])
-
-
-def binding_text(flags: int) -> str:
-    """A set of binding constraints in words, "front slip + rear slip"; "none" for an optimum inside all of them."""
-    names = [name for flag, name in BINDING_NAMES.items() if flags & flag]
-    return " + ".join(names) or "none"
 
 
 @dataclass(frozen=True)

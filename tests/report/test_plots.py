@@ -18,10 +18,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 from codegen import configuration
 from codegen.map_file.map import Binding, ReferenceMap
+from codegen.map_file.tables import binding_text
 from codegen.optimum.slip_use import slip_use
 from codegen.optimum.solve import solve_case
 from codegen.report import plots, run_plots, style, tyre_plots
-from codegen.report.summary import binding_text
 from codegen.sil.software import RECORD_COLUMNS
 from codegen.vehicle.tyre import AxleTyres
 from hil_sim.scenarios import find

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.emit.folder import BESIDE, MANIFEST, read_manifest, verify_hashes
+from codegen.emit.folder import BESIDE, read_manifest, verify_hashes
 from codegen.emit.limiter_cut import cut_text
 from codegen.emit.manifest import read_build
+from codegen.plausibility.build import is_current, read_record
 from codegen.report.html.blocks import Block, Table, Text
 
 VERDICTS = {"passed": "good", "failed": "bad"}
@@ -42,7 +41,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
             f"Nothing is recorded of this build. `codegen verify {folder}` checks it; make the report again then.", "notice"
         )
         return
-    record = _record(folder)
+    record = read_record(folder)
     if record is None:
         yield Text(
             f"{BESIDE[0]} beside this build is damaged, or of another version, and nothing of it is shown. "
@@ -50,7 +49,7 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
             "notice",
         )
         return
-    if record["build"]["manifest_sha256"] != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
+    if not is_current(record, folder):
         yield Text(f"What follows is of an older build. `codegen verify {folder}` checks this one.", "notice")
     if record.get("effort") == "quick":
         yield Text(f"These checks were quick. `codegen verify {folder}` runs them whole.", "notice")
@@ -74,22 +73,8 @@ def verification_blocks(folder: Path) -> Iterator[Block]:
 
 def current_record(folder: Path) -> Mapping[str, Any] | None:
     """Return the record of the verification of a build as it is; None where there is none, or one of other files."""
-    record = _record(folder)
-    if record is None or record["build"]["manifest_sha256"] != hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest():
-        return None
-    return record
-
-
-def _record(folder: Path) -> Mapping[str, Any] | None:
-    """`verify.json`; None where it does not have what is shown here."""
-    try:
-        record = json.loads((folder / BESIDE[0]).read_bytes())
-        assert isinstance(record["build"]["manifest_sha256"], str)
-        for check in record["checks"].values():
-            assert {"shows", "figure", "verdict", "findings", "limits"} <= check.keys()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, AssertionError):
-        return None
-    return dict(record)
+    record = read_record(folder)
+    return record if record is not None and is_current(record, folder) else None
 
 
 def _budgets(figures: Mapping[str, Any]) -> Iterator[Block]:

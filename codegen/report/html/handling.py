@@ -8,14 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
-from codegen.report.html.blocks import INK, MUTED, Block, Chart, Gallery, Table, Text
+from codegen.report.html.blocks import Block, Chart, Gallery, Table, Text
 from codegen.report.html.charts import axis, layout, line
+from codegen.report.html.runs import colours_of, is_passive
 from codegen.report.run_marks import until_spin
-from codegen.report.run_plots import column, looks_of
-from codegen.report.style import BLACK, GREY
+from codegen.report.run_plots import column
+from codegen.report.scenario_plots import title_of
 from hil_sim.metrics import frequency
 from hil_sim.metrics.run import Run, spin_time
-from hil_sim.scenarios import BUILT_IN, Scenario
+from hil_sim.scenarios import BUILT_IN
 
 FloatArray = npt.NDArray[np.float64]
 Runs = Mapping[str, FloatArray]
@@ -46,27 +47,22 @@ def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Confi
     yield Table(f"The rear actuator: {limits}", header, rows)
 
 
-def _colours(runs: Runs) -> dict[str, str]:
-    colours = {name: look.get("color", GREY) for name, look in looks_of(runs).items()}
-    return {name: INK if colour == BLACK else MUTED if colour == GREY else colour for name, colour in colours.items()}
-
-
 def _handling(runs: Runs, config: Config) -> Chart:
     """Steering-wheel angle over lateral acceleration of slowly increasing steer (ISO 4138)."""
-    data, colours = [], _colours(runs)
+    data, colours = [], colours_of(runs)
     for name, whole in runs.items():
         run = Run(until_spin(whole), HANDLING, config)
         shown = run.after
         angle = np.degrees(run.steering_wheel_angle)[shown]
         data.append(line(run["lateral_acceleration_m_s2"][shown], angle, name, colours[name]))
     figure = {"data": data, "layout": layout(xaxis=axis("Lateral acceleration (m/s²)"), yaxis=axis("Steering wheel (deg)"))}
-    caption = f"Handling diagram. {_title(HANDLING)}: the steeper, the more the car understeers."
+    caption = f"Handling diagram. {title_of(HANDLING)}: the steeper, the more the car understeers."
     return Chart("handling", figure, caption, "Steering-wheel angle over lateral acceleration of each car.", 400)
 
 
 def _response(runs: Runs, config: Config) -> Iterator[Chart]:
     """Gain and phase of the yaw rate to the steering wheel (ISO 7401)."""
-    colours, found = _colours(runs), {}
+    colours, found = colours_of(runs), {}
     for name, record in runs.items():
         response = None if spin_time(record) is not None else frequency.frequency_response(Run(record, RESPONSE, config))
         if response is not None:
@@ -77,18 +73,14 @@ def _response(runs: Runs, config: Config) -> Iterator[Chart]:
         data = [line(one.frequency, values[name], name, colours[name]) for name, one in found.items()]
         ticks = {"type": "log", "tickvals": TICKS, "ticktext": [f"{tick:g}" for tick in TICKS]}
         look = layout(xaxis=axis("Frequency (Hz)", **ticks), yaxis=axis(title))
-        caption = f"Frequency response, {key}. {_title(RESPONSE)}."
+        caption = f"Frequency response, {key}. {title_of(RESPONSE)}."
         yield Chart(f"response-{key}", {"data": data, "layout": look}, caption, f"{title} over frequency of each car.", 400)
-
-
-def _title(scenario: Scenario) -> str:
-    return scenario.title.replace("m/s^2", "m/s²")
 
 
 def _rows(scenario: str, runs: Runs) -> Iterator[tuple[str, ...]]:
     """Yield the largest angle and rate, the RMS rate and the travel of the rear axle in each controlled run."""
     for name, record in runs.items():
-        if name.lower().startswith("passive"):
+        if is_passive(name):
             continue
         run = until_spin(record)
         time, angle = column(run, "time_s"), column(run, "rear_angle_rad")

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H
 from codegen.map_file.map import ReferenceMap
+from codegen.map_file.tables import binding_text
 from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
 from codegen.report.html.charts import (
     axis,
@@ -23,7 +24,7 @@ from codegen.report.html.charts import (
 )
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS
 from codegen.report.style import BLACK, GREY, WHITE, phase_lines
-from codegen.report.summary import binding_text, tyre_note
+from codegen.report.summary import tyre_note
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config
 from codegen.report.html.blocks import INK, MUTED, Block, Chart, Table, Text
 from codegen.report.html.charts import axis, layout, line
-from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window
+from codegen.report.run_plots import SPEED_HELD, column, looks_of, run_window, signal_limits
 from codegen.report.style import BLACK, GREY
 from codegen.report.summary import metric_rows
 from codegen.sil.software import Status
@@ -63,6 +63,12 @@ WORDS = {
 }
 
 
+def colours_of(runs: Mapping[str, FloatArray]) -> dict[str, str]:
+    """Return the colour of each run; black and grey follow the theme of the page. Raises PlotError: see `looks_of`."""
+    colours = {name: look.get("color", GREY) for name, look in looks_of(runs).items()}
+    return {name: INK if colour == BLACK else MUTED if colour == GREY else colour for name, colour in colours.items()}
+
+
 def is_passive(name: str) -> bool:
     """Whether a run of this name has no control: no reference, no command, no status."""
     return name.lower() in PASSIVE
@@ -93,7 +99,7 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels
     Raises:
         PlotError: no run, or an array of another shape.
     """
-    looks = looks_of(runs)
+    colours = colours_of(runs)
     symbols = dict(zip(runs, itertools.cycle(SYMBOLS), strict=False))
     axes: dict[str, Any] = {}
     data: list[dict[str, Any]] = []
@@ -106,9 +112,7 @@ def run_chart(runs: Mapping[str, FloatArray], config: Config, title: str, panels
         top = 1.0 - row * (height + GAP)
         axes[f"yaxis{name[1:]}"] = axis(panel.title, domain=[max(0.0, top - height), top], nticks=5)
         for run, record in runs.items():
-            colour = looks[run].get("color", GREY)
-            colour = INK if colour == BLACK else MUTED if colour == GREY else colour
-            data += _lines(run, record, panel, (colour, symbols[run]), name, row == 0)
+            data += _lines(run, record, panel, (colours[run], symbols[run]), name, row == 0)
         bound = limits.get(panel.columns[0][0])
         for value in () if bound is None else (bound, -bound):
             drawn = {"color": MUTED, "width": 1.5, "dash": "dot"}
@@ -163,9 +167,7 @@ def _limits(config: Config) -> dict[str, float]:
     """Of a signal as it is drawn: what the optimisation or the actuator keeps it within."""
     tyres = AxleTyres.from_config(config)
     return {
-        "sideslip_rad": config.limits.sideslip_max_deg,
-        "rear_angle_rad": math.degrees(min(config.limits.rear_angle_max, config.rear_actuator.angle_max)),
-        "lateral_acceleration_m_s2": config.limits.lateral_acceleration_max_g * config.road.gravity_m_s2,
+        **signal_limits(config),
         "slip_front_rad": math.degrees(tyres.front_slip_bound),
         "slip_rear_rad": math.degrees(tyres.rear_slip_bound),
     }
