@@ -147,10 +147,6 @@ def test_a_value(key: str, value: object, words: str) -> None:
         ("[controller.inputs]\nrear_angle_max_deg = 3.4\n", "controller.inputs.rear_angle_max_deg rear_actuator.angle_max_deg"),
         ("[controller.inputs]\nfront_angle_max_deg = 34.9\n", "controller.inputs.front_angle_max_deg front_angle_stop_deg"),
         ("[controller.inputs]\nfriction_max = 0.89\n", "controller.inputs.friction_max road.friction"),
-        (
-            "[controller]\nenable_speed_km_h = 50.1\ninputs.speed_max_km_h = 100.0\n",
-            "controller enable_speed_km_h inputs.speed_max_km_h",
-        ),
         ("[road]\nfriction = 0.3\n[controller]\nfriction_min = 0.31\n", "controller.friction_min road.friction"),
         ("[tyre.front]\nshape_factor_c = 1.2\n", "tyre.front exactly cornering_stiffness_n_per_rad"),
         ("[tyre.rear]\ncornering_stiffness_n_per_rad = 1e5\nstiffness_factor_b_per_rad = 15.0\n", "tyre.rear exactly one"),

@@ -226,11 +226,17 @@ def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
     """Reject inputs whose range excludes the map: yaw rates that would count as faults, and an enabling speed above it."""
     controller, inputs = config.controller, config.controller.inputs
     fastest = reference_map.speed[-1] / KM_H
-    if controller.enable_speed_km_h >= fastest:
+    if controller.enable_speed_km_h > 0.5 * fastest:
         raise BuildError(
-            f"{controller.enable_speed_km_h:g} km/h is not below the map's last speed, {fastest:.4g} km/h",
+            f"{controller.enable_speed_km_h:g} km/h is more than half of the map's last speed, {fastest:.4g} km/h",
             where="controller.enable_speed_km_h",
             remedy="lower it, or solve the map to higher speeds",
+        )
+    if inputs.speed_max_km_h < fastest:
+        raise BuildError(
+            f"{inputs.speed_max_km_h:g} km/h is below the map's last speed, {fastest:.4g} km/h",
+            where="controller.inputs.speed_max_km_h",
+            remedy="raise it, or solve the map to lower speeds: what is beyond it is taken for a fault",
         )
     asked = reference_map.feasible & (reference_map.speed >= controller.enable_speed_km_h * KM_H)[:, np.newaxis]
     largest = math.degrees(np.where(asked, reference_map.yaw_rate, 0.0).max())

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from codegen.configuration import KM_H, Config
+from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.ecu_map.extend import TotalMap
 from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import REAR_ANGLE_MAX_RAD, SAMPLE_RANGES, YAW_RATE_ERROR_MAX_RAD_S, law_of
@@ -115,7 +116,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
             "rad/s, bound on the command's rate" + (" (off)" if rate == "off" else ""),
-            1e-4,
+            math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
         ),
         configured(controller, "friction_min", "friction_min", "a lower estimate counts as this"),

@@ -12,6 +12,8 @@ from codegen.emit.parameters import DEGREE, Parameter, ParameterView, configured
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack
 
+UNDERSTEER_CHANGE_MAX = math.radians(2.0) / 9.81
+"""s^2/m, 2 deg/g: calibration may take another variant of the car, but no other car."""
 FRICTION_UNKNOWN = 2.0
 """More than the peak friction of any road: the map takes its own."""
 
@@ -31,6 +33,7 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
     """The fields of `<prefix>_inputs_parameters_t`, in order."""
     inputs, fail_safe, period = config.controller.inputs, config.controller.fail_safe, config.controller.sampling_time_s
     car = SingleTrack.from_config(config)
+    wheelbase, understeer = car.wheelbase, car.understeer_coefficient
     of_key = functools.partial(configured, inputs)
     return (
         of_key("speed_max", "speed_max_km_h", "m/s, range", KM_H, 200.0),
@@ -41,8 +44,14 @@ def inputs_parameters(config: Config) -> tuple[Parameter, ...]:
         of_key("speed_step", "acceleration_max_m_s2", "m/s at most in a sample", period, 200.0),
         of_key("front_angle_step", "front_angle_rate_max_deg_s", "rad at most in a sample", DEGREE * period, 3.0),
         of_key("yaw_rate_step", "yaw_acceleration_max_deg_s2", "rad/s at most in a sample", DEGREE * period, 40.0),
-        Parameter("wheelbase", config.vehicle.wheelbase, "m, of the linear car", 0.1, 20.0),
-        Parameter("understeer_coefficient", car.understeer_coefficient, "s^2/m: of the linear car", -0.1, 0.1),
+        Parameter("wheelbase", wheelbase, "m, of the linear car", 0.5 * wheelbase, 2.0 * wheelbase),
+        Parameter(
+            "understeer_coefficient",
+            understeer,
+            "s^2/m: of the linear car",
+            understeer - UNDERSTEER_CHANGE_MAX,
+            understeer + UNDERSTEER_CHANGE_MAX,
+        ),
         Parameter(
             "expected_share",
             1.0 - math.exp(-period / inputs.yaw_rate_lag_s),

@@ -22,7 +22,7 @@ from codegen.configuration.controller import (
     TRIM_MAX_PERCENT,
 )
 from codegen.design.margins import Gains, gains_of
-from codegen.emit.parameters import Field, Parameter, configured
+from codegen.emit.parameters import DEGREE, Field, Parameter, configured
 from codegen.errors import BuildError
 from codegen.vehicle.single_track import SingleTrack
 
@@ -87,11 +87,12 @@ def is_untuned(config: Config) -> bool:
 
 
 def _lead_over_actuator(config: Config) -> Parameter:
-    return Parameter(
+    return configured(
+        config.controller,
         "rear_angle_error_max",
-        math.radians(config.controller.rear_angle_error_max_deg),
+        "rear_angle_error_max_deg",
         "rad, how far the demand may run ahead of the measured rear angle",
-        1e-4,
+        DEGREE,
         1.0,
     )
 
@@ -176,12 +177,12 @@ def _tracking_parameters(config: Config) -> tuple[Parameter, ...]:
             1.0,
         ),
         Parameter("lead_angle_max", math.radians(tracking.lead_max_deg), "rad, bound of that", 0.0, 0.5),
-        Parameter(
+        configured(
+            tracking,
             "response_samples",
-            tracking.response_ahead_s / config.controller.sampling_time_s,
+            "response_ahead_s",
             "samples that the model's yaw rate is looked ahead for the response gain",
-            0.0,
-            1e3,
+            1.0 / config.controller.sampling_time_s,
         ),
         Parameter(
             "yaw_increasing_max",

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from codegen.configuration import KM_H, Config
+from codegen.configuration.controller import REAR_RATE_MIN_DEG_S
 from codegen.emit.parameters import RATE_OFF, Parameter, ParameterView, parameter_views
 from codegen.emit.text import Precision, literal
 from codegen.vehicle.single_track import SingleTrack
@@ -81,7 +82,7 @@ def limiter_parameters(config: Config) -> tuple[Parameter, ...]:
             "rear_rate_max",
             RATE_OFF if rate == "off" else math.radians(rate),
             "rad/s" + (" (off)" if rate == "off" else ""),
-            1e-4,
+            math.radians(REAR_RATE_MIN_DEG_S),
             RATE_OFF,
         ),
         Parameter(

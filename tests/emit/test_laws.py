@@ -100,8 +100,12 @@ def test_the_gains_for_the_margins_are_those_of_the_c() -> None:
     ("controller", "words"),
     [
         (
-            {"enable_speed_km_h": 100.0, "disable_speed_km_h": 90.0},
-            r"controller\.enable_speed_km_h: 100 km/h is not below the map's last speed, 90 km/h",
+            {"enable_speed_km_h": 45.1},
+            r"controller\.enable_speed_km_h: 45\.1 km/h is more than half of the map's last speed, 90 km/h",
+        ),
+        (
+            {"inputs": {"speed_max_km_h": 89.9}},
+            r"controller\.inputs\.speed_max_km_h: 89\.9 km/h is below the map's last speed, 90 km/h",
         ),
         (
             {"inputs": {"yaw_rate_max_deg_s": 25.0}},

@@ -226,8 +226,8 @@ def check_ranges_of_the_unit_itself(built: Built) -> None:
 def check_oversteering_car(built: Built) -> None:
     """Beyond the critical speed of an oversteering car the turn of the linear one stays bounded: that of a quarter of its
     wheelbase."""
-    changes = {**OPEN, "understeer_coefficient": -0.01, "expected_share": 1.0, "wheelbase": 2.0, "yaw_rate_max": 20.0}
-    for speed, length in ((10.0, 1.0), (20.0, 0.5)):
+    changes = {**OPEN, "understeer_coefficient": -1.0 / 1024.0, "expected_share": 1.0, "wheelbase": 2.0, "yaw_rate_max": 20.0}
+    for speed, length in ((32.0, 1.0), (48.0, 0.5)):
         controller = built.software.controller(0.0, parameters_of(built, {"inputs": changes}))
         controller.run([Measurement(speed, 0.03125, 0.1, 0.0)] * 2)
         assert abs(controller.state.inputs.expected_yaw_rate - speed * 0.03125 / length) <= 4.0 * built.eps
@@ -417,7 +417,7 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
         ({"yaw_rate_agreement": 0.0625}, {"speed": 12.0}, False),
         ({"yaw_rate_agreement": 0.0624}, {"speed": 12.0}, True),
         ({"yaw_rate_agreement": 0.03125}, {"speed": 12.0, "yaw_rate": 0.0625, "lateral_acceleration": 1.0}, False),  # no turn
-        ({"speed_max": 15.0}, {"speed": 12.0}, True),
+        ({"speed_max": 34.0}, {"speed": 30.0, "front_angle": 0.0125, "lateral_acceleration": 10.0}, True),
     )
     for settings, changes, is_wrong in cases:
         parameters = parameters_of(built, {"inputs": exact | settings})
@@ -431,7 +431,7 @@ def check_speed_against_the_lateral_acceleration(built: Built) -> None:
             controller.run([turn] * samples)
         assert (inputs.speed.source == WRONG, inputs.speed.good) == (is_wrong, 0 if is_wrong or changes else count), changes
         if is_wrong:
-            assert inputs.speed.value == min(16.0, parameters.inputs.speed_max)
+            assert inputs.speed.value == min(turn.lateral_acceleration / turn.yaw_rate, parameters.inputs.speed_max)
         if is_wrong and "speed_max" not in settings:
             controller.step(replace(turn, front_angle=0.0625, lateral_acceleration=2.0))
             assert inputs.speed.value == 15.0

@@ -56,7 +56,7 @@ WIDE = {"speed_max": 200.0, "front_angle_max": 1.5}
 EXTREMES: dict[str, Mapping[str, Any]] = {
     "as built": {},
     "fast": {"rear_rate_max": 1000.0, "limiter": {"rear_rate_max": 1000.0}},
-    "slow": {"rear_rate_max": 0.01, "rear_angle_error_max": 1e-4},
+    "slow": {"rear_rate_max": 0.02, "rear_angle_error_max": 0.002},
     "forgiving": {"grip_shortfall": 20.0, "grip_recovery": 100.0, "trim_share": 0.2, "trim_rate": 20.0},
     "open inputs": {"inputs": OPEN},
     "wide inputs": {"inputs": {**OPEN, **WIDE, "yaw_rate_max": 20.0}, "limiter": WIDE},

@@ -100,7 +100,7 @@ def check_limiter_parameters(units: Units) -> None:
     def beyond(value: float, outward: float) -> float:
         return float(np.nextafter(real(value), real(outward)))
 
-    ranges = {"rear_rate_max": (1e-4, 1000.0), "in_phase_from_front_angle": (1e-4, 1.0), "speed_max": (1.0, 200.0),
+    ranges = {"rear_rate_max": (math.radians(1.0), 1000.0), "in_phase_from_front_angle": (1e-4, 1.0), "speed_max": (1.0, 200.0),
               "front_angle_max": (0.01, 1.5), "rear_angle_max": (1e-4, 1.0)}  # fmt: skip
     none = {"opposite_phase_max": [0.0] * count}
     for name, (low, high) in ranges.items():

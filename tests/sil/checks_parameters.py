@@ -137,8 +137,8 @@ COMPANIONS: Mapping[str, Mapping[str, float]] = {
     "inputs.rear_angle_max": {"rear_angle_max": 1e-4},
 }
 """What a parameter at the end of its range needs of another."""
-NO_ROOM = {("enable_speed", "low"), ("disable_speed", "high")}
-"""The disabling speed must be below the enabling one, and at these ends it cannot."""
+NO_ROOM = {("enable_speed", "low"), ("enable_speed", "high"), ("disable_speed", "high"), ("inputs.speed_max", "low")}
+"""The disabling speed must be below the enabling one, and both must leave the controller a part of the map."""
 
 
 def is_valid(built: Built, **changes: Any) -> bool:
@@ -204,7 +204,7 @@ def _check_what_fits_together(built: Built) -> None:
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
-    for enable, disable in ((float(built.real(0.5 * KM_H)), lowest), (20.0, lowest), (5.0, built.next(5.0, 0.0))):
+    for enable, disable in ((float(built.real(0.5 * KM_H)), lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
     ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}
@@ -213,8 +213,11 @@ def _check_what_fits_together(built: Built) -> None:
         assert is_valid(built, **{name: least}) and is_valid(built, **{name: most})
         assert not is_valid(built, **{name: most + 1}), "what never acts, or never ends"
         assert least == 0 or not is_valid(built, **{name: least - 1}), "what ends at once"
-    for enable, fits in ((20.0, True), (built.next(20.0, 30.0), False)):
-        assert is_valid(built, enable_speed=enable, **{"inputs.speed_max": 40.0}) == fits, "control would hardly ever run"
+    fastest = float(built.real(built.total.speed[-1]))
+    for enable, fits in ((0.5 * fastest, True), (built.next(0.5 * fastest, fastest), False)):
+        assert is_valid(built, enable_speed=enable, disable_speed=1.0) == fits, "control would hardly ever run"
+    for speed, fits in ((fastest, True), (built.next(fastest, 0.0), False)):
+        assert is_valid(built, **{"inputs.speed_max": speed}) == fits, "what the map answers is believed"
     parameters = software.parameters()
     for angle, fits in ((float(parameters.rear_angle_max), True), (built.next(parameters.rear_angle_max, 1.0), False)):
         parameters.limiter.rear_angle_max = angle

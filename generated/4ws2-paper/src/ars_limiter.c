@@ -98,7 +98,7 @@ ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_
 ARS_SECTION_CODE bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters)
 {
     bool valid = is_between(parameters->rear_angle_max, 1.0e-04f, 1.0f)
-        && is_between(parameters->rear_rate_max, 1.0e-04f, 1000.0f)
+        && is_between(parameters->rear_rate_max, 0.017453292f, 1000.0f)
         && is_between(parameters->in_phase_from_front_angle, 1.0e-04f, 1.0f)
         && is_between(parameters->speed_max, 1.0f, 200.0f)
         && is_between(parameters->front_angle_max, 0.01f, 1.5f);
