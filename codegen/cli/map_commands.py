@@ -150,19 +150,19 @@ def build(
     from codegen.emit.from_files import prepare
     from codegen.emit.placement import placement_line, placement_summary
     from codegen.emit.write import check_target, write_folder
-    from codegen.plausibility.build import build_warnings, schedule_warnings
-    from codegen.plausibility.car import car_warnings
-    from codegen.plausibility.map import require_grip, slip_warnings
+    from codegen.map_file import map as npz
+    from codegen.plausibility.check import all_warnings
+    from codegen.plausibility.map import require_grip
 
     request = _request(max_error, max_flash, storage)
     if request is not None and output is not None:
         check_target(output)  # a search takes its time
+    if not beyond_grip:
+        require_grip(npz.load(map_path), map_path)
     with console.status(f"generating the C of {map_path}"):
         prepared = prepare(
             map_path, config_path, output, prefix, "double" if precision == "double" else "single", request=request
         )
-    if not beyond_grip:
-        require_grip(prepared.reference_map, map_path)
     if not as_json:
         for text in prepared.chosen.notes:
             console.note(text)
@@ -179,9 +179,7 @@ def build(
         return
     changed = write_folder(prepared.folder, target)
     manifest = prepared.folder.manifest
-    config = prepared.chosen.config
-    warnings = [*car_warnings(config), *schedule_warnings(config), *slip_warnings(prepared.reference_map)]
-    warnings += build_warnings(manifest)
+    warnings = list(all_warnings(prepared.chosen.config, prepared.reference_map, manifest))
     result = {"build": str(target), "changed": changed, "files": files, "configuration": prepared.chosen.source}
     result["limiter_cut"] = manifest["limiter_cut"]
     if request is not None:

@@ -149,7 +149,7 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
     law = law_of(config)
     placed = _placed(reference_map, config, options)
     total = placed.total if placed else extend(reference_map, config, config.steering.front_angle_stop)
-    _check_inputs(reference_map, config)
+    check_inputs(reference_map, config)
     more = OF_REFERENCE_MODEL if law.uses_reference_model else ()
     headers, sources = (*HEADERS, *more), (*SOURCES, *more)
     real = c_type(options.precision)
@@ -222,7 +222,7 @@ def _placed(reference_map: ReferenceMap, config: Config, options: BuildOptions) 
     return choose(reference_map, config, options.request, tables, numpy_type(options.precision))
 
 
-def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
+def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
     """Reject inputs whose range excludes the map: yaw rates that would count as faults, and an enabling speed above it."""
     controller, inputs = config.controller, config.controller.inputs
     fastest = reference_map.speed[-1] / KM_H

@@ -18,7 +18,7 @@ from codegen.ecu_map.model_excess import COARSE
 from codegen.emit.folder import BESIDE, MANIFEST, verify_hashes
 from codegen.errors import CodegenError
 from codegen.files import read_file
-from codegen.plausibility.map import cut_warning
+from codegen.plausibility.car import distinct
 
 TRIM_WARNING_FACTOR = 2.0
 """Warn when the trim exceeds this multiple of the required trim; extra trim increases overshoot."""
@@ -29,9 +29,20 @@ RECORD_BYTES_MAX = 2**24
 """Largest verify.json, many times what a build with findings in every check has."""
 
 
+def margins_line(margins: Mapping[str, Any] | None) -> str:
+    """Return a line about the margins in a manifest; None stands for a kind of controller without feedback."""
+    if margins is None:
+        return "no feedback, so no margins"
+    if margins["unstable_from_km_h"] is None:
+        least = f"at least {margins['gain_margin_db']:g} dB and {margins['phase_margin_deg']:g} deg"
+    else:
+        least = f"little from {margins['warns_from_km_h']:.0f} km/h, unstable from {margins['unstable_from_km_h']:.0f} km/h"
+    return f"margins of the configured car: {least}"
+
+
 def build_warnings(manifest: Mapping[str, Any]) -> Iterator[str]:
-    """Return the warnings that a build's manifest gives cause to: margins, limiter, trim of the reference model."""
-    yield from filter(None, (margin_warning(manifest), cut_warning(manifest["limiter_cut"]), excess_warning(manifest)))
+    """Yield the warnings about the margins and the trim of the reference model in a build's manifest."""
+    yield from filter(None, (margin_warning(manifest), excess_warning(manifest)))
 
 
 def margin_warning(manifest: Mapping[str, Any]) -> str:
@@ -105,9 +116,10 @@ def family_warnings(config: Config, margins: Margins) -> Iterator[str]:
     tuning = config.tuning
     gain, phase = float(margins.gain_margin_db.min()), float(margins.phase_margin_deg.min())
     if gain < tuning.gain_margin_db - MARGIN_TOLERANCE_DB or phase < tuning.phase_margin_deg - MARGIN_TOLERANCE_DEG:
+        kept = f"{distinct(gain, tuning.gain_margin_db)} dB and {distinct(phase, tuning.phase_margin_deg)} deg"
         yield (
-            f"over the family of cars the gains keep {gain:.1f} dB and {phase:.0f} deg, less than the "
-            f"{tuning.gain_margin_db:g} dB and {tuning.phase_margin_deg:g} deg of [tuning]; run `codegen tune`"
+            f"over the family of cars the gains keep {kept if margins.stable.all() else 'no margin (a car is unstable)'}, less "
+            f"than the {tuning.gain_margin_db:g} dB and {tuning.phase_margin_deg:g} deg of [tuning]; run `codegen tune`"
         )
 
 
@@ -131,8 +143,16 @@ def is_current(record: Mapping[str, Any], folder: Path) -> bool:
     return bool(record["build"]["manifest_sha256"] == hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest())
 
 
+def folder_notes(folder: Path) -> Iterator[str]:
+    """Yield the next step for a build that has not been verified as it is."""
+    if not (folder / BESIDE[0]).exists():
+        yield f"not verified yet; next: `codegen verify {folder}`"
+    elif (record := read_record(folder)) is not None and not is_current(record, folder):
+        yield f"{BESIDE[0]} is of an older build; next: `codegen verify {folder}`"
+
+
 def folder_warnings(folder: Path) -> Iterator[str]:
-    """Return warnings about the files of a build: edited ones, and a missing, outdated or failed verification.
+    """Yield warnings about the files of a build: edited ones, and a damaged record of a verification or a failed one.
 
     Raises:
         BuildError: not a build folder.
@@ -140,13 +160,10 @@ def folder_warnings(folder: Path) -> Iterator[str]:
     edited = verify_hashes(folder)
     if edited:
         yield f"changed since the build: {', '.join(edited[:3])}{' and more' if len(edited) > 3 else ''}; build again"
-    remedy = f"run `codegen verify {folder}`"
-    record = read_record(folder)
     if not (folder / BESIDE[0]).exists():
-        yield f"not verified; {remedy}"
-    elif record is None:
-        yield f"{BESIDE[0]} cannot be read; {remedy}"
-    elif not is_current(record, folder):
-        yield f"{BESIDE[0]} is of an older build; {remedy}"
-    elif failed := record["counts"]["failed"]:
-        yield f"{failed} checks of `codegen verify` failed; see {folder / BESIDE[1]}"
+        return
+    record = read_record(folder)
+    if record is None:
+        yield f"{BESIDE[0]} cannot be read; run `codegen verify {folder}`"
+    elif is_current(record, folder) and (failed := record["counts"]["failed"]):
+        yield f"{failed} check{'s' if failed > 1 else ''} of `codegen verify` failed; see {folder / BESIDE[1]}"

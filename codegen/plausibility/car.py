@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from codegen.configuration import KM_H, Config
 from codegen.vehicle.single_track import SingleTrack
 
@@ -17,6 +19,10 @@ CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
 """Range of an axle's slip angle for each g (R. T. Bundorf, R. L. Leffert, SAE 760713). A tyre that is twice as stiff as the
 stiffest of these has the stiffness of its axle."""
 UNDERSTEER_GRADIENT_DEG_PER_G = (-1.0, 6.0)
+COMPLIANCE_RATIO = (0.85, 2.7)
+"""Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
+NEUTRAL_DEG_PER_G = 0.05
+"""Largest magnitude of the understeer gradient of a neutral car. Its characteristic or critical speed is above 600 km/h."""
 TUNED_LAG_FACTOR = 1.5
 """Factor by which the actuator's lag may lie outside the family for which the gains were designed."""
 LEAD_PER_LAG = (0.3, 1.0)
@@ -25,7 +31,7 @@ LEAD_PER_LAG = (0.3, 1.0)
 
 @dataclass(frozen=True)
 class Handling:
-    """Steady-state handling of the passive linear car. One of the two speeds is None."""
+    """Steady-state handling of the passive linear car. One of the two speeds is None; both are None for a neutral car."""
 
     understeer_gradient_deg_per_g: float
     characteristic_speed_km_h: float | None
@@ -36,21 +42,37 @@ class Handling:
         """Return the handling of a configured car."""
         car = SingleTrack.from_config(config)
         coefficient = car.understeer_coefficient
-        characteristic = math.sqrt(car.wheelbase / coefficient) / KM_H if coefficient > 0.0 else None
-        critical = car.critical_speed / KM_H if coefficient < 0.0 else None
-        return cls(math.degrees(coefficient) * config.road.gravity_m_s2, characteristic, critical)
+        gradient = math.degrees(coefficient) * config.road.gravity_m_s2
+        if abs(gradient) < NEUTRAL_DEG_PER_G:
+            return cls(gradient, None, None)
+        speed = math.sqrt(car.wheelbase / abs(coefficient)) / KM_H
+        return cls(gradient, speed, None) if gradient > 0.0 else cls(gradient, None, speed)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
         return asdict(self)
 
     def __str__(self) -> str:
-        gradient = f"understeer gradient {self.understeer_gradient_deg_per_g:.2f} deg/g"
+        gradient = f"understeer gradient {round(self.understeer_gradient_deg_per_g, 2) + 0.0:.2f} deg/g"
         if self.critical_speed_km_h is not None:
             return f"{gradient}, critical speed {self.critical_speed_km_h:.0f} km/h"
         if self.characteristic_speed_km_h is not None:
             return f"{gradient}, characteristic speed {self.characteristic_speed_km_h:.0f} km/h"
         return f"{gradient}, neutral"
+
+
+def distinct(value: float, limit: float, digits: int = 2) -> str:
+    """Return a value with as few significant digits, at least `digits`, as show on which side of a limit it lies."""
+    for count in range(digits, 17):
+        rounded = float(f"{value:.{count}g}")
+        if (rounded > limit) == (value > limit) and (rounded < limit) == (value < limit):
+            break
+    return np.format_float_positional(rounded, trim="-")
+
+
+def _beyond(value: float, limits: tuple[float, float]) -> str:
+    """Return the text of a value outside limits."""
+    return distinct(value, limits[0] if value < limits[0] else limits[1])
 
 
 def car_warnings(config: Config) -> tuple[str, ...]:
@@ -61,41 +83,54 @@ def car_warnings(config: Config) -> tuple[str, ...]:
 def _vehicle(config: Config) -> Iterator[str]:
     vehicle = config.vehicle
     arms = vehicle.cg_to_front_axle_m * vehicle.cg_to_rear_axle_m
-    index, (low, high) = vehicle.yaw_inertia_kg_m2 / (vehicle.mass_kg * arms), DYNAMIC_INDEX
+    usual = vehicle.mass_kg * arms
+    index, (low, high) = vehicle.yaw_inertia_kg_m2 / usual, DYNAMIC_INDEX
     if not low <= index <= high:
-        usual = vehicle.mass_kg * arms
         yield (
-            f"vehicle.yaw_inertia_kg_m2 = {vehicle.yaw_inertia_kg_m2:g} is {index:.2g} times mass lf lr = {usual:.0f} kg m^2; "
-            f"cars have {low:g} to {high:g} times"
+            f"vehicle.yaw_inertia_kg_m2 = {vehicle.yaw_inertia_kg_m2:g} is {_beyond(index, DYNAMIC_INDEX)} times mass lf lr = "
+            f"{usual:.0f} kg m^2; cars have {low:g} to {high:g} times; check its unit and its axis (the vertical one), or take "
+            f"{usual:.0f} where it is not known"
         )
     if 0.5 * vehicle.track_m < config.road.friction * vehicle.cg_height_m:
         yield (
             f"vehicle.cg_height_m = {vehicle.cg_height_m:g} and track_m = {vehicle.track_m:g}: the car rolls over before its "
             f"tyres slide on friction {config.road.friction:g}; check both"
         )
-    gradient, (low, high) = Handling.from_config(config).understeer_gradient_deg_per_g, UNDERSTEER_GRADIENT_DEG_PER_G
-    if not low <= gradient <= high:
-        yield f"the understeer gradient is {gradient:.1f} deg/g; cars have {low:g} to {high:g}; check stiffnesses and arms"
 
 
 def _tyres(config: Config) -> Iterator[str]:
     car = SingleTrack.from_config(config)
+    gravity = config.road.gravity_m_s2
+    front, rear = (
+        math.degrees(slip) * gravity
+        for slip in (car.front_slip_per_lateral_acceleration, car.rear_slip_per_lateral_acceleration)
+    )
     low, high = CORNERING_COMPLIANCE_DEG_PER_G
-    for axle, slip, stiffness in (
-        ("front", car.front_slip_per_lateral_acceleration, 0.5 * car.front_stiffness),
-        ("rear", car.rear_slip_per_lateral_acceleration, 0.5 * car.rear_stiffness),
-    ):
-        compliance = math.degrees(slip) * config.road.gravity_m_s2
-        if compliance < low:
-            yield (
-                f"tyre.{axle}: {stiffness:.0f} N/rad for one tyre gives {compliance:.2g} deg of slip for each g; cars have "
-                f"{low:g} to {high:g}: is it the stiffness of the whole axle? Then halve it"
-            )
-        elif compliance > high:
-            yield (
-                f"tyre.{axle}: {stiffness:.0f} N/rad for one tyre gives {compliance:.2g} deg of slip for each g; cars have "
-                f"{low:g} to {high:g}: is it in N/deg, or half of a tyre's?"
-            )
+    accused = False
+    for axle, compliance, stiffness in (("front", front, car.front_stiffness), ("rear", rear, car.rear_stiffness)):
+        if low <= compliance <= high:
+            continue
+        accused = True
+        stiff, soft = "is it the stiffness of the whole axle? Then halve it", "is it in N/deg, or half of a tyre's?"
+        yield (
+            f"tyre.{axle}: {0.5 * stiffness:.0f} N/rad for one tyre gives {_beyond(compliance, (low, high))} deg of slip for "
+            f"each g; cars have {low:g} to {high:g}: {stiff if compliance < low else soft}"
+        )
+    if accused:
+        return
+    ratio, (low, high) = front / rear, COMPLIANCE_RATIO
+    if not low <= ratio <= high:
+        stiff = "front" if ratio < low else "rear"
+        yield (
+            f"the slip for each g is {front:.1f} deg at the front and {rear:.1f} deg at the rear axle, a ratio of "
+            f"{_beyond(ratio, COMPLIANCE_RATIO)}; cars have {low:g} to {high:g}: is the stiffness of tyre.{stiff} that of the "
+            "whole axle? Then halve it"
+        )
+        return
+    gradient, (low, high) = math.degrees(car.understeer_coefficient) * gravity, UNDERSTEER_GRADIENT_DEG_PER_G
+    if not low <= gradient <= high:
+        found = _beyond(gradient, UNDERSTEER_GRADIENT_DEG_PER_G)
+        yield f"the understeer gradient is {found} deg/g; cars have {low:g} to {high:g}; check stiffnesses and arms"
 
 
 def _actuator(config: Config) -> Iterator[str]:

@@ -16,7 +16,8 @@ from codegen.errors import MapError
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import binding_text
 from codegen.optimum.slip_use import slip_use
-from codegen.vehicle.single_track import SingleTrack
+from codegen.optimum.turns import turns_behind
+from codegen.plausibility.car import distinct
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,91 +29,115 @@ GRIP_MAX_G = 1.5
 SLIP_USE_MAX_PERCENT = 101.0
 """Slip over its bound from which a map is reported; a map of the nonlinear tyre stays below."""
 TURNS_LESS_FACTOR = 0.99
-"""The controlled car turns less than the passive one where its yaw rate is below this multiple."""
+"""The controlled car turns less than the front-steered one where its yaw rate is below this multiple."""
 
 
 @dataclass(frozen=True)
 class MapFacts:
-    """Shares of the feasible cells of a solved map, in percent.
+    """Shares of the feasible cells of a map, in percent.
 
     Attributes:
-        reachable_percent: cells whose rear angle the actuator and the limiter reach.
-        turns_less_percent: cells in which the controlled car turns less than the passive linear one.
+        reachable_percent: cells whose rear angle the actuator and the limiter reach; None for a map without rear angles.
+        turns_less_percent: cells in which the controlled car turns less than the same car does with its rear wheels straight,
+            with the same tyres and bounds; None for a map that was not solved.
         turns_less_by: the same cells by the constraint that is active there; "none" for an optimum inside all of them.
     """
 
-    reachable_percent: float
-    turns_less_percent: float
+    reachable_percent: float | None
+    turns_less_percent: float | None
     turns_less_by: dict[str, float]
 
     @classmethod
     def of_map(cls, reference_map: ReferenceMap, config: Config) -> MapFacts:
         """Return the facts about a map, with the actuator and the limiter of a configuration."""
-        cut = LimiterCut.of_map(reference_map, config)
-        feasible, cells = reference_map.feasible, max(int(reference_map.feasible.sum()), 1)
-        gain = SingleTrack.from_config(config).yaw_gain(np.fmax(reference_map.speed, 1e-9))[:, np.newaxis]
-        less = feasible & (reference_map.yaw_rate < TURNS_LESS_FACTOR * gain * reference_map.front_angle) & (gain > 0.0)
-        by: dict[str, float] = {}
-        if reference_map.active is not None:
-            for flags in np.unique(reference_map.active[less]):
-                by[binding_text(int(flags))] = 100.0 * float((less & (reference_map.active == flags)).sum()) / cells
-        return cls(100.0 * (1.0 - cut.cells / max(cut.of, 1)), 100.0 * float(less.sum()) / cells, by)
+        feasible, active = reference_map.feasible, reference_map.active
+        cells = max(int(feasible.sum()), 1)
+        reachable = None
+        if reference_map.rear_angle is not None:
+            cut = LimiterCut.of_map(reference_map, config)
+            reachable = 100.0 * (1.0 - cut.cells / max(cut.of, 1))
+        turns = turns_behind(reference_map)
+        if turns is None or active is None:
+            return cls(reachable, None, {})
+        moving = reference_map.speed > 0.0
+        straight = np.full(feasible.shape, np.nan)
+        straight[moving] = turns.without_rear_steering().solve(reference_map.speed[moving], reference_map.front_angle).yaw_rate
+        less = feasible & (reference_map.yaw_rate < TURNS_LESS_FACTOR * straight)
+        by = {
+            binding_text(int(flags)): 100.0 * float((less & (active == flags)).sum()) / cells
+            for flags in np.unique(active[less])
+        }
+        return cls(reachable, 100.0 * float(less.sum()) / cells, by)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON values."""
         by = {name: round(share, 2) for name, share in self.turns_less_by.items()}
-        return {
-            "reachable_percent": round(self.reachable_percent, 2),
-            "turns_less_percent": round(self.turns_less_percent, 2),
-            "turns_less_by": by,
-        }
+        shares = {"reachable_percent": self.reachable_percent, "turns_less_percent": self.turns_less_percent}
+        rounded = {name: None if share is None else round(share, 2) for name, share in shares.items()}
+        return {**rounded, "turns_less_by": by}
 
-    def lines(self) -> tuple[str, ...]:
-        """Return a line for each fact."""
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each known fact."""
+        if self.reachable_percent is not None:
+            yield f"actuator and limiter reach {self.reachable_percent:.4g} % of the feasible cells"
+        if self.turns_less_percent is None:
+            return
         by = ", ".join(
             f"{'no constraint' if name == 'none' else name} {share:.0f} %"
             for name, share in sorted(self.turns_less_by.items(), key=lambda item: -item[1])
             if share >= 0.5
         )
         active = f"; active there: {by}" if by else ""
-        return (
-            f"actuator and limiter reach {self.reachable_percent:.4g} % of the feasible cells",
-            f"the controlled car turns less than the passive one in {self.turns_less_percent:.0f} % of them{active}",
+        yield (
+            f"the car turns less than with its rear wheels straight in {self.turns_less_percent:.0f} % of the feasible cells"
+            f"{active}"
         )
 
 
 def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Return a warning for each part of a map that the car of a configuration cannot follow."""
-    if grip := beyond_grip(reference_map):
-        yield grip
-    yield from rear_angle_warnings(reference_map, config)
+    """Return a warning for each part of a map that the car of a configuration cannot follow.
+
+    Warnings that follow from wrong units, or from a limit of the configuration that is above the actuator's, are left out.
+    """
+    if units := beyond_grip(reference_map):
+        yield units
+        return
+    if config.limits.rear_angle_max_deg <= config.rear_actuator.angle_max_deg:
+        yield from rear_angle_warnings(reference_map, config)
     yield from slip_warnings(reference_map)
 
 
 def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Return a warning for cells beyond the actuator, and for those that the limiter cuts."""
-    rear, feasible = reference_map.rear_angle, reference_map.feasible
-    if rear is not None:
-        beyond = feasible & (np.abs(np.where(feasible, rear, 0.0)) > config.rear_actuator.angle_max * (1.0 + 1e-9))
-        if beyond.any():
-            yield (
-                f"{100.0 * beyond.sum() / feasible.sum():.1f} % of the map's feasible cells use rear angles up to "
-                f"{math.degrees(np.abs(rear[beyond]).max()):.2g} deg, beyond the {config.rear_actuator.angle_max_deg:g} deg of "
-                "the actuator; solve it with limits.rear_angle_max_deg at most that"
-            )
-            return
-    if warning := cut_warning(LimiterCut.of_map(reference_map, config).to_dict()):
+    """Return a warning for rear angles beyond the actuator, else for those that the limiter cuts; none for a map without."""
+    rear, feasible, limit = reference_map.rear_angle, reference_map.feasible, config.rear_actuator.angle_max_deg
+    if rear is None:
+        return
+    angles = np.degrees(np.abs(np.where(feasible, rear, 0.0)))
+    beyond = angles > limit * (1.0 + 1e-9)
+    if beyond.any():
+        yield (
+            f"{100.0 * beyond.sum() / feasible.sum():.1f} % of the map's feasible cells use rear angles up to "
+            f"{distinct(float(angles.max()), limit)} deg, beyond the {limit:g} deg of the actuator; "
+            "solve it with limits.rear_angle_max_deg at most that"
+        )
+    elif warning := cut_warning(LimiterCut.of_map(reference_map, config).to_dict(), config):
         yield warning
 
 
-def cut_warning(found: dict[str, Any]) -> str:
+def cut_warning(found: dict[str, Any], config: Config) -> str:
     """Return a warning about what the limiter cuts off a map, from `LimiterCut.to_dict`; "" where it cuts nothing."""
     if not found["cells"]:
         return ""
-    return (
-        f"the limiter cuts {cut_text(found)}; raise its bounds, "
-        'or take limiter.opposite_phase_speed_km_h = "from-car" with opposite_phase_max_deg = "from-car"'
+    limiter = config.limiter
+    acceleration = limiter.opposite_phase_lateral_acceleration_m_s2
+    from_car = limiter.opposite_phase_speed_km_h == limiter.opposite_phase_max_deg == "from-car"
+    remedy = (
+        f"raise limiter.opposite_phase_lateral_acceleration_m_s2 (it is {acceleration:g}), or "
+        f"lower limiter.in_phase_from_front_angle_deg (it is {limiter.in_phase_from_front_angle_deg:g})"
+        if from_car
+        else 'raise its bounds, or set limiter.opposite_phase_speed_km_h = "from-car" and opposite_phase_max_deg = "from-car"'
     )
+    return f"the limiter cuts {cut_text(found)}; {remedy}"
 
 
 def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
@@ -125,10 +150,16 @@ def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
         return
     percent = np.fmax(used.front, used.rear)
     row, column = np.unravel_index(int(np.nanargmax(percent)), percent.shape)
+    front, rear = (distinct(worst[axle], 100.0, 3) for axle in ("front", "rear"))
+    remedy = (
+        "the map is not the optimum of its own configuration; solve it again"
+        if reference_map.tyre_model == "magic-formula"
+        else 'solve with tyre_model = "magic-formula" to keep them'
+    )
     yield (
-        f"with its nonlinear tyres the car uses {worst['front']:.0f} % of the front and {worst['rear']:.0f} % of the rear slip "
-        f"bound in the map's steady turns (worst at {reference_map.speed[row] / KM_H:.0f} km/h, "
-        f'{math.degrees(reference_map.front_angle[column]):.1f} deg); solve with tyre_model = "magic-formula" to keep them'
+        f"with its nonlinear tyres the car uses {front} % of the front and {rear} % of the rear slip bound in the map's steady "
+        f"turns (worst at {reference_map.speed[row] / KM_H:.0f} km/h, "
+        f"{math.degrees(reference_map.front_angle[column]):.1f} deg); {remedy}"
     )
 
 
@@ -143,7 +174,8 @@ def beyond_grip(reference_map: ReferenceMap) -> str:
     largest = _lateral_acceleration_g(speed, rates)
     if largest <= GRIP_MAX_G:
         return ""
-    what = f"the map asks for {largest:.2g} g of lateral acceleration, beyond the {GRIP_MAX_G:g} g that road tyres can give"
+    required = distinct(largest, GRIP_MAX_G)
+    what = f"the map requires {required} g of lateral acceleration, beyond the {GRIP_MAX_G:g} g that road tyres reach"
     if rates.shape[0] == rates.shape[1] and _lateral_acceleration_g(speed, rates.T) <= GRIP_MAX_G:
         return f"{what}; transpose yaw_rate: its rows are speeds, its columns front angles"
     if largest / 3.6 <= GRIP_MAX_G:

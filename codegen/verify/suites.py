@@ -43,12 +43,15 @@ def fault_scenarios(config: Config) -> tuple[Scenario, ...]:
 
 
 def are_faults_defined_for(config: Config) -> bool:
-    """Whether the catalogue's defined ends hold for these settings: it counts lost samples and counters as the presets do."""
+    """Return whether the outcomes that the catalogue defines hold for these settings.
+
+    They count lost samples and counters as the presets do. The rate of the fail-safe, which `codegen tune` sets, is free.
+    """
     controller, defaults = config.controller, Config().controller
     return (
         config.can.e2e == E2e()
         and controller.sampling_time_s == defaults.sampling_time_s
-        and controller.fail_safe == defaults.fail_safe
+        and controller.fail_safe == defaults.fail_safe.model_copy(update={"rate_deg_s": controller.fail_safe.rate_deg_s})
         and controller.inputs == defaults.inputs
     )
 

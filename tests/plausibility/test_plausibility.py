@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen.cli.check_command import check
 from codegen.configuration import Config, preset
+from codegen.emit.from_files import prepare
+from codegen.errors import CheckFailed, CodegenError
 from codegen.map_file import map as npz
 from codegen.optimum.solve import solve_case
-from codegen.plausibility.build import schedule_warnings
-from codegen.plausibility.car import Handling, car_warnings
-from codegen.plausibility.check import check_path
+from codegen.plausibility.build import margins_line, schedule_warnings
+from codegen.plausibility.car import Handling, car_warnings, distinct
+from codegen.plausibility.check import Found, check_path
 from codegen.plausibility.map import MapFacts, beyond_grip, map_warnings
 from hil_sim.suite.plants import changed
 from hil_sim.suite.random_cars import TEST_SEED, random_cars
@@ -47,7 +50,11 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
         ({"tyre": {"front": {"cornering_stiffness_n_per_rad": 10e3}}}, "tyre.front: 10000 N/rad .* half of a tyre's"),
         (
             {"vehicle": {"yaw_inertia_kg_m2": 210.0}},
-            r"vehicle.yaw_inertia_kg_m2 = 210 is 0\.089 times mass lf lr = 2360 kg m\^2",
+            r"vehicle.yaw_inertia_kg_m2 = 210 is 0\.089 times mass lf lr = 2360 kg m\^2; .* check its unit .* or take 2360",
+        ),
+        (
+            {"tyre": {"front": {"cornering_stiffness_n_per_rad": 120e3}}},
+            "is the stiffness of tyre.front that of the whole axle",
         ),
         ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
         ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
@@ -75,7 +82,7 @@ def test_handling_is_that_of_the_linear_car() -> None:
 def test_what_actuator_and_tyres_cannot_do_is_told_of_a_map() -> None:
     """By the share of its cells that is beyond the actuator, and by its slip; and which constraint makes the car turn less."""
     config = hatchback(limits={"rear_angle_max_deg": 5.0})
-    found = list(map_warnings(solve_case(config, "4ws-2"), config))
+    found = list(map_warnings(solve_case(config, "4ws-2"), hatchback()))
     assert any(
         re.search(r"% of the map's feasible cells use rear angles up to 5 deg, beyond the 3\.5 deg", text) for text in found
     )
@@ -84,6 +91,40 @@ def test_what_actuator_and_tyres_cannot_do_is_told_of_a_map() -> None:
     facts = MapFacts.of_map(linear, hatchback())
     assert facts.reachable_percent == 100.0
     assert sum(facts.turns_less_by.values()) == pytest.approx(facts.turns_less_percent)
+
+
+@pytest.mark.parametrize("tyre_model", ["linear", "magic-formula"])
+def test_the_front_steered_car_that_a_map_is_compared_with_keeps_the_same_bounds(tyre_model: Any) -> None:
+    config = hatchback().with_tyre_model(tyre_model)
+    steered, straight = solve_case(config, "4ws-2"), solve_case(config, "fws")
+    less = steered.feasible & (steered.yaw_rate < 0.99 * straight.yaw_rate)
+    percent = MapFacts.of_map(steered, config).turns_less_percent
+    assert percent == pytest.approx(100.0 * less.sum() / steered.feasible.sum()) and percent > 5.0
+    assert MapFacts.of_map(straight, config).turns_less_percent == 0.0
+
+
+def test_a_map_of_the_nonlinear_tyre_that_exceeds_its_slip_bounds_is_solved_again() -> None:
+    config = hatchback().with_tyre_model("magic-formula")
+    solved = solve_case(config, "4ws-2")
+    raised = replace(solved, yaw_rate=solved.yaw_rate * 1.02)
+    (text,) = map_warnings(raised, config)
+    assert "solve it again" in text and "magic-formula" not in text
+
+
+def test_a_limiter_that_is_from_the_car_already_has_another_remedy() -> None:
+    config = hatchback(limiter={"opposite_phase_lateral_acceleration_m_s2": 1.0})
+    (text,) = map_warnings(solve_case(config, "4ws-2"), config)
+    assert "raise limiter.opposite_phase_lateral_acceleration_m_s2 (it is 1)" in text
+
+
+def test_a_neutral_car_has_neither_speed() -> None:
+    arm = {"cg_to_front_axle_m": 1.3, "cg_to_rear_axle_m": 1.301}
+    assert str(Handling.from_config(hatchback(vehicle=arm))) == "understeer gradient 0.00 deg/g, neutral"
+
+
+def test_a_value_next_to_a_limit_has_the_digits_that_show_it() -> None:
+    assert (distinct(1.9, 1.5), distinct(1.5004, 1.5), distinct(0.5996, 0.6)) == ("1.9", "1.5004", "0.5996")
+    assert distinct(2360.0, 100.0) == "2400"
 
 
 def test_a_gain_schedule_of_another_car_is_found() -> None:
@@ -99,7 +140,7 @@ def test_a_gain_schedule_of_another_car_is_found() -> None:
     }
     tracking = {"schedule": {**schedule.model_dump(mode="json"), **tripled}}
     (text,) = schedule_warnings(changed(config, {"controller": {"tracking": tracking}}))
-    assert re.match("over the family of cars the gains keep 0.0 dB and 0 deg, less than the 8 dB and 45 deg", text)
+    assert re.match("over the family of cars the gains keep no margin .a car is unstable., less than the 8 dB and 45 deg", text)
 
 
 def test_wrong_units_and_a_transposed_table_are_named() -> None:
@@ -117,15 +158,107 @@ def test_wrong_units_and_a_transposed_table_are_named() -> None:
 def test_committed_files_and_a_build_that_was_changed(tmp_path: Path) -> None:
     found = check_path(GENERATED / "4ws2.npz")
     assert (found.kind, found.warnings) == ("map", ())
+    assert found.facts["turns_less_percent"] == pytest.approx(12.73)
     folder = tmp_path / "build"
     (folder / "src").mkdir(parents=True)
     manifest = json.loads((GENERATED / "4ws2/manifest.json").read_text(encoding="utf-8"))
     manifest["files"] = {"src/ars_map.c": manifest["files"]["src/ars_map.c"]}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     (folder / "src/ars_map.c").write_text("int x;\n", encoding="utf-8")
-    warnings = check_path(folder).warnings
-    assert any("changed since the build: src/ars_map.c" in text for text in warnings)
-    assert any(f"not verified; run `codegen verify {folder}`" in text for text in warnings)
+    found = check_path(folder)
+    assert any("changed since the build: src/ars_map.c" in text for text in found.warnings)
+    assert f"not verified yet; next: `codegen verify {folder}`" in found.notes
     for damaged in ("{}", "not JSON", '{"build": {"manifest_sha256": "0"}, "counts": {"failed": 0}}'):
         (folder / "verify.json").write_text(damaged, encoding="utf-8")
         assert any("verify.json" in text for text in check_path(folder).warnings)
+
+
+@pytest.mark.parametrize("name", ["4ws2", "4ws2-paper"])
+def test_a_map_and_the_build_of_it_have_the_same_facts_and_warnings(name: str) -> None:
+    of_map, of_build = check_path(GENERATED / f"{name}.npz"), check_path(GENERATED / name)
+    assert (of_map.lines, of_map.facts, of_map.warnings) == (of_build.lines, of_build.facts, of_build.warnings)
+    assert any(text.startswith("margins of the configured car: ") for text in of_map.lines)
+
+
+def test_margins_of_an_unstable_loop_name_the_speeds() -> None:
+    assert (
+        "margins of the configured car: little from 107 km/h, unstable from 259 km/h"
+        in check_path(GENERATED / "4ws2-paper").lines
+    )
+    assert margins_line(None) == "no feedback, so no margins"
+
+
+def bare_map(folder: Path, scale: float = 1.0, speed_scale: float = 1.0) -> Path:
+    """Save the speeds, front angles and yaw rates alone of the recommended map, without gaps."""
+    own = npz.load(GENERATED / "4ws2.npz")
+    last = np.nanmax(own.yaw_rate, axis=1, keepdims=True)
+    yaw_rate = scale * np.where(own.feasible, own.yaw_rate, last)
+    path = folder / "bare.npz"
+    np.savez(path, vx=speed_scale * own.speed, delta_f=own.front_angle, yaw_rate=yaw_rate)
+    return path
+
+
+def test_only_the_cause_is_reported_for_a_bare_map(tmp_path: Path) -> None:
+    """Its rear angles are not known, so nothing is said about the limiter; wrong units spoil whatever follows from them."""
+    (margins,) = check_path(bare_map(tmp_path)).warnings
+    assert margins.startswith('the feedback of kind "pi" has little margin')
+    (units,) = check_path(bare_map(tmp_path, speed_scale=3.6)).warnings
+    assert "is vx in km/h?" in units
+
+
+def test_what_a_build_refuses_is_a_warning_of_its_map(tmp_path: Path) -> None:
+    path = bare_map(tmp_path, scale=0.0)
+    with pytest.raises(CodegenError) as refused:
+        prepare(path)
+    (text,) = check_path(path).warnings
+    assert f"{path}: {text}" == str(refused.value)
+
+
+def configured(folder: Path, text: str) -> Path:
+    path = folder / "ars.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+GRID = "[grid]\nspeed_points = 7\nfront_angle_points = 8\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("[controller.inputs]\nspeed_max_km_h = 100.0\n", "controller.inputs.speed_max_km_h: 100 km/h is below"),
+        ("[controller]\nenable_speed_km_h = 70.0\n", "controller.enable_speed_km_h: 70 km/h is more than half"),
+    ],
+)
+def test_inputs_that_cut_into_the_map_are_found_in_configuration_and_map(tmp_path: Path, text: str, place: str) -> None:
+    path = configured(tmp_path, GRID + text)
+    for found in (check_path(path), check_path(GENERATED / "4ws2.npz", path)):
+        (warning,) = found.warnings
+        assert place in warning
+
+
+def test_a_limit_above_the_actuators_is_reported_once(tmp_path: Path) -> None:
+    (text,) = check_path(configured(tmp_path, f"{GRID}[limits]\nrear_angle_max_deg = 5.0\n")).warnings
+    assert "limits.rear_angle_max_deg = 5 is above rear_actuator.angle_max_deg = 3.5" in text
+
+
+def test_values_that_stand_in_for_missing_keys_are_one_note(tmp_path: Path) -> None:
+    found = check_path(configured(tmp_path, GRID))
+    assert found.warnings == ()
+    (note,) = [text for text in found.notes if "stands in" in text]
+    assert "vehicle.mass_kg" in note and "tyre.rear" in note
+
+
+def test_another_configuration_belongs_to_a_map(tmp_path: Path) -> None:
+    with pytest.raises(CodegenError, match="only a map is checked with another configuration"):
+        check_path(GENERATED / "4ws2", configured(tmp_path, GRID))
+
+
+@pytest.mark.parametrize(
+    ("warnings", "text"), [(("one",), "1 warning; resolve it"), (("one", "two"), "2 warnings; resolve them")]
+)
+def test_the_number_of_warnings_in_words(monkeypatch: pytest.MonkeyPatch, warnings: tuple[str, ...], text: str) -> None:
+    found = Found("map", (), {}, (), warnings)
+    monkeypatch.setattr("codegen.plausibility.check.check_path", lambda *_: found)
+    with pytest.raises(CheckFailed, match=text):
+        check.main([str(GENERATED / "4ws2.npz")], standalone_mode=False)

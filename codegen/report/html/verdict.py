@@ -15,9 +15,9 @@ from codegen.emit.laws import is_untuned
 from codegen.emit.manifest import read_build
 from codegen.errors import CodegenError
 from codegen.map_file.map import ReferenceMap
-from codegen.plausibility.build import build_warnings, folder_warnings, schedule_warnings
-from codegen.plausibility.car import Handling, car_warnings
-from codegen.plausibility.map import map_warnings
+from codegen.plausibility.build import folder_notes, folder_warnings
+from codegen.plausibility.car import Handling
+from codegen.plausibility.check import all_warnings
 from codegen.report.html import build as build_tables
 from codegen.report.html import maps, runs
 from codegen.report.html.blocks import Block, Chart, Gallery, Text, Tile, Tiles
@@ -147,9 +147,10 @@ def _warnings(material: Material) -> Iterator[str]:
         return
     config = material.config
     try:
-        found = [*car_warnings(config), *schedule_warnings(config), *map_warnings(material.map.map, config)]
+        manifest = None if material.build is None else read_build(material.build)
+        found = list(all_warnings(config, material.map.map, manifest))
         if material.build is not None:
-            found += [*build_warnings(read_build(material.build)), *folder_warnings(material.build)]
+            found += [*folder_warnings(material.build), *folder_notes(material.build)]
     except CodegenError as error:
         found = [str(error)]
     yield from (f"{text[0].upper()}{text[1:]}." for text in dict.fromkeys(found))
