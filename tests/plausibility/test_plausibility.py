@@ -254,11 +254,8 @@ def test_another_configuration_belongs_to_a_map(tmp_path: Path) -> None:
         check_path(GENERATED / "4ws2", configured(tmp_path, GRID))
 
 
-@pytest.mark.parametrize(
-    ("warnings", "text"), [(("one",), "1 warning; resolve it"), (("one", "two"), "2 warnings; resolve them")]
-)
-def test_the_number_of_warnings_in_words(monkeypatch: pytest.MonkeyPatch, warnings: tuple[str, ...], text: str) -> None:
-    found = Found("map", (), {}, (), warnings)
+def test_several_warnings_are_counted_in_the_plural(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Found("map", (), {}, (), ("one", "two"))
     monkeypatch.setattr("codegen.plausibility.check.check_path", lambda *_: found)
-    with pytest.raises(CheckFailed, match=text):
+    with pytest.raises(CheckFailed, match="2 warnings; resolve them"):
         check.main([str(GENERATED / "4ws2.npz")], standalone_mode=False)
