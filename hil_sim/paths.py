@@ -16,6 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 BODY_BEYOND_TRACK_M = 0.25
 """m of the body beyond the track: one tyre's width. The configuration has no width of the body."""
 
+CONES_PER_LANE = 5
 CONES, CONE_SPACING_M, CONE_CLEARANCE_M = 6, 36.0, 0.3
 """Of the slalom: how many, m from cone to cone, and m from a cone to the side of the car. No standard fixes them."""
 
@@ -27,11 +28,14 @@ class RoadPath:
     Attributes:
         lateral: positions along the road (m, any shape) to lateral positions (m).
         start, length: m. Before and after it is straight.
+        cones: (k, 3) m: position along the road, and the smallest and the largest lateral position of the centre of gravity at
+            which the sides of the car clear the cones there; infinite where there is no cone on that side.
     """
 
     lateral: Callable[[FloatArray], FloatArray]
     start: float
     length: float
+    cones: FloatArray
 
 
 PathOf = Callable[[Config, float], RoadPath]
@@ -60,7 +64,7 @@ def double_lane_change(config: Config, start: float) -> RoadPath:
     width = body_width(config)
     widths = (1.1 * width + 0.25, width + 1.0, max(1.3 * width + 0.25, 3.0))
     middles = (0.0, 0.5 * widths[0] + 1.0 + 0.5 * widths[1], 0.5 * (widths[0] - widths[2]))
-    ends, begins = (start + 12.0, start + 36.5), (start + 25.5, start + 49.0)
+    ends, begins = (start + 12.0, start + 36.5, start + 61.0), (start + 25.5, start + 49.0)
     changes = []
     for lane in range(2):
         size = middles[lane + 1] - middles[lane]
@@ -73,12 +77,18 @@ def double_lane_change(config: Config, start: float) -> RoadPath:
         result: FloatArray = np.sum([size * _rise(x, begin, length) for size, begin, length in changes], axis=0)
         return result
 
-    return RoadPath(lateral, start, 61.0)
+    cones = [
+        (x, middle - 0.5 * (lane_width - width), middle + 0.5 * (lane_width - width))
+        for begin, end, middle, lane_width in zip((start, *begins), ends, middles, widths, strict=True)
+        for x in np.linspace(begin, end, CONES_PER_LANE)
+    ]
+    return RoadPath(lateral, start, 61.0, np.array(cones))
 
 
 def slalom(config: Config, start: float) -> RoadPath:
     """A sine around cones in line; from `start` (m) it grows to its amplitude, and back, within one spacing of the cones."""
-    amplitude = 0.5 * body_width(config) + CONE_CLEARANCE_M
+    side = 0.5 * body_width(config)
+    amplitude = side + CONE_CLEARANCE_M
     length = (CONES + 1) * CONE_SPACING_M
 
     def lateral(x: FloatArray) -> FloatArray:
@@ -86,4 +96,6 @@ def slalom(config: Config, start: float) -> RoadPath:
         result: FloatArray = amplitude * envelope * np.cos(np.pi * (x - start) / CONE_SPACING_M)
         return result
 
-    return RoadPath(lateral, start, length)
+    passed_on_the_right = ((-math.inf, -side), (side, math.inf))
+    cones = [(start + number * CONE_SPACING_M, *passed_on_the_right[(number + 1) % 2]) for number in range(1, CONES + 1)]
+    return RoadPath(lateral, start, length, np.array(cones))

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from codegen.configuration import Config
     from hil_sim.bench import BenchResult, Cycle, Observer
     from hil_sim.metrics.run import LookUp
+    from hil_sim.metrics.verdict import Covers
     from hil_sim.scenarios import Scenario
     from hil_sim.session import Setup
 
@@ -77,18 +78,25 @@ class Outputs:
         facts: Mapping[str, Any],
         ecu_counters: str = "",
         look_up: LookUp | None = None,
+        covers: Covers | None = None,
     ) -> None:
-        """Write and print everything of a run; `result` where it went through frames, `look_up` where its map is at hand."""
+        """Write and print everything of a run.
+
+        Args:
+            result: for a run through frames.
+            look_up, covers: where the map of the controller is at hand.
+        """
         from codegen.export import runs as exported
         from codegen.report import plots
         from codegen.report.bench_summary import bus_facts, bus_lines
         from codegen.report.summary import metric_rows, table
-        from hil_sim.metrics import evaluate, verdict
+        from hil_sim.metrics import Run, evaluate, verdict
         from hil_sim.recording import save_csv
 
         evaluation, period = evaluate(scenario, config, runs, look_up), config.controller.sampling_time_s
         controlled = next(iter(evaluation.runs.values()))
-        judged = verdict(controlled.metrics, controlled.spun_at, next(iter(runs.values())))
+        driven = Run(next(iter(runs.values())), scenario, config, look_up)
+        judged = verdict(driven, controlled.metrics, controlled.spun_at, covers)
         with console.status("writing") if self.written else nullcontext():
             if self.csv is not None:
                 save_csv(runs["controlled"], self.csv)

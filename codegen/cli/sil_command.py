@@ -177,9 +177,11 @@ def _refuse_with_suite(context: click.Context, allowed: str) -> None:
 
 def _run_scenario(chosen: Choices) -> None:
     from codegen.cli.bench_report import Outputs, note_edited
+    from codegen.emit.manifest import read_build
     from codegen.map_file import map as npz
     from codegen.plausibility.car import car_warnings
     from codegen.sil.software import load
+    from hil_sim.metrics import coverage
     from hil_sim.scenario_files import with_settings
     from hil_sim.scenarios import find
 
@@ -214,7 +216,8 @@ def _run_scenario(chosen: Choices) -> None:
     if chosen.sensors:
         facts["sensors"] = f"seed {chosen.seed}"
     note_edited(build_path, software.edited, quiet=chosen.as_json)
-    outputs.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=software.map_yaw_rate)
+    covers, look_up = coverage(read_build(build_path)), software.map_yaw_rate
+    outputs.tell(str(build_path), software.config, scenario, runs, result, facts, look_up=look_up, covers=covers)
 
 
 def _baselines(chosen: Choices, software: Software, scenario: Scenario) -> dict[str, Record]:

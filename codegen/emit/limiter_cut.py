@@ -8,14 +8,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_view import opposite_phase_max, opposite_phase_speeds_km_h
 from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
+FloatArray = npt.NDArray[np.float64]
+
 LEAST_RAD = 1e-6
 """Smaller differences are not counted: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
+
+
+def limiter_bounds(config: Config, speed: FloatArray, front_angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the largest rear angles against and with the front wheels, in rad, for speeds in m/s and |front angles| in rad."""
+    bound = np.interp(speed, np.array(opposite_phase_speeds_km_h(config)) * KM_H, opposite_phase_max(config))
+    share = np.clip(front_angle / config.limiter.in_phase_from_front_angle, 0.0, 1.0)
+    return bound, bound + share * (config.rear_actuator.angle_max - bound)
 
 
 @dataclass(frozen=True)
@@ -39,10 +49,7 @@ class LimiterCut:
         """Return what the limiter of a configuration cuts. A bare map is taken to steer as the linear car needs."""
         speed, front_angle = np.meshgrid(reference_map.speed, reference_map.front_angle, indexing="ij")
         gain = SingleTrack.from_config(config).yaw_gain(np.fmax(speed, 1e-9))
-        largest = config.rear_actuator.angle_max
-        bound = np.interp(speed, np.array(opposite_phase_speeds_km_h(config)) * KM_H, opposite_phase_max(config))
-        share = np.clip(front_angle / config.limiter.in_phase_from_front_angle, 0.0, 1.0)
-        in_phase = bound + share * (largest - bound)
+        bound, in_phase = limiter_bounds(config, speed, front_angle)
         cells = total = 0
         worst = (0.0, math.nan, math.nan)
         for layer in (reference_map, *(layer.map for layer in reference_map.layers)):

@@ -87,14 +87,15 @@ def _judge(config: Config, reference_map: ReferenceMap | None, manifest: Manifes
 
 def _judge_map(config: Config, reference_map: ReferenceMap) -> Found:
     """Judge a map and the build that would be made of it. What keeps `codegen build` from making one is a warning."""
-    manifest, refused = None, ()
+    manifest: Manifest | None = None
+    refused: list[str] = []
     try:
         if is_untuned(config):
             check_inputs(reference_map, config)
         elif not beyond_grip(reference_map):
             manifest = build(reference_map, config, BuildOptions("checked"), BuildInputs("", "", "")).manifest
     except CodegenError as error:
-        refused = (str(error),)
+        refused.append(str(error))
     found = _judge(config, reference_map, manifest)
     return replace(found, warnings=(*found.warnings, *refused))
 

@@ -13,7 +13,7 @@ from codegen.configuration import Config
 from hil_sim.metrics import frequency, others, ramp, sine_with_dwell, step
 from hil_sim.metrics.run import FloatArray, LookUp, Metric, Run, column, spin_time
 from hil_sim.metrics.step import StepMetrics, step_metrics
-from hil_sim.metrics.verdict import verdict
+from hil_sim.metrics.verdict import coverage, verdict
 from hil_sim.scenarios import Kind, Scenario
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "RunMetrics",
     "StepMetrics",
     "column",
+    "coverage",
     "evaluate",
     "spin_time",
     "step_metrics",

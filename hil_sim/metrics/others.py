@@ -10,6 +10,7 @@ from codegen.configuration import KM_H
 from codegen.sil.software import Status
 from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common, largest
 
+CONE_CLEARANCE = "cone_clearance_min_m"
 BEFORE_FAULT = 0.5
 """s before a fault over which the undisturbed values are averaged."""
 
@@ -77,7 +78,7 @@ def path(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def measure_path(run: Run) -> list[Metric]:
-    """How far the car is from the path that its driver follows, along the whole path, and how much he steers."""
+    """Return how far the car is from the path that its driver follows and from the cones, and how much the driver steers."""
     followed = run.scenario.road_path(run.config)
     assert followed is not None  # every scenario of this kind has one
     _, forward, left = path(run)
@@ -88,10 +89,23 @@ def measure_path(run: Run) -> list[Metric]:
     return [
         Metric("path_error_rms_m", "path error, rms", "m", _rms(error), 3, end),
         Metric("path_error_max_m", "path error, largest", "m", largest(error), 3, end),
+        Metric(CONE_CLEARANCE, "clearance to the cones, smallest", "m", _cone_clearance(followed.cones, forward, left), 3, end),
         Metric("steering_wheel_max_deg", "|steering wheel|, largest", "deg", largest(wheel, run.after), 1),
         Metric("steering_wheel_rate_rms_deg_s", "steering wheel rate, rms", "deg/s", _rms(np.diff(wheel) / run.step), 1),
         *common(run),
     ]
+
+
+def _cone_clearance(cones: FloatArray, forward: FloatArray, left: FloatArray) -> float | None:
+    """Return the smallest distance in m from the sides of the car to the cones that it has passed; negative: a cone is hit.
+
+    Args:
+        cones: (k, 3), see `RoadPath`.
+        forward, left: (samples,) m, positions of the centre of gravity.
+    """
+    at, low, high = cones[cones[:, 0] <= forward[-1]].T
+    lateral = np.interp(at, forward, left)
+    return float(np.minimum(lateral - low, high - lateral).min()) if at.size else None
 
 
 def measure_corner(run: Run) -> list[Metric]:

@@ -1,48 +1,86 @@
-"""One line that judges a controlled run: whether the car followed its map, and what kept it from doing so."""
+"""One line that judges a controlled run: whether the car followed its map or its course, and what kept it from doing so."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from codegen.configuration import KM_H
+from codegen.ecu_map.total import Rule
+from codegen.emit.limiter_cut import limiter_bounds
 from codegen.sil.software import Status
-from hil_sim.metrics.run import FloatArray, Metric, column
+from hil_sim.metrics.others import CONE_CLEARANCE
+from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run
+from hil_sim.metrics.step import slip_bounds
 
 STEADY_ERROR_MAX_PERCENT = 2.0
 """A car within this of its map or reference follows it."""
 OVERSHOOT_MAX_PERCENT = 5.0
 SLIP_MAX_PERCENT = 101.0
-"""Steady slip over its bound that counts as kept."""
-OTHER_STATES = {
-    Status.LIMITED: "a limit acted",
-    Status.DEGRADED: "a signal was replaced",
-    Status.FAIL_SAFE: "the fail-safe acted",
-    Status.STANDBY: "control was off",
-}
+"""Largest slip, in percent of its bound, that counts as kept."""
+ANGLE_TOLERANCE_RAD = 1e-4
+"""A command this close to a bound is at the bound; two codes of its CAN signal."""
+RATE_TOLERANCE = 0.02
+"""The same for a rate, as a fraction of it."""
+OTHER_STATES = {Status.DEGRADED: "a signal was replaced", Status.FAIL_SAFE: "the fail-safe acted"}
+EXTENDED = {Rule.HOLD, Rule.PASSIVE_SLOPE, Rule.CONTINUED}
+"""Rules by which a build extends its map beyond the edges."""
+
+Covers = Callable[[FloatArray, FloatArray], BoolArray]
+"""From speeds (n,) in m/s and front angles (n,) in rad to whether each lies inside the map, not where a build extends it."""
 
 
-def verdict(metrics: tuple[Metric, ...], spun_at: float | None, record: FloatArray) -> str:
+def coverage(manifest: Mapping[str, Any]) -> Covers:
+    """Return which operating points the map of a build covers, from the build's manifest."""
+    facts = manifest["map"]
+    axes = np.array(facts["speed_m_s"]), np.array(facts["front_angle_rad"])
+    own = np.array([[rule not in EXTENDED for rule in row] for row in facts["rule_by_speed_and_front_angle"]])
+    cells = own[:-1, :-1] & own[:-1, 1:] & own[1:, :-1] & own[1:, 1:]
+
+    def covers(speed: FloatArray, front_angle: FloatArray) -> BoolArray:
+        points = np.abs(speed), np.abs(front_angle)
+        inside = np.logical_and(*(point <= axis[-1] * (1.0 + 1e-6) for point, axis in zip(points, axes, strict=True)))
+        row, column = (
+            np.clip(np.searchsorted(axis, point * (1.0 - 1e-6)) - 1, 0, axis.size - 2)
+            for point, axis in zip(points, axes, strict=True)
+        )
+        result: BoolArray = inside & cells[row, column]
+        return result
+
+    return covers
+
+
+def verdict(run: Run, metrics: tuple[Metric, ...], spun_at: float | None, covers: Covers | None = None) -> str:
     """Return the verdict on a controlled run.
 
     Args:
-        metrics: figures of the run, of any scenario; those of a step steer say whether it follows its map.
+        metrics: figures of the run; those of a step steer show whether it follows its map, those of a path its course.
         spun_at: s, or None for a car that stays on the road.
-        record: (samples, 12) recording of the run.
+        covers: see `coverage`; None where the extent of the map is not known.
     """
     values = {metric.key: metric.value for metric in metrics}
-    parts = [f"the car spins at t = {spun_at:.2f} s" if spun_at is not None else _following(values)]
-    parts += [] if spun_at is not None else _excess(values)
-    status = column(record, "status")
-    for state, text in OTHER_STATES.items():
-        count = int(np.count_nonzero(status == state))
-        if count:
-            parts.append(f"{text} in {count} of {len(status)} samples")
-    return "verdict: " + "; ".join(part for part in parts if part)
+    status = run["status"]
+    if spun_at is not None:
+        parts = [f"the car spins at t = {spun_at:.2f} s"]
+    elif status[-1] == Status.STANDBY:
+        parts = ["the car stays on the road"]
+    else:
+        parts = [_following(values), *_excess(values), *_slip(run, values)]
+    parts += [*_outside(run, covers), *_states(run)]
+    return "verdict: " + "; ".join(parts)
 
 
-def _following(values: dict[str, float | bool | None]) -> str:
-    """Return whether the steady yaw rate is that of the map, or of the reference where no map is known."""
+def _following(values: Mapping[str, float | bool | None]) -> str:
+    """Return whether the car keeps to its course, and whether its steady yaw rate is that of the map.
+
+    Where no map is known, the yaw rate is compared with the reference.
+    """
+    clearance = values.get(CONE_CLEARANCE)
+    if clearance is not None:
+        return "keeps clear of the cones" if clearance >= 0.0 else f"hits a cone, by {-clearance:.2f} m"
     if "settled" not in values:
         return "the car stays on the road"
     if not values["settled"]:
@@ -58,11 +96,78 @@ def _following(values: dict[str, float | bool | None]) -> str:
     return f"steady yaw rate {abs(error):.0f} % {'above' if error > 0.0 else 'below'} {of}"
 
 
-def _excess(values: dict[str, float | bool | None]) -> Iterator[str]:
-    peak = values.get("map_overshoot_percent") or values.get("overshoot_percent") or 0.0
-    if peak > OVERSHOOT_MAX_PERCENT:
-        yield f"overshoots by {peak:.0f} %"
-    for axle in ("front", "rear"):
-        percent = values.get(f"slip_{axle}_steady_of_bound_percent") or 0.0
+def _excess(values: Mapping[str, float | bool | None]) -> Iterator[str]:
+    """Yield the overshoot, of the car's own steady yaw rate: how far that is from the map's is reported already."""
+    peak = values.get("overshoot_percent") or 0.0
+    if values.get("settled") and peak > OVERSHOOT_MAX_PERCENT:
+        yield f"overshoots its steady yaw rate by {peak:.0f} %"
+
+
+def _slip(run: Run, values: Mapping[str, float | bool | None]) -> Iterator[str]:
+    """Yield the slip beyond its bound: the steady one of a step steer, else the largest one under control."""
+    found = []
+    for axle, bound in zip(("front", "rear"), slip_bounds(run.config) or (math.inf, math.inf), strict=True):
+        if "settled" in values:
+            percent, name = values.get(f"slip_{axle}_steady_of_bound_percent") or 0.0, f"steady {axle} slip at"
+        else:
+            largest = np.abs(run[f"slip_{axle}_rad"][run.after & run.controlled]).max(initial=0.0)
+            percent, name = 100.0 * float(largest) / bound, f"{axle} slip up to"
         if percent > SLIP_MAX_PERCENT:
-            yield f"steady {axle} slip at {percent:.0f} % of its bound"
+            found.append(f"{name} {percent:.0f} %")
+    if found:
+        yield f"{' and '.join(found)} of its bound"
+
+
+def _outside(run: Run, covers: Covers | None) -> Iterator[str]:
+    """Yield in how many samples the operating point is outside the map, and the farthest such point."""
+    if covers is None:
+        return
+    speed, front_angle = run["speed_m_s"], run["front_angle_rad"]
+    outside = (run["status"] != Status.STANDBY) & ~covers(speed, front_angle)
+    if count := int(np.count_nonzero(outside)):
+        at = int(np.argmax(np.where(outside, np.abs(front_angle), -1.0)))
+        point = f"{speed[at] / KM_H:.0f} km/h, {abs(math.degrees(front_angle[at])):.1f} deg"
+        yield f"outside the map in {count} of {len(outside)} samples (up to {point})"
+
+
+def _states(run: Run) -> Iterator[str]:
+    """Yield in how many samples the controller was in each state but tracking, and what brought it there."""
+    status = run["status"]
+
+    def samples(state: Status) -> str:
+        count = int(np.count_nonzero(status == state))
+        return f"in {count} of {len(status)} samples" if count else ""
+
+    if limited := samples(Status.LIMITED):
+        yield f"a limit acted {limited} ({', '.join(f'{name} {count}' for name, count in _limits(run))})"
+    for state, text in OTHER_STATES.items():
+        if counted := samples(state):
+            yield f"{text} {counted}"
+    if standby := samples(Status.STANDBY):
+        controller = run.config.controller
+        speeds = f"from {controller.enable_speed_km_h:g} km/h until below {controller.disable_speed_km_h:g} km/h"
+        yield f"control was off {standby}; it is meant to be on {speeds}"
+
+
+def _limits(run: Run) -> Iterator[tuple[str, int]]:
+    """Yield each limit that acted and in how many of the LIMITED samples, by the first bound that the command is at."""
+    config, command, front_angle = run.config, run["rear_angle_command_rad"], run["front_angle_rad"]
+    size = np.abs(command)
+    rates = [rate for rate in (config.controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
+    step = math.radians(min(rates)) * run.step if rates else math.inf
+    moved = np.abs(np.diff(command, prepend=run["rear_angle_rad"][:1]))
+    against, along = limiter_bounds(config, run["speed_m_s"], np.abs(front_angle))
+    with_front = command * front_angle > 0.0
+    lead = math.radians(config.controller.rear_angle_error_max_deg)
+    left: BoolArray = run["status"] == Status.LIMITED
+    for name, where in (
+        ("rate", moved >= (1.0 - RATE_TOLERANCE) * step),
+        ("rear angle", size >= config.rear_actuator.angle_max - ANGLE_TOLERANCE_RAD),
+        ("opposite phase", ~with_front & (size >= against - ANGLE_TOLERANCE_RAD)),
+        ("in phase", with_front & (size >= along - ANGLE_TOLERANCE_RAD)),
+        ("distance to the measured angle", np.abs(command - run["rear_angle_rad"]) >= lead - ANGLE_TOLERANCE_RAD),
+        ("range of the feedback", np.ones(size.shape, dtype=np.bool_)),
+    ):
+        if count := int(np.count_nonzero(left & where)):
+            yield name, count
+        left = left & ~where

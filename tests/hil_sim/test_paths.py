@@ -29,6 +29,10 @@ def test_the_car_on_its_path_stays_within_the_lanes_touches_their_ends_and_goes_
         gaps += [room[0], room[-1]]
     assert gaps[1:5] == pytest.approx([0.0] * 4, abs=1e-3)
     assert lateral(np.array([0.0, 1e3])) == pytest.approx([0.0, 0.5 * (2.3147 - 3.0)], abs=1e-4)
+    for followed, room in ((paths.double_lane_change(CONFIG, 20.0), 0.0), (paths.slalom(CONFIG, 20.0), 0.3)):
+        at, low, high = followed.cones.T
+        y = followed.lateral(at)
+        assert np.minimum(y - low, high - y).min() == pytest.approx(room, abs=1e-9)
     at_cones = paths.slalom(CONFIG, 50.0).lateral(50.0 + 36.0 * np.arange(8))
     assert at_cones == pytest.approx((HALF_WIDTH + 0.3) * np.array([0, -1, 1, -1, 1, -1, 1, 0]))
 
@@ -74,3 +78,5 @@ def test_every_way_of_driving_has_the_same_driver_and_a_path_error(name: str, so
     # A car that goes straight on is off by the path itself: the offset of the lanes, the way round a cone.
     largest = {"double-lane-change": 0.5 * (2.3147 + 2.877) + 1.0, "slalom": HALF_WIDTH + 0.3}[name]
     assert figures["straight"]["path_error_max_m"] == pytest.approx(largest, abs=1e-3)
+    over = {"double-lane-change": LANES[1][2] + HALF_WIDTH, "slalom": HALF_WIDTH}[name]
+    assert figures["straight"]["cone_clearance_min_m"] == pytest.approx(-over, abs=1e-3)

@@ -99,7 +99,7 @@ def test_the_front_steered_car_that_a_map_is_compared_with_keeps_the_same_bounds
     steered, straight = solve_case(config, "4ws-2"), solve_case(config, "fws")
     less = steered.feasible & (steered.yaw_rate < 0.99 * straight.yaw_rate)
     percent = MapFacts.of_map(steered, config).turns_less_percent
-    assert percent == pytest.approx(100.0 * less.sum() / steered.feasible.sum()) and percent > 5.0
+    assert less.any() and percent == pytest.approx(100.0 * less.sum() / steered.feasible.sum())
     assert MapFacts.of_map(straight, config).turns_less_percent == 0.0
 
 
