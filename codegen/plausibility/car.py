@@ -19,7 +19,7 @@ CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
 """Range of an axle's slip angle for each g (R. T. Bundorf, R. L. Leffert, SAE 760713). A tyre that is twice as stiff as the
 stiffest of these has the stiffness of its axle."""
 UNDERSTEER_GRADIENT_DEG_PER_G = (-1.0, 6.0)
-COMPLIANCE_RATIO = (0.85, 2.7)
+COMPLIANCE_RATIO = (0.9, 2.7)
 """Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
 NEUTRAL_DEG_PER_G = 0.05
 """Largest magnitude of the understeer gradient of a neutral car. Its characteristic or critical speed is above 600 km/h."""
