@@ -30,7 +30,7 @@ RECORD_BYTES_MAX = 2**24
 
 
 def margins_line(margins: Mapping[str, Any] | None) -> str:
-    """Return a line about the margins in a manifest; None stands for a kind of controller without feedback."""
+    """Return a line about the margins in a manifest; they are None for a kind of controller without feedback."""
     if margins is None:
         return "no feedback, so no margins"
     if margins["unstable_from_km_h"] is None:
@@ -53,10 +53,13 @@ def margin_warning(manifest: Mapping[str, Any]) -> str:
     least = f"{margins['gain_margin_db']:g} dB, {margins['phase_margin_deg']:g} deg"
     unstable = margins["unstable_from_km_h"]
     found = f"{least} at least" if unstable is None else f"unstable from {unstable:.0f} km/h"
+    # A build refuses a largest speed below the map's last one.
+    is_beyond_map = margins["warns_from_km_h"] > manifest["map"]["speed_m_s"][-1] / KM_H
+    remedy = "lower its gains or controller.inputs.speed_max_km_h" if is_beyond_map else "lower its gains"
     return (
         f'the feedback of kind "{manifest["options"]["kind"]}" has little margin from {margins["warns_from_km_h"]:.0f} km/h '
-        f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); lower its gains or "
-        'controller.inputs.speed_max_km_h, or take kind "tracking" with `codegen tune`'
+        f"({found}; below {WARN_GAIN_MARGIN_DB:g} dB or {WARN_PHASE_MARGIN_DEG:g} deg counts as little); {remedy}, "
+        'or use kind "tracking" with `codegen tune`'
     )
 
 

@@ -18,9 +18,10 @@ SAE 1999-01-1336)."""
 CORNERING_COMPLIANCE_DEG_PER_G = (1.75, 12.0)
 """Range of an axle's slip angle for each g (R. T. Bundorf, R. L. Leffert, SAE 760713). A tyre that is twice as stiff as the
 stiffest of these has the stiffness of its axle."""
-UNDERSTEER_GRADIENT_DEG_PER_G = (-1.0, 6.0)
 COMPLIANCE_RATIO = (0.9, 2.7)
 """Range of the front axle's compliance over that of the rear axle. One axle with twice its stiffness leaves it."""
+OF_AN_AXLE = "is it the stiffness of the whole axle? Then halve it"
+OF_HALF_A_TYRE = "is it in N/deg, or half of a tyre's?"
 NEUTRAL_DEG_PER_G = 0.05
 """Largest magnitude of the understeer gradient of a neutral car. Its characteristic or critical speed is above 600 km/h."""
 TUNED_LAG_FACTOR = 1.5
@@ -99,43 +100,40 @@ def _vehicle(config: Config) -> Iterator[str]:
 
 
 def _tyres(config: Config) -> Iterator[str]:
+    """Yield a warning for each axle of implausible stiffness; where both are plausible, for one that does not suit the other."""
     car = SingleTrack.from_config(config)
-    gravity = config.road.gravity_m_s2
-    front, rear = (
-        math.degrees(slip) * gravity
-        for slip in (car.front_slip_per_lateral_acceleration, car.rear_slip_per_lateral_acceleration)
-    )
+    degrees_per_g = math.degrees(config.road.gravity_m_s2)
+    compliances = {
+        "front": (degrees_per_g * car.front_slip_per_lateral_acceleration, car.front_stiffness),
+        "rear": (degrees_per_g * car.rear_slip_per_lateral_acceleration, car.rear_stiffness),
+    }
     low, high = CORNERING_COMPLIANCE_DEG_PER_G
-    accused = False
-    for axle, compliance, stiffness in (("front", front, car.front_stiffness), ("rear", rear, car.rear_stiffness)):
+    plausible = True
+    for axle, (compliance, stiffness) in compliances.items():
         if low <= compliance <= high:
             continue
-        accused = True
-        stiff, soft = "is it the stiffness of the whole axle? Then halve it", "is it in N/deg, or half of a tyre's?"
+        plausible = False
         yield (
             f"tyre.{axle}: {0.5 * stiffness:.0f} N/rad for one tyre gives {_beyond(compliance, (low, high))} deg of slip for "
-            f"each g; cars have {low:g} to {high:g}: {stiff if compliance < low else soft}"
+            f"each g; cars have {low:g} to {high:g}: {OF_AN_AXLE if compliance < low else OF_HALF_A_TYRE}"
         )
-    if accused:
-        return
+    front, rear = (compliance for compliance, _ in compliances.values())
     ratio, (low, high) = front / rear, COMPLIANCE_RATIO
-    if not low <= ratio <= high:
-        stiff = "front" if ratio < low else "rear"
+    if plausible and not low <= ratio <= high:
         yield (
-            f"the slip for each g is {front:.1f} deg at the front and {rear:.1f} deg at the rear axle, a ratio of "
-            f"{_beyond(ratio, COMPLIANCE_RATIO)}; cars have {low:g} to {high:g}: is the stiffness of tyre.{stiff} that of the "
-            "whole axle? Then halve it"
+            f"tyre.{'front' if ratio < low else 'rear'}: the slip for each g at the front axle is {_beyond(ratio, (low, high))} "
+            f"times that at the rear axle ({front:.1f} and {rear:.1f} deg); cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
         )
-        return
-    gradient, (low, high) = math.degrees(car.understeer_coefficient) * gravity, UNDERSTEER_GRADIENT_DEG_PER_G
-    if not low <= gradient <= high:
-        found = _beyond(gradient, UNDERSTEER_GRADIENT_DEG_PER_G)
-        yield f"the understeer gradient is {found} deg/g; cars have {low:g} to {high:g}; check stiffnesses and arms"
+
+
+def is_limit_beyond_actuator(config: Config) -> bool:
+    """Return whether the maps of a configuration use rear angles that its actuator cannot reach, for one warning about all."""
+    return config.limits.rear_angle_max_deg > config.rear_actuator.angle_max_deg
 
 
 def _actuator(config: Config) -> Iterator[str]:
     limit, actuator, controller = config.limits.rear_angle_max_deg, config.rear_actuator, config.controller
-    if limit > actuator.angle_max_deg:
+    if is_limit_beyond_actuator(config):
         yield (
             f"limits.rear_angle_max_deg = {limit:g} is above rear_actuator.angle_max_deg = {actuator.angle_max_deg:g}: "
             "the map uses angles that the actuator cannot reach; lower the limit"

@@ -17,7 +17,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import binding_text
 from codegen.optimum.slip_use import slip_use
 from codegen.optimum.turns import turns_behind
-from codegen.plausibility.car import distinct
+from codegen.plausibility.car import distinct, is_limit_beyond_actuator
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -95,22 +95,18 @@ class MapFacts:
 
 
 def map_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Return a warning for each part of a map that the car of a configuration cannot follow.
-
-    Warnings that follow from wrong units, or from a limit of the configuration that is above the actuator's, are left out.
-    """
+    """Yield a warning for each part of a map that the car of a configuration cannot follow; wrong units hide the others."""
     if units := beyond_grip(reference_map):
         yield units
         return
-    if config.limits.rear_angle_max_deg <= config.rear_actuator.angle_max_deg:
-        yield from rear_angle_warnings(reference_map, config)
+    yield from rear_angle_warnings(reference_map, config)
     yield from slip_warnings(reference_map)
 
 
 def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator[str]:
-    """Return a warning for rear angles beyond the actuator, else for those that the limiter cuts; none for a map without."""
+    """Yield a warning for rear angles beyond the actuator, else for those that the limiter cuts; none for a map without."""
     rear, feasible, limit = reference_map.rear_angle, reference_map.feasible, config.rear_actuator.angle_max_deg
-    if rear is None:
+    if rear is None or is_limit_beyond_actuator(config):
         return
     angles = np.degrees(np.abs(np.where(feasible, rear, 0.0)))
     beyond = angles > limit * (1.0 + 1e-9)
@@ -126,7 +122,7 @@ def rear_angle_warnings(reference_map: ReferenceMap, config: Config) -> Iterator
 
 def cut_warning(found: dict[str, Any], config: Config) -> str:
     """Return a warning about what the limiter cuts off a map, from `LimiterCut.to_dict`; "" where it cuts nothing."""
-    if not found["cells"]:
+    if not found["cells"] or is_limit_beyond_actuator(config):
         return ""
     limiter = config.limiter
     acceleration = limiter.opposite_phase_lateral_acceleration_m_s2
@@ -141,7 +137,7 @@ def cut_warning(found: dict[str, Any], config: Config) -> str:
 
 
 def slip_warnings(reference_map: ReferenceMap) -> Iterator[str]:
-    """Return a warning where a steady turn of the map exceeds a slip bound on the car with its nonlinear tyres."""
+    """Yield a warning where a steady turn of the map exceeds a slip bound on the car with its nonlinear tyres."""
     used = slip_use(reference_map)
     if used is None:
         return

@@ -1,6 +1,6 @@
-"""Figures of runs: what each scenario shows, of several cars beside each other.
+"""Metrics of runs: those that belong to each scenario, for several cars.
 
-A car that spins is said to have spun, and when; no figure is given of what it did after that.
+For a car that spins, the time of the spin is reported, and no metric that depends on what follows it.
 """
 
 from __future__ import annotations
@@ -48,75 +48,75 @@ SPIN_TITLE = "spin"
 
 @dataclass(frozen=True)
 class RunMetrics:
-    """Figures of one run.
+    """Metrics of one run.
 
     Attributes:
-        metrics: in the order of the table; what a spin took away has no value and stands in `spoilt`.
+        metrics: in the order of the table; those that a spin invalidates have no value.
         spun_at: s; None for a car that stays on the road.
-        spoilt: keys of the figures that a spin took away.
+        invalidated: keys of the metrics that a spin invalidates.
     """
 
     metrics: tuple[Metric, ...]
     spun_at: float | None
-    spoilt: frozenset[str]
+    invalidated: frozenset[str]
 
     def __getitem__(self, key: str) -> float | bool | None:
-        """The value of a figure by its key."""
+        """Return the value of a metric by its key."""
         return next(metric.value for metric in self.metrics if metric.key == key)
 
     def to_dict(self) -> dict[str, float | bool | None]:
-        """Key to value, for JSON; `spun_at_s` first."""
+        """Return the values by key, for JSON; `spun_at_s` first."""
         return {"spun_at_s": self.spun_at, **{metric.key: metric.value for metric in self.metrics}}
 
     def text(self, index: int) -> str:
-        """The value of the figure in a row, as a table shows it."""
+        """Return the value of the metric in a row as a table prints it."""
         metric = self.metrics[index]
-        if metric.key in self.spoilt:
+        if metric.key in self.invalidated:
             return SPUN
         if metric.value is None:
             return "-"
         if isinstance(metric.value, bool):
             return metric.words[metric.value]
-        # Adding zero takes the sign off a zero: "-0.00" would be read as a direction.
+        # Adding zero removes the sign of a zero: "-0.00" would be read as a direction.
         return f"{round(metric.value, metric.digits) + 0.0:.{metric.digits}f}"
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures of several runs of one scenario, such as "controlled" and "passive"."""
+    """Metrics of several runs of one scenario, such as "controlled" and "passive"."""
 
     scenario: str
     runs: Mapping[str, RunMetrics]
 
     def to_dict(self) -> dict[str, dict[str, float | bool | None]]:
-        """Name of the run to its figures, for JSON."""
+        """Return the metrics by name of the run, for JSON."""
         return {name: metrics.to_dict() for name, metrics in self.runs.items()}
 
     @property
     def rows(self) -> list[tuple[str, str, tuple[str, ...]]]:
-        """Name, unit and a text for each run; a first row tells when a car spun, if one did."""
+        """Title, unit and a text for each run; where a car spins, the first row has the times of the spins."""
         runs = list(self.runs.values())
         first = runs[0].metrics
         rows = [
             (metric.title, metric.unit, tuple(run.text(index) for run in runs))
             for index, metric in enumerate(first)
-            # A figure that no car has, such as a reference among passive ones, is left out.
-            if any(run.metrics[index].value is not None or run.metrics[index].key in run.spoilt for run in runs)
+            # A metric that no car has, such as the reference of passive cars, is left out.
+            if any(run.metrics[index].value is not None or run.metrics[index].key in run.invalidated for run in runs)
         ]
         if any(run.spun_at is not None for run in runs):
-            told = tuple("no" if run.spun_at is None else f"{SPUN} at t = {run.spun_at:.2f} s" for run in runs)
-            rows.insert(0, (SPIN_TITLE, "", told))
+            texts = tuple("no" if run.spun_at is None else f"{SPUN} at t = {run.spun_at:.2f} s" for run in runs)
+            rows.insert(0, (SPIN_TITLE, "", texts))
         return rows
 
 
 def evaluate(
     scenario: Scenario, config: Config, records: Mapping[str, FloatArray], look_up: LookUp | None = None
 ) -> Evaluation:
-    """The figures that belong to a scenario.
+    """Return the metrics that belong to a scenario.
 
     Args:
-        scenario: what was driven.
-        config: of the car.
+        scenario: the scenario of all recordings.
+        config: configuration of the car.
         records: name to recording (samples, 12), columns RECORD_COLUMNS, two samples or more; in the order of the table.
         look_up: the map, `Software.map_yaw_rate`; None leaves out the errors to it.
 
@@ -133,6 +133,6 @@ def _of_one(run: Run) -> RunMetrics:
     measured = MEASURES[run.scenario.kind](run)
     spun_at = spin_time(run.record)
     limit = math.inf if spun_at is None else spun_at
-    spoilt = frozenset(metric.key for metric in measured if min(metric.until, float(run.time[-1])) >= limit)
-    metrics = tuple(replace(metric, value=None) if metric.key in spoilt else metric for metric in measured)
-    return RunMetrics(metrics, spun_at, spoilt)
+    invalidated = frozenset(metric.key for metric in measured if min(metric.until, float(run.time[-1])) >= limit)
+    metrics = tuple(replace(metric, value=None) if metric.key in invalidated else metric for metric in measured)
+    return RunMetrics(metrics, spun_at, invalidated)

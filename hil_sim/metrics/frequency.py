@@ -1,4 +1,4 @@
-"""The frequency response of the yaw rate to the steering wheel (ISO 7401:2011, clauses 12 and 14)."""
+"""Frequency response of the yaw rate to the steering wheel (ISO 7401:2011, clauses 12 and 14)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy.typing as npt
 from hil_sim.metrics.run import FloatArray, Metric, Run, common
 
 LOW, HIGH = 0.2, 3.5
-"""Hz: what is read of the sweep; its ends are faded in and out."""
-BAND = 0.03
-"""Half of the width of a band, as a share of its frequency, over which spectra are added; 1.5 lines at least."""
+"""Range of the sweep that is evaluated, in Hz; the sweep's ends are faded in and out."""
+BAND_HALF_WIDTH_FRACTION = 0.03
+"""Half of the width of the bands over which spectra are added, as a fraction of the frequency; at least 1.5 lines."""
 POINTS_PER_OCTAVE = 12
 BANDWIDTH_SHARE = 10.0 ** (-3.0 / 20.0)
-"""Of the gain at LOW: -3 dB."""
+"""Fraction of the gain at LOW that is -3 dB."""
 BANDWIDTH_PHASE = -math.pi / 4.0
-"""rad."""
+"""Phase, in rad, at which the phase bandwidth is read."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class FrequencyResponse:
     phase: FloatArray
 
     def where_gain_falls(self, share: float) -> float | None:
-        """Hz at which the gain first falls below `share` of that at LOW; None where it does not."""
+        """Return the frequency in Hz at which the gain first falls below `share` of that at LOW; None where it does not."""
         return _first_fall(self.frequency, self.gain / self.gain[0], share)
 
     def where_phase_falls(self, phase: float) -> float | None:
-        """Hz at which the phase first falls below `phase` (rad); None where it does not."""
+        """Return the frequency in Hz at which the phase first falls below `phase` (rad); None where it does not."""
         return _first_fall(self.frequency, self.phase, phase)
 
 
@@ -50,17 +50,17 @@ def _first_fall(frequency: FloatArray, values: FloatArray, level: float) -> floa
         return None
     index = int(below[0])
     if index == 0:
-        return None  # it is below from the beginning: where it fell was not driven through
+        return None  # it fell below a frequency that was not driven
     logarithm = np.log(frequency)
     share = (level - values[index - 1]) / (values[index] - values[index - 1])
     return float(math.exp(logarithm[index - 1] + share * (logarithm[index] - logarithm[index - 1])))
 
 
 def frequency_response(run: Run) -> FrequencyResponse | None:
-    """The H1 estimate, cross spectrum over input spectrum, of the whole run; None where the wheel is not moved.
+    """Return the H1 estimate (cross spectrum over input spectrum) of the whole run; None where the wheel is not moved.
 
-    Input and response begin and end at rest, so the transforms need no window and a linear car comes out exactly. Adding
-    spectra over a band takes the noise of a car that is not quite linear away.
+    Input and response begin and end at rest, so the transforms need no window and the estimate of a linear car is exact.
+    Spectra are added over bands to reduce the noise of a slightly nonlinear car.
     """
     wheel, yaw_rate = run.steering_wheel_angle, run["yaw_rate_rad_s"]
     spectrum = np.fft.rfft(wheel)
@@ -71,7 +71,7 @@ def frequency_response(run: Run) -> FrequencyResponse | None:
     frequency = np.geomspace(LOW, HIGH, count)
     response: list[complex] = []
     for centre in frequency:
-        half_width = max(BAND * centre, 1.5 * lines[1])
+        half_width = max(BAND_HALF_WIDTH_FRACTION * centre, 1.5 * lines[1])
         weight = np.clip(1.0 - np.abs(lines - centre) / half_width, 0.0, None)
         in_band = float((weight * power).sum())
         if in_band <= 1e-12:
@@ -82,7 +82,7 @@ def frequency_response(run: Run) -> FrequencyResponse | None:
 
 
 def measure(run: Run) -> list[Metric]:
-    """Bandwidth by both usual definitions, resonance and phase."""
+    """Return the bandwidth by both usual definitions, the resonance and the phase."""
     found = frequency_response(run)
     rows: list[tuple[str, str, str, float | None, int]]
     titles = (

@@ -1,4 +1,4 @@
-"""Figures of runs that no standard names: thresholds, faults, split friction, the user's own recordings."""
+"""Metrics that no standard defines: thresholds, straight driving, paths, faults and the user's own recordings."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from codegen.sil.software import Status
 from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common, largest
 
 CONE_CLEARANCE = "cone_clearance_min_m"
-BEFORE_FAULT = 0.5
-"""s before a fault over which the undisturbed values are averaged."""
+BEFORE_FAULT_S = 0.5
+"""Time before a fault over which the undisturbed values are averaged."""
 
 
 def reference_error(run: Run, where: BoolArray) -> FloatArray:
-    """deg/s: yaw rate less reference over the samples `where` in which the controller follows it."""
+    """Return yaw rate minus reference in deg/s, over those samples of `where` in which the controller is active."""
     chosen = where & run.controlled
     result: FloatArray = (run.degrees("yaw_rate_rad_s") - run.degrees("yaw_rate_reference_rad_s"))[chosen]
     return result
 
 
 def map_error(run: Run, where: BoolArray) -> FloatArray:
-    """deg/s: yaw rate less the map's steady one over the same samples as `reference_error`; empty where no map is known."""
+    """Return yaw rate minus the map's steady one in deg/s, over the same samples; empty where no map is known."""
     if run.map_yaw_rate is None:
         return np.zeros(0)
     error: FloatArray = (run.degrees("yaw_rate_rad_s") - np.rad2deg(run.map_yaw_rate))[where & run.controlled]
@@ -31,12 +31,12 @@ def map_error(run: Run, where: BoolArray) -> FloatArray:
 
 
 def rear_rate(run: Run, where: BoolArray) -> float | None:
-    """deg/s: the largest rate of the rear angle between samples."""
+    """Return the largest rate of the rear angle between samples, in deg/s."""
     return largest(np.diff(run.degrees("rear_angle_rad"), prepend=run.degrees("rear_angle_rad")[:1]) / run.step, where)
 
 
 def measure_speed_ramp(run: Run) -> list[Metric]:
-    """Where control begins and ends, and how gently."""
+    """Return the speeds at which control begins and ends, and the largest rates and errors on the way."""
     speed, controlled = run["speed_m_s"] / KM_H, np.flatnonzero(run.controlled)
     first, last = (int(controlled[0]), int(controlled[-1])) if controlled.size else (None, None)
     ended = last is not None and last < len(speed) - 1
@@ -54,7 +54,7 @@ def measure_speed_ramp(run: Run) -> list[Metric]:
 
 
 def measure_straight(run: Run) -> list[Metric]:
-    """How far a car that should go straight on is turned."""
+    """Return how far a car is turned that should drive straight on."""
     end = float(run.time[-1])
     heading, _, offset = path(run)
     return [
@@ -66,7 +66,7 @@ def measure_straight(run: Run) -> list[Metric]:
 
 
 def path(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Heading (rad), and position forward and to the left (m) of the centre of gravity, each (samples,), zero at the start."""
+    """Return heading (rad) and position forward and to the left (m) of the centre of gravity, (samples,) each, from zero."""
     yaw_rate, speed, sideslip = run["yaw_rate_rad_s"], run["speed_m_s"], run["sideslip_rad"]
 
     def integral(values: FloatArray) -> FloatArray:
@@ -78,7 +78,7 @@ def path(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def measure_path(run: Run) -> list[Metric]:
-    """Return how far the car is from the path that its driver follows and from the cones, and how much the driver steers."""
+    """Return the distances from the driver's path and from the cones, and the driver's steering effort."""
     followed = run.scenario.road_path(run.config)
     assert followed is not None  # every scenario of this kind has one
     _, forward, left = path(run)
@@ -109,11 +109,11 @@ def _cone_clearance(cones: FloatArray, forward: FloatArray, left: FloatArray) ->
 
 
 def measure_corner(run: Run) -> list[Metric]:
-    """What a fault in a steady corner does: deviation from what was before, and how long until control is back."""
+    """Return the deviations that a fault causes in a steady corner, and the time until the controller is active again."""
     faults = run.scenario.faults
     start = faults[0].start if faults else run.scenario.steer_time
     end = max((fault.start + fault.duration for fault in faults), default=start)
-    before, after = run.within(start - BEFORE_FAULT, start), run.time >= start - 1e-9
+    before, after = run.within(start - BEFORE_FAULT_S, start), run.time >= start - 1e-9
     back = np.flatnonzero((run.time >= end - 1e-9) & run.controlled)
     lost = after & ~run.controlled
     rows = []
@@ -137,7 +137,7 @@ def measure_corner(run: Run) -> list[Metric]:
 
 
 def measure_recording(run: Run) -> list[Metric]:
-    """Extremes and the quality of tracking over a whole drive."""
+    """Return the extremes and the tracking errors of a whole drive."""
     everything = np.ones(len(run.time), dtype=np.bool_)
     error = reference_error(run, everything)
     in_state = run["status"]

@@ -1,4 +1,4 @@
-"""Figures of slowly increasing steer at constant speed (ISO 4138:2021; FMVSS 126, S7.6)."""
+"""Metrics of slowly increasing steer at constant speed (ISO 4138:2021; FMVSS 126, S7.6)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from hil_sim.manoeuvres import DWELL_ACCELERATION, STANDARD_GRAVITY
 from hil_sim.metrics.run import BoolArray, FloatArray, Metric, Run, common
 
 FIT_FROM, FIT_TO = 0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY
-"""m/s^2: the range over which FMVSS 126, S7.6.1 fits a line, and in which tyres are close to linear."""
+"""Range of lateral acceleration, in m/s^2, over which a line is fitted (FMVSS 126, S7.6.1); tyres are nearly linear there."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line fitted to (lateral acceleration, angle): rad s^2/m and rad."""
+    """Straight line fitted to an angle over the lateral acceleration: rad s^2/m and rad."""
 
     slope: float
     offset: float
 
 
 def fit_samples(run: Run) -> BoolArray:
-    """The samples of the ramp with a lateral acceleration within the range of the fit, up to where it is first left."""
+    """Return the samples of the ramp from where the lateral acceleration enters the range of the fit to where it leaves it."""
     lateral = np.abs(run["lateral_acceleration_m_s2"])
     beyond = np.flatnonzero(run.after & (lateral > FIT_TO))
     before = np.arange(len(lateral)) < (beyond[0] if beyond.size else len(lateral))
@@ -32,7 +32,7 @@ def fit_samples(run: Run) -> BoolArray:
 
 
 def fit(run: Run, angle: FloatArray) -> Line | None:
-    """The line of an angle (samples,) in rad over the lateral acceleration; None where the range was not driven through."""
+    """Return the line of an angle (samples,) in rad over the lateral acceleration; None where the range was not driven."""
     lateral, chosen = run["lateral_acceleration_m_s2"], fit_samples(run)
     if chosen.sum() < 10 or np.ptp(lateral[chosen]) < 0.5 * (FIT_TO - FIT_FROM):
         return None
@@ -41,7 +41,7 @@ def fit(run: Run, angle: FloatArray) -> Line | None:
 
 
 def understeer_gradient(run: Run) -> float | None:
-    """rad s^2/m at the road wheel: the slope of the front angle over lateral acceleration, less the L/vx^2 of a neutral car."""
+    """Return the slope of the front angle over the lateral acceleration minus L/vx^2 of a neutral car, in rad s^2/m."""
     line = fit(run, run["front_angle_rad"])
     if line is None:
         return None
@@ -50,7 +50,7 @@ def understeer_gradient(run: Run) -> float | None:
 
 
 def measure(run: Run) -> list[Metric]:
-    """Understeer gradient and what belongs to it; gradients in deg for each m/s^2."""
+    """Return the understeer and sideslip gradients, in deg for each m/s^2, and the angles at 0.3 g."""
     chosen = fit_samples(run)
     end = float(run.time[chosen][-1]) if chosen.any() else math.inf
     gradient = understeer_gradient(run)

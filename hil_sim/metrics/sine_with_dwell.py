@@ -1,7 +1,7 @@
-"""Figures of the sine with dwell: what FMVSS 126 (49 CFR 571.126), S5.2 asks, computed as its S7.11 says.
+"""Metrics of the sine with dwell: the criteria of FMVSS 126 (49 CFR 571.126), S5.2, computed according to S7.11.
 
 BOS, the beginning of steer, is where the steering wheel first reaches 5 deg; COS, its completion, where it is back at zero.
-Both and every figure are interpolated between samples. The signals of a simulation are clean, so nothing is filtered.
+Times and values are interpolated between samples. The signals of a simulation are free of noise, so nothing is filtered.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from hil_sim.manoeuvres import DWELL_LENGTH
 from hil_sim.metrics.run import FloatArray, Metric, Run, common, spin_time
 
 BEGINNING_ANGLE = math.radians(5.0)
-"""Of the steering wheel, S7.11."""
+"""Angle of the steering wheel, in rad, at which the steer begins (S7.11)."""
 ZERO_ANGLE = math.radians(0.1)
-"""Of the steering wheel: back at zero, for a wheel that comes to it with a lag. 0.1 deg is what S6.3 wants resolved."""
+"""Angle of the steering wheel, in rad, that counts as zero, which the wheel approaches with a lag; the resolution of S6.3."""
 RATIO_TIMES = ((1.0, 35.0), (1.75, 20.0))
-"""s after COS, and the largest ratio of yaw rate to its second peak in % (S5.2.1 and S5.2.2)."""
+"""Times after COS, in s, and the largest ratio of the yaw rate to its second peak there, in % (S5.2.1 and S5.2.2)."""
 DISPLACEMENT_TIME = 1.07
-"""s after BOS (S5.2.3)."""
+"""Time after BOS, in s, at which the displacement is read (S5.2.3)."""
 HEAVY_MASS = 3500.0
-"""kg: the limit above which less displacement is asked for; the standard takes the gross rating, here is the car's mass."""
+"""Mass in kg above which less displacement is required. The standard uses the gross rating; this uses the car's mass."""
 DISPLACEMENT_MIN, DISPLACEMENT_MIN_HEAVY = 1.83, 1.52
-"""m."""
+"""Smallest lateral displacement, in m, of a light and of a heavy car."""
 
 
 @dataclass(frozen=True)
 class SteeringTimes:
-    """s of the run: beginning of steer, the change of sign in the middle, completion of steer."""
+    """Times of the beginning of steer, of the change of sign in the middle and of the completion of steer, in s."""
 
     beginning: float
     reversal: float
@@ -38,7 +38,7 @@ class SteeringTimes:
 
 
 def _crossing(time: FloatArray, values: FloatArray, level: float, first: int) -> float | None:
-    """When `values`, from sample `first` on, first come from below to `level`; None where they do not."""
+    """Return the time at which `values`, from sample `first` on, first rise to `level`; None where they do not."""
     reached = np.flatnonzero(values[first:] >= level)
     if not reached.size:
         return None
@@ -50,7 +50,7 @@ def _crossing(time: FloatArray, values: FloatArray, level: float, first: int) ->
 
 
 def steering_times(run: Run) -> SteeringTimes | None:
-    """Where the steering begins, reverses and ends; None where the steering wheel does no such thing."""
+    """Return the times at which the steering begins, reverses and ends; None where the wheel makes no such movement."""
     time, start = run.time, run.scenario.steer_time
     begun = int(np.searchsorted(time, start - 1e-9))
     half = int(np.searchsorted(time, start + 0.5 * DWELL_LENGTH))
@@ -69,31 +69,31 @@ def steering_times(run: Run) -> SteeringTimes | None:
 
 
 def second_peak(run: Run, times: SteeringTimes) -> tuple[float, float]:
-    """s and rad/s of the first peak of the yaw rate after the steering wheel changed sign, in the direction it then turns."""
+    """Return time (s) and value (rad/s) of the first peak of the yaw rate towards the side to which the wheel has reversed."""
     wheel = run.at(times.reversal + 0.05, "front_angle_rad")
     sign = 1.0 if wheel >= 0.0 else -1.0
     yaw_rate = sign * run["yaw_rate_rad_s"]
     inside = np.flatnonzero(run.time >= times.reversal)
     values = yaw_rate[inside]
-    # A local maximum on the new side; the largest value where the yaw rate only rises.
+    # The first local maximum on the new side; the largest value where there is none.
     falls = np.flatnonzero((values[1:-1] > 0.0) & (values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:]))
     chosen = int(falls[0]) + 1 if falls.size else int(np.argmax(values))
     return float(run.time[inside[chosen]]), sign * float(values[chosen])
 
 
 def lateral_displacement(run: Run, beginning: float, end: float) -> float:
-    """m: the lateral acceleration of the centre of gravity integrated twice from `beginning`, where both integrals are zero."""
+    """Return the lateral acceleration integrated twice from `beginning`, where both integrals are zero, to `end` (s), in m."""
     inside = (run.time > beginning) & (run.time < end)
     time = np.concatenate([[beginning], run.time[inside], [end]])
     lateral = np.interp(time, run.time, run["lateral_acceleration_m_s2"])
     step = np.diff(time)
     speed = np.concatenate([[0.0], np.cumsum(0.5 * step * (lateral[1:] + lateral[:-1]))])
-    # Exact for an acceleration that is linear between samples.
+    # This sum is exact for an acceleration that is linear between samples.
     return float(np.sum(step * speed[:-1] + step**2 * (2.0 * lateral[:-1] + lateral[1:]) / 6.0))
 
 
 def measure(run: Run) -> list[Metric]:
-    """Yaw-rate ratios and lateral displacement, with what is asked of them."""
+    """Return the yaw-rate ratios, the lateral displacement, and whether they meet the criteria."""
     needed = DISPLACEMENT_MIN if run.config.vehicle.mass_kg <= HEAVY_MASS else DISPLACEMENT_MIN_HEAVY
     times = steering_times(run)
     displacement, displacement_end = None, math.inf
@@ -104,7 +104,7 @@ def measure(run: Run) -> list[Metric]:
         displacement_end = times.beginning + DISPLACEMENT_TIME
         peak = second_peak(run, times)[1]
         if peak != 0.0:
-            # Against the second peak, with its sign: a yaw rate that has changed sides counts as below zero.
+            # Relative to the second peak with its sign: a yaw rate to the other side is negative.
             ratios = [100.0 * run.at(end, "yaw_rate_rad_s") / peak if end <= run.time[-1] else None for end in ends]
         if displacement_end <= run.time[-1]:
             displacement = abs(lateral_displacement(run, times.beginning, displacement_end))
@@ -122,7 +122,7 @@ def measure(run: Run) -> list[Metric]:
     within = [None if displacement is None else displacement >= needed]
     within += [None if ratio is None else ratio <= limit for (_, limit), ratio in zip(RATIO_TIMES, ratios, strict=True)]
     failed = spin_time(run.record) is not None or False in within
-    # One figure beyond its limit is a failure whatever the others are; to pass, all three must have been measured.
+    # One value beyond its limit is a failure; to pass, all three must have been measured.
     met = False if failed else None if None in within else True
     return [
         *rows,
@@ -134,7 +134,7 @@ def measure(run: Run) -> list[Metric]:
             2,
             displacement_end,
         ),
-        # A car that spins has failed, whatever it does afterwards.
+        # A spin is a failure and never invalidates this metric.
         Metric("meets_fmvss_126", "meets these three", "", met, until=-math.inf),
         *common(run),
     ]

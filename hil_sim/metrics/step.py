@@ -1,7 +1,7 @@
-"""Figures of a step steer (ISO 7401:2011, clause 10).
+"""Metrics of a step steer (ISO 7401:2011, clause 10).
 
-Peak and steady value are different things and are always given together: the paper's "maximum" fits the steady value of its
-reference, while a PI on a static reference overshoots it.
+Peak and steady value are always given together: the paper's "maximum" fits the steady value of its reference, while a PI on a
+static reference overshoots it.
 """
 
 from __future__ import annotations
@@ -18,27 +18,28 @@ from codegen.vehicle.tyre import AxleTyres
 from hil_sim.metrics.run import FloatArray, Metric, Run, column
 
 STEADY_WINDOW = 1.0
-"""s at the end of the run over which steady values are averaged."""
+"""Time at the end of the run, in s, over which steady values are averaged."""
 
 SETTLED_SHARE = 0.01
-"""A run counts as settled where the yaw rate swings by less than this share of its mean over that window."""
+"""A run is settled where the range of the yaw rate over that window is below this fraction of its mean."""
 
 SETTLING_SHARE = 0.02
-"""Half of the width of the band around the steady yaw rate, as a share of it, for the settling time."""
+"""Half of the width of the settling band, as a fraction of the steady yaw rate."""
 
 
 @dataclass(frozen=True)
 class StepMetrics:
-    """Step response (ISO 7401, lateral transient response). Units in the names; rear angle: the actuator's, not the command.
+    """Step response (ISO 7401, lateral transient response). The names hold the units; the rear angle is the actuator's.
 
     The reference is None for a car that is not controlled at the end. Where `settled` is false, "steady" is only a mean.
-    Errors to the map compare with the steady yaw rate that the map gives for speed, front angle and friction estimate at the
-    end: of the steady yaw rate (negative where the car turns less), and of the peak. None where no map is known.
+    `map_error_percent` and `map_overshoot_percent` compare the steady yaw rate and its peak with the map's steady yaw rate for
+    speed, front angle and friction estimate at the end. They are negative where the car turns less, and None where no map is
+    known.
 
-    `overshoot_percent` is of the steady yaw rate; `rise_time_s` and `peak_time_s` run from the start of steering, to 90 % of
-    the steady value and to the peak; `settling_time_s` to where the yaw rate stays within 2 % of it, None where it does not
-    settle. `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering wheel; None where it is not
-    turned.
+    `overshoot_percent` is relative to the steady yaw rate. `rise_time_s`, `peak_time_s` and `settling_time_s` are measured from
+    the start of steering: to 90 % of the steady value, to the peak, and to where the yaw rate stays within 2 % of its steady
+    value (None where it does not settle). `yaw_rate_gain_per_s` is the steady yaw rate over the steady angle of the steering
+    wheel; None where that is zero.
     """
 
     settled: bool
@@ -66,11 +67,11 @@ class StepMetrics:
     slip_rear_steady_deg: float
 
     def to_dict(self) -> dict[str, float | bool | None]:
-        """Name to value."""
+        """Return the values by name."""
         return asdict(self)
 
 
-DESCRIBED = (
+STEP_ROWS = (
     ("yaw_rate_steady_deg_s", "yaw rate, steady", "deg/s", 2),
     ("yaw_rate_peak_deg_s", "yaw rate, peak", "deg/s", 2),
     ("yaw_rate_reference_deg_s", "reference, steady", "deg/s", 2),
@@ -100,11 +101,15 @@ DESCRIBED = (
 def step_metrics(
     record: FloatArray, steer_time: float, steering_ratio: float = 1.0, map_yaw_rate: float | None = None
 ) -> StepMetrics:
-    """Metrics of a recording (samples, 12) in which the driver starts to steer at `steer_time` (s).
+    """Return the metrics of a recording (samples, 12).
 
-    `sideslip_abs_min_deg` is the smallest |beta| after the yaw rate first reached 90 % of its steady value: before, beta starts
-    from zero and says nothing. `steering_ratio` is that of steering wheel to road wheel; 1 gives the gain of the front angle.
-    `map_yaw_rate` (rad/s) is that of the map at the end of the run; None where it is not known.
+    `sideslip_abs_min_deg` is the smallest |beta| after the yaw rate first reached 90 % of its steady value; before, beta starts
+    from zero.
+
+    Args:
+        steer_time: time in s at which the driver starts to steer.
+        steering_ratio: ratio of steering wheel to road wheel; 1 gives the gain of the front angle.
+        map_yaw_rate: steady yaw rate of the map at the end of the run, in rad/s; None where it is not known.
     """
     time = column(record, "time_s")
     after = time >= steer_time - 1e-9
@@ -115,7 +120,7 @@ def step_metrics(
         return result
 
     yaw_rate, sideslip, rear = degrees("yaw_rate_rad_s"), degrees("sideslip_rad"), degrees("rear_angle_rad")
-    # A sample that was held now and then does not make it an uncontrolled car.
+    # A car is controlled although single samples are held.
     controlled = steady & (column(record, "status") <= Status.LIMITED)
     mostly = 2 * np.count_nonzero(controlled) > np.count_nonzero(steady)
     reference = float(degrees("yaw_rate_reference_rad_s")[controlled].mean()) if mostly else None
@@ -129,7 +134,7 @@ def step_metrics(
     wheel = float(degrees("front_angle_rad")[steady].mean()) * steering_ratio
     settled = swing <= SETTLED_SHARE * size
     outside = np.flatnonzero(after & (np.abs(yaw_rate - yaw_rate_steady) > SETTLING_SHARE * size))
-    # The sample after the last one outside; a run that has settled is inside to its end.
+    # The sample after the last one outside the band: a settled run ends inside.
     inside_from = float(time[outside[-1] + 1]) if settled and outside.size else steer_time
     return StepMetrics(
         settled=settled,
@@ -159,16 +164,16 @@ def step_metrics(
 
 
 def map_error(yaw_rate_deg_s: float, map_yaw_rate: float | None) -> float | None:
-    """Return the error of a yaw rate (deg/s) to that of the map (rad/s), in % of the latter; None where there is none."""
+    """Return the error of a yaw rate (deg/s) relative to that of the map (rad/s), in %; None where that is 0 or unknown."""
     return 100.0 * (math.radians(yaw_rate_deg_s) / map_yaw_rate - 1.0) if map_yaw_rate else None
 
 
 def measure(run: Run) -> list[Metric]:
-    """The step response as rows."""
+    """Return the step response as rows of a table."""
     of_map = None if run.map_yaw_rate is None else float(run.map_yaw_rate[-1])
     found = step_metrics(run.record, run.scenario.steer_time, run.config.steering.ratio, of_map)
     rows = [Metric("settled", "settled at the end", "", found.settled, words=("NO: means only", "yes"))]
-    rows += [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in DESCRIBED]
+    rows += [Metric(key, title, unit, getattr(found, key), digits) for key, title, unit, digits in STEP_ROWS]
     for axle, bound in zip(("front", "rear"), slip_bounds(run.config) or (None, None), strict=True):
         slip = abs(getattr(found, f"slip_{axle}_steady_deg"))
         share = None if bound is None else 100.0 * slip / math.degrees(bound)
@@ -177,9 +182,9 @@ def measure(run: Run) -> list[Metric]:
 
 
 def slip_bounds(config: Config) -> tuple[float, float] | None:
-    """rad: the slip angles of front and rear axle that a map of the configured car keeps to; None for tyres without."""
+    """Return the slip bounds of front and rear axle in a map of the configured car, in rad; None for tyres without bounds."""
     try:
         tyres = AxleTyres.from_config(config)
-    except ConfigError:  # tyres that hardly bend: a build of a map from elsewhere needs no bound
+    except ConfigError:  # nearly linear tyres; a map from another tool needs no bound
         return None
     return tyres.front_slip_bound, tyres.rear_slip_bound

@@ -54,7 +54,7 @@ def test_a_plausible_car_has_no_warning(number: int) -> None:
         ),
         (
             {"tyre": {"front": {"cornering_stiffness_n_per_rad": 120e3}}},
-            "is the stiffness of tyre.front that of the whole axle",
+            "tyre.front: the slip for each g .* Then halve it",
         ),
         ({"vehicle": {"cg_height_m": 1.0}}, "rolls over before its tyres slide"),
         ({"rear_actuator": {"rate_max_deg_s": 20.0}}, "rear_rate_max_deg_s = 25 is above rear_actuator.rate_max_deg_s = 20"),
@@ -79,8 +79,8 @@ def test_handling_is_that_of_the_linear_car() -> None:
     assert str(handling) == "understeer gradient 1.31 deg/g, characteristic speed 120 km/h"
 
 
-def test_what_actuator_and_tyres_cannot_do_is_told_of_a_map() -> None:
-    """By the share of its cells that is beyond the actuator, and by its slip; and which constraint makes the car turn less."""
+def test_a_map_beyond_the_actuator_or_the_tyres_is_found() -> None:
+    """The warnings name the share of cells beyond the actuator, and the slip; the facts, the constraints that are active."""
     config = hatchback(limits={"rear_angle_max_deg": 5.0})
     found = list(map_warnings(solve_case(config, "4ws-2"), hatchback()))
     assert any(
@@ -199,9 +199,10 @@ def bare_map(folder: Path, scale: float = 1.0, speed_scale: float = 1.0) -> Path
 
 
 def test_only_the_cause_is_reported_for_a_bare_map(tmp_path: Path) -> None:
-    """Its rear angles are not known, so nothing is said about the limiter; wrong units spoil whatever follows from them."""
+    """Its rear angles are not known, so there is no warning about the limiter; wrong units hide whatever follows from them."""
     (margins,) = check_path(bare_map(tmp_path)).warnings
-    assert margins.startswith('the feedback of kind "pi" has little margin')
+    assert margins.startswith('the feedback of kind "pi" has little margin from 107 km/h')
+    assert "; lower its gains, or use" in margins  # the map reaches 120 km/h, so the largest speed cannot be lowered
     (units,) = check_path(bare_map(tmp_path, speed_scale=3.6)).warnings
     assert "is vx in km/h?" in units
 

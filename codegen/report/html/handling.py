@@ -1,4 +1,4 @@
-"""Handling diagram, frequency response, and what the rear actuator has to do."""
+"""Handling diagram, frequency response, and the work of the rear actuator."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Runs = Mapping[str, FloatArray]
 HANDLING, RESPONSE = BUILT_IN["ramp-steer"], BUILT_IN["sine-sweep"]
 """Scenarios of the handling diagram and of the frequency response."""
 TICKS = [0.2, 0.5, 1.0, 2.0, 3.0]
-"""Hz"""
+"""Ticks of the frequency axis, in Hz."""
 
 
 def handling_blocks(driven: Mapping[str, Runs], runs: Runs | None, config: Config) -> Iterator[Block]:
     """Yield both diagrams, and the table of the actuator.
 
     Args:
-        driven: name of a scenario to its runs; of HANDLING and RESPONSE.
-        runs: of the report's own scenario.
-        config: of the car.
+        driven: runs by name of their scenario, HANDLING and RESPONSE; empty where there is no build to drive.
+        runs: runs of the report's own scenario.
+        config: configuration of the car.
     """
     if not driven:
         yield Text("Not driven: name a build with `--build`.", "notice")

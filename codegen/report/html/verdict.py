@@ -1,4 +1,4 @@
-"""The first screen of a report: what a build is, what it gains, its margins, its cost, and what was verified."""
+"""First screen of a report: the build, its gain over the front-steered car, its margins, its cost and its verification."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PICTURE_HEIGHT = 280
 
 
 def verdict_blocks(material: Material) -> Iterator[Block]:
-    """Yield one screen: a sentence, figures, two pictures, and the warnings."""
+    """Yield a sentence, tiles with figures, two pictures, and the warnings."""
     yield Text(_headline(material), "lead")
     yield Tiles(tuple(_tiles(material)))
     yield Gallery(list(_pictures(material)))
@@ -41,7 +41,7 @@ def verdict_blocks(material: Material) -> Iterator[Block]:
 
 
 def _headline(material: Material) -> str:
-    """Return what the build is, and for which car and road."""
+    """Return a sentence about the map or build, its car and its road."""
     reference_map, config = material.map.map, material.config
     case = f"case {reference_map.case}" if reference_map.case else "a map from another tool"
     speeds = f"{reference_map.speed[0] / KM_H:.0f} to {reference_map.speed[-1] / KM_H:.0f} km/h"
@@ -61,11 +61,11 @@ def _tiles(material: Material) -> Iterator[Tile]:
     if material.configured and not is_untuned(material.config):
         yield _margins(margins_of(material.config), material.config)
     if material.build is not None:
-        yield from _of_build(material.build)
+        yield from _verification(material.build)
 
 
 def _gain(one: ReferenceMap, other: ReferenceMap) -> Tile:
-    """Return how much more of the grid has a safe turn than that of the front-steered car, and with how much more yaw rate."""
+    """Return the share of the grid with a safe turn, and the yaw rate there relative to the front-steered car's."""
     title = "Safe turns, against the front-steered car"
     if one.feasible.shape != other.feasible.shape:
         return Tile(title, "-", "the maps have other grids")
@@ -88,8 +88,8 @@ def _against_passive(material: Material, scenario: Scenario) -> Iterator[Tile]:
         ("settling_time_s", "Settling time", "s", 2),
         ("map_error_percent", "Steady error to the map", "%", 1),
     ):
-        beside = "" if passive is None else f"; passive car: {_number(passive[key], unit, digits)}"
-        yield Tile(f"{title}, {scenario.name}", _number(own[key], unit, digits), f"{name}{beside}")
+        comparison = "" if passive is None else f"; passive car: {_number(passive[key], unit, digits)}"
+        yield Tile(f"{title}, {scenario.name}", _number(own[key], unit, digits), f"{name}{comparison}")
 
 
 def _number(value: float | bool | None, unit: str, digits: int) -> str:
@@ -107,7 +107,7 @@ def _margins(found: Weakest | None, config: Config) -> Tile:
     return Tile(title, f"{found.gain_margin_db:.1f} dB, {found.phase_margin_deg:.0f} deg", speeds, look)
 
 
-def _of_build(build: Any) -> Iterator[Tile]:
+def _verification(build: Any) -> Iterator[Tile]:
     record = build_tables.current_record(build)
     if record is None:
         yield Tile("Verified", "no", f"`codegen verify {build}` checks this build", "bad")
