@@ -100,7 +100,7 @@ def _vehicle(config: Config) -> Iterator[str]:
 
 
 def _tyres(config: Config) -> Iterator[str]:
-    """Yield a warning for each axle of implausible stiffness; where both are plausible, for one that does not suit the other."""
+    """Yield a warning for each axle of implausible stiffness, or for a plausible one that does not suit the other."""
     car = SingleTrack.from_config(config)
     degrees_per_g = math.degrees(config.road.gravity_m_s2)
     compliances = {
@@ -121,8 +121,8 @@ def _tyres(config: Config) -> Iterator[str]:
     ratio, (low, high) = front / rear, COMPLIANCE_RATIO
     if plausible and not low <= ratio <= high:
         yield (
-            f"tyre.{'front' if ratio < low else 'rear'}: the slip for each g at the front axle is {_beyond(ratio, (low, high))} "
-            f"times that at the rear axle ({front:.1f} and {rear:.1f} deg); cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
+            f"tyre.{'front' if ratio < low else 'rear'}: the slip for each g at the front axle is "
+            f"{_beyond(ratio, (low, high))} times that at the rear axle ({front:.1f} and {rear:.1f} deg); cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
         )
 
 
