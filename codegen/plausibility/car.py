@@ -122,7 +122,8 @@ def _tyres(config: Config) -> Iterator[str]:
     if plausible and not low <= ratio <= high:
         yield (
             f"tyre.{'front' if ratio < low else 'rear'}: the slip for each g at the front axle is "
-            f"{_beyond(ratio, (low, high))} times that at the rear axle ({front:.1f} and {rear:.1f} deg); cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
+            f"{_beyond(ratio, (low, high))} times that at the rear axle ({front:.1f} and {rear:.1f} deg); "
+            f"cars have {low:g} to {high:g} times: {OF_AN_AXLE}"
         )
 
 
