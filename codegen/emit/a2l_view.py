@@ -9,8 +9,9 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+from codegen.configuration.signals import STATUSES, signals_of
 from codegen.ecu_map.storage import RAW_MAX
-from codegen.emit.can_view import STATUSES, CanView
+from codegen.emit.can_view import CanView
 from codegen.emit.controller_view import ControllerView
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
@@ -28,7 +29,7 @@ COUNTERS = (
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
-BELIEVED = (("speed", "m/s"), ("front_angle", "rad"), ("yaw_rate", "rad/s"))
+BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
 """Signals of a sample that are judged, and their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""

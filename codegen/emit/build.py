@@ -14,6 +14,7 @@ import numpy as np
 
 from codegen import __version__
 from codegen.configuration import KM_H, Config, check_name
+from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -176,6 +177,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
+        "measured": MEASURED,
+        "carried": CARRIED,
         "task": task_view(config),
         "xcp": xcp_view(config),
         "example": _example_view(reference_map, config, options.precision),

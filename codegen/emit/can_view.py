@@ -10,34 +10,8 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
+from codegen.configuration.signals import SIGNALS, SignalDefinition
 from codegen.emit.text import Precision, lines_of, literal
-
-UNITS = {
-    "speed": "m/s",
-    "front_angle": "rad",
-    "yaw_rate": "rad/s",
-    "rear_angle": "rad",
-    "friction": "",
-    "lateral_acceleration": "m/s^2",
-    "yaw_rate_reference": "rad/s",
-}
-MEANINGS = {
-    "speed": "speed, negative in reverse",
-    "front_angle": "front angle at the road wheel, positive to the left",
-    "yaw_rate": "yaw rate, positive to the left",
-    "qualifier": "bit 0 speed, bit 1 front angle, bit 2 yaw rate: 1 = valid",
-    "inhibit": "1 = ESC or ABS is acting, the integrator holds",
-    "rear_angle": "rear angle at the road wheel, positive to the left",
-    "friction": "estimated peak friction",
-    "lateral_acceleration": "lateral acceleration at the centre of gravity, positive to the left",
-    "status": "what the controller did",
-    "yaw_rate_reference": "reference yaw rate from the map",
-    "diagnostics": "one bit for each cause of trouble",
-}
-FIELD_TYPES = {"inhibit": "bool", "status": "uint8_t", "diagnostics": "uint16_t"}
-"""C types of what is not scaled and stands in the struct of its message."""
-
-STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
 
 
 @dataclass(frozen=True)
@@ -261,6 +235,15 @@ _TITLES = {
 }
 
 
+_QUALIFIER = SignalDefinition(
+    "",
+    start_bit=0,
+    length=0,
+    meaning=", ".join(f"bit {bit} {role.replace('_', ' ')}" for bit, role in enumerate(QUALIFIED)) + ": 1 = valid",
+)
+_DEFINITIONS = {(each.message, each.role): each for each in SIGNALS} | {("vehicle_motion", "qualifier"): _QUALIFIER}
+
+
 def _message(can: Can, role: str, precision: Precision) -> MessageView:
     message = can.messages()[role]
     title, sender, receiver = _TITLES[role]
@@ -275,13 +258,15 @@ def _message(can: Can, role: str, precision: Precision) -> MessageView:
         dbc_id=message.id,
         data_id=f"0x{message.e2e_data_id:04X}",
         data_id_decimal=message.e2e_data_id,
-        signals=tuple(_signal(message, name, signal, precision) for name, signal in message.signals().items()),
+        signals=tuple(
+            _signal(message, name, signal, _DEFINITIONS[role, name], precision) for name, signal in message.signals().items()
+        ),
         crc_name=message.crc_name,
         counter_name=message.counter_name,
     )
 
 
-def _signal(message: Message, role: str, signal: Signal, precision: Precision) -> SignalView:
+def _signal(message: Message, role: str, signal: Signal, definition: SignalDefinition, precision: Precision) -> SignalView:
     scaled: dict[str, Any] = {
         **{"low": 0, "high": 2**signal.length - 1, "not_available": 0},
         **dict.fromkeys(("scale", "value", "decoded", "sign"), ""),
@@ -305,15 +290,15 @@ def _signal(message: Message, role: str, signal: Signal, precision: Precision) -
     return SignalView(
         role=role,
         real=isinstance(signal, RealSignal),
-        field_type=FIELD_TYPES.get(role, ""),
+        field_type=definition.c_type if role != "qualifier" else "",
         name=signal.name,
-        comment=MEANINGS[role],
-        unit=UNITS.get(role, ""),
+        comment=definition.meaning,
+        unit=definition.unit,
         pieces=_pieces(signal, message.byte_order),
         mask=f"0x{(1 << signal.length) - 1:X}u",
         qualifier_bit=f"0x{1 << QUALIFIED.index(role):X}u" if "qualifier" in message.signals() and role in QUALIFIED else "",
-        dbc=_dbc(message, role, signal),
-        dbc_values=_dbc_values(role, signal),
+        dbc=_dbc(message, signal, definition.unit),
+        dbc_values=_dbc_values(signal, definition.values),
         **scaled,
     )
 
@@ -337,7 +322,7 @@ def _shifted(expression: str, operator: str, count: int) -> str:
     return f"({expression} {operator} {count}u)" if operator == ">>" else f"({expression}) {operator} {count}u"
 
 
-def _dbc(message: Message, role: str, signal: Signal) -> str:
+def _dbc(message: Message, signal: Signal, unit: str) -> str:
     """The signal's line in a DBC up to its unit."""
     order = 1 if message.byte_order == "intel" else 0
     place = f"{signal.name} : {signal.start_bit}|{signal.length}@{order}"
@@ -345,15 +330,14 @@ def _dbc(message: Message, role: str, signal: Signal) -> str:
         return f'{place}+ (1,0) [0|{2**signal.length - 1}] ""'
     limits = f"[{_decimal(signal.physical_low)}|{_decimal(signal.physical_high)}]"
     sign = "-" if signal.signed else "+"
-    return f'{place}{sign} ({_decimal(signal.factor)},{_decimal(signal.offset)}) {limits} "{UNITS[role]}"'
+    return f'{place}{sign} ({_decimal(signal.factor)},{_decimal(signal.offset)}) {limits} "{unit}"'
 
 
-def _dbc_values(role: str, signal: Signal) -> str:
+def _dbc_values(signal: Signal, names: tuple[str, ...]) -> str:
     """The signal's value table in a DBC; empty where it has none."""
     if isinstance(signal, RealSignal):
         return f'{signal.raw_not_available} "not available"'
-    tables = {"inhibit": ("free", "acting"), "status": STATUSES}
-    return " ".join(f'{code} "{text}"' for code, text in enumerate(tables.get(role, ())))
+    return " ".join(f'{code} "{text}"' for code, text in enumerate(names))
 
 
 def _decimal(value: float) -> str:

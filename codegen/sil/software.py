@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.configuration import Config
+from codegen.configuration.signals import Measurement as Measurement
 from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
@@ -52,19 +53,6 @@ class Status(enum.IntEnum):
     STANDBY = 2
     DEGRADED = 3
     FAIL_SAFE = 4
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """One sample: m/s, rad, rad/s, rad (NaN: not measured), friction (NaN: unknown), m/s^2 (NaN: not measured)."""
-
-    speed: float
-    front_angle: float
-    yaw_rate: float
-    rear_angle: float = math.nan
-    friction: float = math.nan
-    lateral_acceleration: float = math.nan
-    inhibit: bool = False
 
 
 @dataclass(frozen=True)
