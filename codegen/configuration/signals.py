@@ -87,9 +87,19 @@ class SignalDefinition:
         return f"{self.role}{UNIT_SUFFIXES[self.unit]}"
 
     @property
+    def origin(self) -> str:
+        """Where the bench takes it from: "scenario", "state", "output" or ""."""
+        return self.source.partition(".")[0]
+
+    @property
+    def origin_name(self) -> str:
+        """Its name there."""
+        return self.source.partition(".")[2]
+
+    @property
     def is_of_plant(self) -> bool:
         """Whether the simulated car has it, so that a run records it."""
-        return self.source.startswith(("state.", "output."))
+        return self.origin in ("state", "output")
 
 
 @dataclass(frozen=True)
@@ -269,6 +279,9 @@ MEASURED = tuple(each for each in SIGNALS if each.message != "rear_steer_command
 
 CARRIED = tuple(each for each in MEASURED if not each.is_used)
 """Signals from the car that the controller only hands on."""
+
+RECORDED = tuple(each for each in CARRIED if each.is_of_plant)
+"""Those of them that a run records in a column of their own."""
 
 
 def signals_of(message: str) -> tuple[SignalDefinition, ...]:
