@@ -16,6 +16,7 @@ import numpy as np
 from codegen import configuration
 from codegen.configuration import Config
 from codegen.configuration.can import Message, RealSignal, Signal
+from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
@@ -99,6 +100,8 @@ def source(subject: Subject, name: Name) -> bytes:
         "conditions": _message(config.can.vehicle_conditions),
         "command": _command(config),
         "signals": tuple(_bounds(config)),
+        "measured": MEASURED,
+        "carried": CARRIED,
         "stacked": len(facts["frictions"]) > 1,
         "with_rear_angle": law.uses_rear_angle,
         "with_model": law.uses_reference_model,
