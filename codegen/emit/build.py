@@ -37,7 +37,7 @@ from codegen.emit.render import render
 from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
-from codegen.emit.xcp_view import xcp_view
+from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
@@ -109,17 +109,25 @@ class BuildView:
 
 
 @dataclass(frozen=True)
-class ExampleView:
-    """Numbers of `example_main.c`."""
+class Example:
+    """The turn of `example_main.c`: m/s, rad, and the yaw-rate gain of the car in 1/s, over so many samples."""
 
-    speed: str
-    speed_text: str
-    front_angle: str
-    front_angle_text: str
-    yaw_gain: str
-    time_constant: str
+    speed: float
+    front_angle: float
+    yaw_gain: float
     samples: int
-    duration_text: str
+    time_constant: float = 0.2
+    duration: float = EXAMPLE_DURATION
+
+    @property
+    def speed_km_h(self) -> float:
+        """Speed in km/h."""
+        return self.speed / KM_H
+
+    @property
+    def front_angle_deg(self) -> float:
+        """Front angle in deg."""
+        return math.degrees(self.front_angle)
 
 
 @dataclass(frozen=True)
@@ -180,8 +188,10 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "measured": MEASURED,
         "carried": CARRIED,
         "task": task_view(config),
-        "xcp": xcp_view(config),
-        "example": _example_view(reference_map, config, options.precision),
+        "xcp": xcp_timing(config),
+        "config": config,
+        "precision": options.precision,
+        "example": _example(reference_map, config),
         "real": real,
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
@@ -265,23 +275,15 @@ def _domain(total: TotalMap) -> str:
     )
 
 
-def _example_view(reference_map: ReferenceMap, config: Config, precision: Precision) -> ExampleView:
+def _example(reference_map: ReferenceMap, config: Config) -> Example:
     """A steady turn inside the map: the speed next to the paper's, half of the largest feasible front angle there."""
     rows = np.flatnonzero(reference_map.feasible.any(axis=1) & (reference_map.speed > 0.0))
     row = rows[np.argmin(np.abs(reference_map.speed[rows] - EXAMPLE_SPEED))]
     speed = float(reference_map.speed[row])
     front_angle = 0.5 * float(reference_map.front_angle[np.flatnonzero(reference_map.feasible[row])[-1]])
     gain = float(SingleTrack.from_config(reference_map.config or config).yaw_gain(speed))
-    return ExampleView(
-        speed=literal(speed, precision),
-        speed_text=f"m/s, {speed / KM_H:.4g} km/h",
-        front_angle=literal(front_angle, precision),
-        front_angle_text=f"rad, {np.rad2deg(front_angle):.3g} deg to the left",
-        yaw_gain=literal(gain, precision),
-        time_constant=literal(0.2, precision),
-        samples=round(EXAMPLE_DURATION / config.controller.sampling_time_s),
-        duration_text=f"{EXAMPLE_DURATION:g} s",
-    )
+    samples = round(EXAMPLE_DURATION / config.controller.sampling_time_s)
+    return Example(speed, front_angle, gain, samples)
 
 
 def rule_counts(total: TotalMap) -> dict[Rule, int]:

@@ -60,12 +60,18 @@ SELFTEST_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
-class GripView:
-    """What the map allows on its road, and the friction for each m/s^2 of it."""
+class RoadGrip:
+    """Grip of the road of the map.
 
-    grip_max: str
-    friction_per_grip: str
-    reference_overshoot: str
+    Attributes:
+        grip_max: m/s^2, the lateral acceleration that the map allows there.
+        friction_per_grip: s^2/m, friction for each m/s^2 of it.
+        reference_overshoot: REFERENCE_OVERSHOOT.
+    """
+
+    grip_max: float
+    friction_per_grip: float
+    reference_overshoot: float = REFERENCE_OVERSHOOT
 
 
 @dataclass(frozen=True)
@@ -91,7 +97,7 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     rest_min: str
-    grip: GripView
+    grip: RoadGrip
     known: tuple[str, ...]
     known_tolerance: str
 
@@ -209,17 +215,17 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
-        grip=_grip_view(total, precision),
+        grip=_road_grip(total, precision),
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
 
 
-def _grip_view(total: TotalMap, precision: Precision) -> GripView:
+def _road_grip(total: TotalMap, precision: Precision) -> RoadGrip:
     cap = total.lateral_acceleration_cap
     # Rounded up, so that the full grip is not taken for a road more slippery than the map's.
     per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
-    return GripView(literal(cap, precision), literal(per_grip, precision), literal(REFERENCE_OVERSHOOT, precision))
+    return RoadGrip(cap, per_grip)
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:

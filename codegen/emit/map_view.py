@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Literal, Self
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -125,28 +125,6 @@ class GripView:
 
 
 @dataclass(frozen=True)
-class SteeringView:
-    """The linear car of `total.CapSteering`; what its tyres decide, for each layer with commas between."""
-
-    wheelbase: str
-    understeer_coefficient: str
-    rear_arm: str
-    rear_slip: str
-    sideslip_max: str
-    rear_angle_max: str
-
-    @classmethod
-    def of(cls, cars: Sequence[SteeringConstants], precision: Precision) -> Self:
-        """Of the layers' cars, which differ in their tyres alone."""
-        own = {field.name: literal(getattr(cars[-1], field.name), precision) for field in fields(cars[-1])}
-        of_the_tyres = {
-            name: ", ".join(literal(getattr(car, name), precision) for car in cars)
-            for name in ("understeer_coefficient", "rear_slip")
-        }
-        return cls(**own | of_the_tyres)
-
-
-@dataclass(frozen=True)
 class MapView:
     """The tables with their axes and caps."""
 
@@ -164,7 +142,7 @@ class MapView:
     frictions_text: str
     caps: str
     grip: GripView | None
-    steering: SteeringView
+    cars: Sequence[SteeringConstants]
     rear_angle_max_text: str
     cap: str
     cap_per_friction: str
@@ -223,7 +201,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
         caps=", ".join(literal(value, precision) for value in lookup.caps),
         grip=grip,
-        steering=SteeringView.of(lookup.cars, precision),
+        cars=lookup.cars,
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap=literal(lookup.lateral_acceleration_cap, precision),
         cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),
