@@ -13,6 +13,7 @@ from codegen.configuration.signals import STATUSES, signals_of
 from codegen.ecu_map.storage import RAW_MAX
 from codegen.emit.can_view import CanView
 from codegen.emit.controller_view import ControllerView
+from codegen.emit.filters import unit as unit_before
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
@@ -294,10 +295,13 @@ class _Lists:
         """The car's signals, as the task keeps the last good ones."""
         for message in can.messages:
             for signal in message.signals if message.sender == "Car" else ():
-                if signal.real or signal.field_type:
-                    link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{signal.role}"
-                    text = f"{signal.unit}, {signal.comment}" if signal.unit else signal.comment
-                    yield self._measured(f"received.{signal.role}", text, self.real if signal.real else "UBYTE", link)
+                definition = signal.definition
+                if definition.is_real or signal.field_type:
+                    link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{definition.role}"
+                    text = unit_before(definition.meaning, definition.unit)
+                    yield self._measured(
+                        f"received.{definition.role}", text, self.real if definition.is_real else "UBYTE", link
+                    )
 
     def counters(self) -> Iterator[Measured]:
         """Of the task."""
