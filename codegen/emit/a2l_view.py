@@ -1,6 +1,6 @@
-"""View model of the A2L (ASAM MCD-2 MC, ASAP2 1.7): what a calibration tool may change and see.
+"""View model of the A2L (ASAM MCD-2 MC, ASAP2 1.7): parameters that a calibration tool may change, and measurements.
 
-Addresses are for `codegen a2l`, which reads them from an ELF; until then the symbol links say what each object is.
+Addresses are for `codegen a2l`, which reads them from an ELF; until then the symbol links identify each object.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from codegen.emit.filters import unit as unit_before
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
-from codegen.emit.parameters import FieldView, ParameterView
+from codegen.emit.parameters import Field, ParameterView
 from codegen.emit.text import Precision
 from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
 
@@ -35,7 +35,7 @@ BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion")
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
 """Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""
 INSTANCE = "task"
-"""With the prefix: the name of the task's object that the links of the measurements begin with."""
+"""Name of the task's object after the prefix; the links of the measurements begin with it."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class _Lists:
         return f"{self.prefix}.raw_{table.scale_name.removesuffix('_scale')}"
 
     def scales(self, view: MapView) -> Iterator[Scale]:
-        """Of the tables of raw numbers."""
+        """Yield the conversion of each table of raw numbers."""
         for table in view.tables:
             if table.scale:
                 unit = unit_of_comment(table.unit)
@@ -197,7 +197,7 @@ class _Lists:
     def parameters(
         self, views: Iterable[ParameterView], group: str, link: str, points: Iterable[tuple[str, int]]
     ) -> list[Axis | Adjustable]:
-        """Of a struct: its increasing arrays are axes, and the others of the same number of points are curves over them."""
+        """Return the objects of a struct: increasing arrays become axes, other arrays of that size become curves over them."""
         sizes, made, axis_of = dict(points), list[Axis | Adjustable](), dict[str, Axis]()
         for view in views:
             unit = self.conversion(unit_of_comment(view.comment))
@@ -253,7 +253,7 @@ class _Lists:
         return [*axes, *maps]
 
     def checksum(self) -> Adjustable:
-        """What the self-test expects of the whole calibration."""
+        """Return the checksum that the self-test expects of the whole calibration."""
         return Adjustable(
             f"{self.prefix}.calibration.expected_checksum",
             "CRC-32 of map, parameters and tyre curves, which the self-test expects",
@@ -266,7 +266,7 @@ class _Lists:
         )
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
-        """Of a controller, with the states of its law and of its grip."""
+        """Yield the state of the controller, with those of its law and its grip estimate."""
         prefix = self.prefix
         inside = {"law": controller.law_state, "grip": controller.grip_state}
         for field in controller.state:
@@ -285,11 +285,11 @@ class _Lists:
             else:
                 yield from self._field(field, field.name, link)
 
-    def _field(self, field: FieldView, name: str, link: str) -> Iterator[Measured]:
-        """Of a state's field, if it is a number or a flag."""
-        types = {"float": self.real, "double": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
-        if field.type in types:
-            yield self._measured(name, field.comment, types[field.type], link)
+    def _field(self, field: Field, name: str, link: str) -> Iterator[Measured]:
+        """Yield a field of a state if it is a number or a flag."""
+        types = {"real": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
+        if field.kind in types:
+            yield self._measured(name, field.comment, types[field.kind], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
         """The car's signals, as the task keeps the last good ones."""
@@ -304,7 +304,7 @@ class _Lists:
                     )
 
     def counters(self) -> Iterator[Measured]:
-        """Of the task."""
+        """Yield the counters of the task."""
         for name, text in COUNTERS:
             yield self._measured(name, text, "ULONG", f"{self.prefix}_{INSTANCE}.{name}")
 
@@ -319,7 +319,7 @@ class _Lists:
 
 
 def _limit(table: TableView, bound: str) -> str:
-    """What the table may hold up to a bound: no more than raw numbers reach."""
+    """Limit of the values of a table: the bound, or the largest raw number where that is less."""
     if not table.scale:
         return _plain(bound)
     reach = RAW_MAX * float(_plain(table.scale))

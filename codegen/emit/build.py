@@ -68,7 +68,7 @@ EXAMPLE_SPEED = 42.5 * KM_H
 
 @dataclass(frozen=True)
 class BuildInputs:
-    """Where a build comes from, for the manifest: file names without folders, and SHA-256 of their bytes."""
+    """Inputs of a build as the manifest lists them: file names without folders, and SHA-256 of their bytes."""
 
     map_file: str
     map_sha256: str
@@ -77,8 +77,8 @@ class BuildInputs:
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """What the user chose: name of the build, prefix of the C names, precision of the numbers, and for what the breakpoints
-    are chosen (None: those of the map)."""
+    """Options of a build: its name, the prefix of the C names, the precision of the numbers, and the request for which the
+    breakpoints are chosen (None: the breakpoints of the map)."""
 
     name: str
     prefix: str = "ars"
@@ -96,7 +96,7 @@ class BuildOptions:
 
 @dataclass(frozen=True)
 class BuildView:
-    """What every template knows of the build."""
+    """Facts of the build that every template may print."""
 
     name: str
     prefix: str
@@ -132,7 +132,7 @@ class Example:
 
 @dataclass(frozen=True)
 class _Parts:
-    """What README and manifest both tell of."""
+    """Inputs and results from which README and manifest are made."""
 
     reference_map: ReferenceMap
     config: Config
@@ -249,7 +249,7 @@ def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
         raise BuildError(
             f"{inputs.speed_max_km_h:g} km/h is below the map's last speed, {fastest:.4g} km/h",
             where="controller.inputs.speed_max_km_h",
-            remedy="raise it, or solve the map to lower speeds: what is beyond it is taken for a fault",
+            remedy="raise it, or solve the map to lower speeds: larger values are treated as faults",
         )
     asked = reference_map.feasible & (reference_map.speed >= controller.enable_speed_km_h * KM_H)[:, np.newaxis]
     largest = math.degrees(np.where(asked, reference_map.yaw_rate, 0.0).max())
@@ -257,7 +257,7 @@ def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
         raise BuildError(
             f"{inputs.yaw_rate_max_deg_s:g} deg/s is below the map's largest yaw rate, {largest:.4g} deg/s",
             where="controller.inputs.yaw_rate_max_deg_s",
-            remedy="raise it, with room for a spin: what is beyond it is taken for a fault",
+            remedy="raise it, with room for a spin: larger values are treated as faults",
         )
 
 
@@ -287,7 +287,7 @@ def _example(reference_map: ReferenceMap, config: Config) -> Example:
 
 
 def rule_counts(total: TotalMap) -> dict[Rule, int]:
-    """How many cells of a total map come from which rule."""
+    """Count the cells of a total map by the rule that made them."""
     counts = Counter(total.rule.ravel().tolist())
     return {rule: counts[rule.value] for rule in Rule if counts[rule.value]}
 

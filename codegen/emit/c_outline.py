@@ -65,7 +65,7 @@ class Unit:
         return tuple(each for each in self.functions if any(word.search(line) for line in self.lines[each.line - 1 : each.end]))
 
     def mentions(self, name: str) -> int:
-        """How often it stands in the unit."""
+        """Number of occurrences in the unit."""
         word = re.compile(rf"\b{name}\b")
         return sum(len(word.findall(line)) for line in self.lines)
 

@@ -23,7 +23,7 @@ class Cause:
 
     @property
     def mask(self) -> str:
-        """As a C literal."""
+        """The bit as a C literal."""
         return f"0x{1 << self.bit:04X}u"
 
 
@@ -49,7 +49,7 @@ def _causes() -> tuple[Cause, ...]:
         for side, title in _SIDES
         for name, text, words in _RECEPTION
     ]
-    return tuple(Cause(bit, *told) for bit, told in enumerate((*received, *_OTHERS)))
+    return tuple(Cause(bit, *texts) for bit, texts in enumerate((*received, *_OTHERS)))
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
@@ -114,7 +114,7 @@ class FrameSignal:
 
     @property
     def scale(self) -> str:
-        """What the C multiplies with or divides by; see `can_view`."""
+        """Factor of the C, or its inverse in single precision; see `can_view`."""
         assert isinstance(self.layout, RealSignal)
         # Single precision multiplies and divides by the inverse: 200 is exact where 0.005 is not.
         return literal(1.0 / self.layout.factor if self.precision == "single" else self.layout.factor, self.precision)
@@ -180,7 +180,7 @@ class Frame:
 
     @property
     def is_qualified(self) -> bool:
-        """Whether a qualifier says which signals are valid."""
+        """Whether the frame has a qualifier with a validity bit for each signal."""
         return "qualifier" in self.layout.signals()
 
     @property

@@ -31,6 +31,17 @@ def literal(context: Context, value: float, precision: Precision | None = None) 
     return literal_text(value, context["precision"] if precision is None else precision)
 
 
+@pass_context
+def c_type(context: Context, kind: str) -> str:
+    """The C type of a field: "real" is the number type of the build, everything else is a C type already.
+
+    >>> from codegen.emit.render import environment
+    >>> environment().from_string("{{ 'real' | c_type }} {{ 'bool' | c_type }}").render(real="float")
+    'float bool'
+    """
+    return str(context["real"]) if kind == "real" else kind
+
+
 def hexadecimal(value: int, digits: int = 1) -> str:
     """A whole number in hexadecimal, with at least so many digits.
 
@@ -59,6 +70,7 @@ def unit(text: str, symbol: str) -> str:
 
 
 FILTERS: Mapping[str, Callable[..., Any]] = {
+    "c_type": c_type,
     "comment": comment_text,
     "decimal": decimal,
     "hexadecimal": hexadecimal,

@@ -1,4 +1,4 @@
-"""From files to a rendered build: what it is called, and what its inputs hash to."""
+"""Render a build from files: read them, name the build and hash its inputs."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from codegen.errors import BuildError
 
 
 def templates_root() -> Path:
-    """The template folder: inside an installed package, or beside the package in a checkout."""
+    """The template folder: inside an installed package, or next to the package in a checkout."""
     package = Path(__file__).resolve().parent.parent
     for candidate in (package / "_templates", package.parent / "templates"):
         if (candidate / "_macros.j2").is_file():

@@ -22,7 +22,7 @@ from codegen.emit.text import literal
 
 @dataclass(frozen=True)
 class Stage:
-    """What is computed when the arguments of a stage have changed.
+    """Code of one stage, which runs when its arguments have changed.
 
     Attributes:
         name: of the stage.
