@@ -23,7 +23,7 @@ from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
 REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}
-"""Limits of what is measured, by unit; of others 1e6."""
+"""Limits of measurements by unit; 1e6 for other units."""
 COUNTERS = (
     ("cycles", "calls of the task; wraps around"),
     ("late_cycles", "calls that found a message more than once"),
@@ -31,9 +31,9 @@ COUNTERS = (
     ("lost_samples", "calls without a good sample"),
 )
 BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
-"""Signals of a sample that are judged, and their units."""
+"""Signals of a sample that the inputs check and may replace, and their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
-"""Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""
+"""Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 INSTANCE = "task"
 """Name of the task's object after the prefix; the links of the measurements begin with it."""
 
@@ -103,7 +103,7 @@ class Group:
 
 @dataclass(frozen=True)
 class A2lView:
-    """All that the template prints."""
+    """Objects and conversions of the A2L."""
 
     units: tuple[tuple[str, str, str], ...]
     conversions: tuple[tuple[str, str, str], ...]
@@ -125,7 +125,7 @@ def a2l_view(
     map_view: MapView,
     can: CanView,
 ) -> A2lView:
-    """The view of a build; every parameter, axis and table of its calibration, and what the task keeps."""
+    """Return the view of a build: every parameter, axis and table of its calibration, and the state of the task."""
     real = "FLOAT32_IEEE" if precision == "single" else "FLOAT64_IEEE"
     lists = _Lists(prefix, real)
     default, points = f"{prefix}_parameters_default", ((f"{prefix.upper()}_LIMITER_POINTS", limiter.points),)
@@ -191,7 +191,7 @@ class _Lists:
 
     @property
     def count(self) -> str:
-        """Name of the one of whole numbers."""
+        """Name of the COMPU_METHOD of whole numbers."""
         return f"{self.prefix}.count"
 
     def parameters(
@@ -216,7 +216,7 @@ class _Lists:
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:
-        """Axes, and a MAP for each table and friction."""
+        """Return the axes of the map, and a MAP for each table and friction."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
         quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
@@ -292,7 +292,7 @@ class _Lists:
             yield self._measured(name, field.comment, types[field.kind], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
-        """The car's signals, as the task keeps the last good ones."""
+        """Yield the signals from the car, of which the task keeps the last valid values."""
         for message in can.messages:
             for signal in message.signals if message.sender == "Car" else ():
                 definition = signal.definition

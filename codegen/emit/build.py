@@ -1,4 +1,4 @@
-"""One build: map, configuration and options in; the complete folder, in memory, out."""
+"""Render the complete folder of a build, in memory, from map, configuration and options."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def _check_inputs(reference_map: ReferenceMap, config: Config) -> None:
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
-    """Eight hexadecimal digits that change with any input: headers and sources of one build carry the same ones."""
+    """Return eight hexadecimal digits that change with any input. All headers and sources of a build carry them."""
     words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
     words += [options.request.words] if options.request else []
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()
@@ -301,7 +301,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
-        # Told where it is not the paper's: builds from before the other one do not change with it.
+        # Printed only for other models than the linear one, so that older builds stay byte-identical.
         "tyre": "" if reference_map.tyre_model == "linear" else reference_map.tyre_model or "",
         "map_file": comment_text(inputs.map_file),
         "flags": flags,

@@ -29,7 +29,7 @@ INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
 
 SQUARES_MAX = 1e12
-"""SI units: no number of a state comes near its root."""
+"""Largest sum of squares of a valid state, SI units. No number of a valid state comes near its root."""
 
 INPUT_NUMBERS = (
     "speed.value",
@@ -45,7 +45,7 @@ INPUT_NUMBERS = (
 """Numbers of the state of the inputs."""
 
 ACTUATOR_SAMPLES_MAX = 60_000
-"""Less than the largest number of the count, which goes to one above."""
+"""Largest value of the parameter; the count goes one above it and must not overflow."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""

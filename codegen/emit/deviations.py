@@ -32,7 +32,7 @@ class Deviation:
         file, line: where, from 1.
         rule: number of a rule, or a checker's own name for what it finds.
         code: that line of the file, see `excerpt`.
-        reason: why it stands.
+        reason: for the deviation.
     """
 
     file: str
@@ -173,10 +173,10 @@ def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
 
 
 def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
-    """The deviations that a `deviations.md` holds, each with the number of its row's line.
+    """Parse the deviations in a `deviations.md`, each with the line number of its row.
 
     Raises:
-        ValueError: a row of the table is none; its message names the line.
+        ValueError: malformed row; the message names the line.
     """
     rows = []
     body = False

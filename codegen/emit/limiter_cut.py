@@ -15,7 +15,7 @@ from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
 
 LEAST_RAD = 1e-6
-"""Smaller differences are not counted: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
+"""Smallest difference that counts, in rad: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
 
 DEGREE = math.radians(1.0)
-"""rad."""
+"""One degree, in rad."""
 
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""

@@ -66,7 +66,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
 
 
 def _rounded(error: float) -> float:
-    """Up, to four digits: what a search on a lattice found is no more exact, and no machine's last bits show."""
+    """Round up to four digits: a search on a lattice is no more exact, and the result does not depend on the machine."""
     if error <= 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(error)) - 3)
@@ -105,7 +105,7 @@ def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def placement_line(manifest: Mapping[str, Any]) -> str:
-    """The same in words."""
+    """Return the result of a request as text."""
     facts = placement_summary(manifest)
     error, whole = (math.degrees(facts[key]) for key in ("error_rad_s", "error_whole_domain_rad_s"))
     rows, columns = facts["breakpoints"]

@@ -90,7 +90,7 @@ def _refuse_foreign(place: Path, target: Path) -> None:
 
 
 def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
-    """A build does not replace a firmware project, nor the other way round."""
+    """Refuse to replace a firmware project by a build, or a build by a firmware project."""
     if owned_paths(place) and read_manifest(place).get("what") != folder.manifest.get("what"):
         raise BuildError(
             "another kind of generated folder stands there",
@@ -237,7 +237,7 @@ def _restore(place: Path) -> None:
 def _discard(folder: Path) -> None:
     """Remove the files that the manifest of `folder` names, and the folders that this leaves empty.
 
-    What cannot be removed stays for the next build, and the manifest with it: no reason to call a finished build failed.
+    Files that cannot be removed stay for the next build, with the manifest. A finished build does not fail because of them.
     """
     if folder.is_symlink():
         return
