@@ -9,53 +9,18 @@ the bench and the controller see the same bits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from codegen.configuration.can import FRAME_BYTES, QUALIFIED, Can, RealSignal, Signal
+from codegen.configuration.signals import PAYLOADS as PAYLOADS
+from codegen.configuration.signals import Payload as Payload
+from codegen.configuration.signals import RearSteerCommand as RearSteerCommand
+from codegen.configuration.signals import VehicleConditions as VehicleConditions
+from codegen.configuration.signals import VehicleMotion as VehicleMotion
+from codegen.configuration.signals import signals_of
 from codegen.emit.text import Precision, numpy_type
-
-
-@dataclass(frozen=True)
-class VehicleMotion:
-    """From the car: m/s, rad (road wheel), rad/s; NaN where not available."""
-
-    speed: float
-    front_angle: float
-    yaw_rate: float
-
-
-@dataclass(frozen=True)
-class VehicleConditions:
-    """From the car: achieved rear angle (rad), peak friction, lateral acceleration (m/s^2), each NaN where it is not known; and
-    whether ESC or ABS is acting."""
-
-    rear_angle: float = math.nan
-    friction: float = math.nan
-    lateral_acceleration: float = math.nan
-    inhibit: bool = False
-
-
-@dataclass(frozen=True)
-class RearSteerCommand:
-    """From the controller: rad, rad/s (NaN where not available), its status, and one bit for each cause of trouble."""
-
-    rear_angle: float
-    yaw_rate_reference: float
-    status: int = 0
-    diagnostics: int = 0
-
-
-Payload = VehicleMotion | VehicleConditions | RearSteerCommand
-
-PAYLOADS: dict[str, type[VehicleMotion] | type[VehicleConditions] | type[RearSteerCommand]] = {
-    "vehicle_motion": VehicleMotion,
-    "vehicle_conditions": VehicleConditions,
-    "rear_steer_command": RearSteerCommand,
-}
-"""Contents of the messages by their role in the configuration."""
 
 
 class _Codes:
@@ -111,6 +76,7 @@ class _Layout:
     def __init__(self, role: str, can: Can, precision: Precision) -> None:
         message = can.messages()[role]
         self.payload = PAYLOADS[role]
+        self._flags = [each.role for each in signals_of(role) if each.is_flag]
         signals = message.signals()
         self._codes = {name: _Codes(signal, message.byte_order) for name, signal in signals.items()}
         self._scales = {name: _Scale(signal, precision) for name, signal in signals.items() if isinstance(signal, RealSignal)}
@@ -130,8 +96,8 @@ class _Layout:
         if "qualifier" in values:
             qualifier = values.pop("qualifier")
             values |= {name: math.nan for bit, name in enumerate(QUALIFIED) if not qualifier >> bit & 1}
-        if "inhibit" in values:
-            values["inhibit"] = bool(values["inhibit"])
+        for name in self._flags:
+            values[name] = bool(values[name])
         return self.payload(**values)
 
 

@@ -201,7 +201,7 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
     largest error of the run; of a feedforward without a rate limit nothing is known but its range. Where commands are lost on
     their way, the controller goes on meanwhile, up to its distance from the measured rear angle; where its samples are too, it
     predicts for a few samples, and then goes as far as the fail-safe's ramp does."""
-    controller, code = config.controller, math.degrees(config.can.rear_steer_command.rear_angle.factor)
+    controller, code = config.controller, math.degrees(config.can.rear_steer_command.real("rear_angle").factor)
     limits = [rate for rate in (controller.rear_rate_max_deg_s, config.limiter.rear_rate_max_deg_s) if rate != "off"]
     law = law_of(config)
     feedback = law.gains(config)
@@ -229,7 +229,7 @@ def _step_bound_deg(case: FaultCase, result: BenchResult, config: Config) -> flo
 
 def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:
     case, actuator = outcome.case, config.rear_actuator
-    step = config.can.rear_steer_command.rear_angle.factor
+    step = config.can.rear_steer_command.real("rear_angle").factor
     reached = max(outcome.worst, Status.LIMITED)
     if reached != case.worst:
         yield f"reached {Status(reached).name}, defined is {case.worst.name}"

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import Config
+from codegen.configuration.signals import RECORDED, signals_of
 from codegen.emit.text import Precision
 from codegen.sil.plant import Plant, PlantInput, PlantSample
 from codegen.sil.software import RECORD_COLUMNS, Status
@@ -137,13 +138,13 @@ class PlantNode:
                 "lateral_acceleration": sample.lateral_acceleration,
             }.items()
         }
-        measured["friction"] = estimate
+        measured |= {"friction": estimate, **sample.recorded}
         frames = [self._motion(cycle, measured), self._conditions(cycle, measured, inhibit != 0.0)]
         return self.injector.outgoing(cycle, frames)
 
     def _motion(self, cycle: int, measured: dict[str, float]) -> Frame:
         message = self._can.vehicle_motion
-        names = ("speed", "front_angle", "yaw_rate")
+        names = [signal.role for signal in signals_of("vehicle_motion")]
         values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
         data = self._codec.encode(VehicleMotion(*(values[name] for name in names)))
         data = protect(message.e2e_data_id, self._motion_counter, data)
@@ -152,8 +153,8 @@ class PlantNode:
 
     def _conditions(self, cycle: int, measured: dict[str, float], inhibit: bool) -> Frame:
         message = self._can.vehicle_conditions
-        names = ("rear_angle", "friction", "lateral_acceleration")
-        values = self.injector.signals(cycle, message.name, {name: measured[name] for name in names})
+        names = [signal.role for signal in signals_of("vehicle_conditions") if signal.is_real]
+        values = self.injector.signals(cycle, message.name, {name: measured.get(name, math.nan) for name in names})
         data = self._codec.encode(VehicleConditions(**values, inhibit=inhibit))
         data = protect(message.e2e_data_id, self._conditions_counter, data)
         self._conditions_counter = next_counter(self._conditions_counter)
@@ -231,6 +232,7 @@ class PlantNode:
             "rear_angle_rad": sample.rear_angle,
             "slip_front_rad": sample.slip_front,
             "slip_rear_rad": sample.slip_rear,
+            **dict(zip((signal.variable for signal in RECORDED), sample.recorded_values(), strict=True)),
             "status": float(self._status()),
         }
         return [row[name] for name in RECORD_COLUMNS]

@@ -157,16 +157,20 @@ class Config(Section):
         can, inputs = self.can, self.controller.inputs
         yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
         both_signs = (
-            ("vehicle_motion.speed", can.vehicle_motion.speed, inputs.speed_max_km_h * KM_H),
-            ("vehicle_motion.front_angle", can.vehicle_motion.front_angle, math.radians(inputs.front_angle_max_deg)),
-            ("vehicle_motion.yaw_rate", can.vehicle_motion.yaw_rate, yaw_rate),
-            ("vehicle_conditions.rear_angle", can.vehicle_conditions.rear_angle, math.radians(inputs.rear_angle_max_deg)),
-            ("rear_steer_command.rear_angle", can.rear_steer_command.rear_angle, self.rear_actuator.angle_max),
-            ("rear_steer_command.yaw_rate_reference", can.rear_steer_command.yaw_rate_reference, yaw_rate),
+            ("vehicle_motion.speed", can.vehicle_motion.real("speed"), inputs.speed_max_km_h * KM_H),
+            ("vehicle_motion.front_angle", can.vehicle_motion.real("front_angle"), math.radians(inputs.front_angle_max_deg)),
+            ("vehicle_motion.yaw_rate", can.vehicle_motion.real("yaw_rate"), yaw_rate),
+            (
+                "vehicle_conditions.rear_angle",
+                can.vehicle_conditions.real("rear_angle"),
+                math.radians(inputs.rear_angle_max_deg),
+            ),
+            ("rear_steer_command.rear_angle", can.rear_steer_command.real("rear_angle"), self.rear_actuator.angle_max),
+            ("rear_steer_command.yaw_rate_reference", can.rear_steer_command.real("yaw_rate_reference"), yaw_rate),
         )
         for place, signal, largest in both_signs:
             yield place, signal, -largest, largest
-        yield "vehicle_conditions.friction", can.vehicle_conditions.friction, 0.0, inputs.friction_max
+        yield "vehicle_conditions.friction", can.vehicle_conditions.real("friction"), 0.0, inputs.friction_max
 
     def case(self, name: str, where: object = "") -> Case:
         """The case called `name`; ConfigError with the nearest name where there is none."""

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from codegen.configuration.controller import Kind
 from codegen.configuration.section import Section
+from codegen.configuration.signals import CARRIED
 
 Count = Annotated[int, Field(ge=1, le=100_000_000)]
 
@@ -26,7 +27,10 @@ numbers of a table into values."""
 GRIP_STACK = 48
 """Bytes of stack for a table of what slip leaves of the cap."""
 
-COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144}
+CARRIED_BYTES = 4 * len(CARRIED)
+"""Bytes of state for the signals that the controller only hands on."""
+
+COMMON = {"limiter_instructions_max": 126, "task_stack_bytes_max": 250, "state_bytes_max": 144 + CARRIED_BYTES}
 OF_KIND: Mapping[Kind, Mapping[str, int]] = {
     "pi": {"step_instructions_max": 690, "task_instructions_max": 1_650},
     "proportional": {"step_instructions_max": 690, "task_instructions_max": 1_650},
@@ -35,7 +39,7 @@ OF_KIND: Mapping[Kind, Mapping[str, int]] = {
         "step_instructions_max": 1_200,
         "task_instructions_max": 2_260,
         "task_stack_bytes_max": 312,
-        "state_bytes_max": 188,
+        "state_bytes_max": 188 + CARRIED_BYTES,
     },
 }
 """For a map with even breakpoints and one friction."""

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from codegen.configuration.section import Range, Section
+from codegen.configuration.signals import signals_of
 
 FRAME_BYTES = 8
 CRC_BITS = frozenset(range(8))
@@ -22,7 +23,7 @@ CRC_BITS = frozenset(range(8))
 COUNTER_BITS = frozenset(range(8, 12))
 """The low nibble of byte 1."""
 
-QUALIFIED = ("speed", "front_angle", "yaw_rate")
+QUALIFIED = tuple(each.role for each in signals_of("vehicle_motion"))
 """Signals of VehicleMotion that have a bit each in its qualifier, from bit 0."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
@@ -107,7 +108,10 @@ class RealSignal(Signal):
 
 
 class Message(Section):
-    """A frame of eight bytes that is sent in every sampling time, protected by AUTOSAR E2E profile 1, variant 1A."""
+    """A frame of eight bytes that is sent in every sampling time, protected by AUTOSAR E2E profile 1, variant 1A.
+
+    A subclass names its role in the table of signals, and gets a field for each of them: `role="vehicle_motion"`.
+    """
 
     name: DbcName
     id: Identifier
@@ -121,6 +125,21 @@ class Message(Section):
     def e2e_data_id(self) -> int:
         """Data id of the protection: the CAN identifier where none is given."""
         return self.id if self.data_id is None else self.data_id
+
+    def __init_subclass__(cls, role: str, **keywords: Any) -> None:
+        """Add the fields, before pydantic collects them."""
+        super().__init_subclass__(**keywords)
+        for each in sorted(signals_of(role), key=lambda each: each.start_bit):
+            place: dict[str, Any] = {"name": each.name, "start_bit": each.start_bit, "length": each.length}
+            default = Signal(**place) if each.factor is None else RealSignal(**place, factor=each.factor, signed=each.signed)
+            cls.__annotations__[each.role] = type(default)
+            setattr(cls, each.role, default)
+
+    def real(self, role: str) -> RealSignal:
+        """The scaled signal of a role."""
+        found = self.signals()[role]
+        assert isinstance(found, RealSignal)
+        return found
 
     def signals(self) -> dict[str, Signal]:
         """The signals by their role, in the order of their fields."""
@@ -159,7 +178,7 @@ def _needs(signal: Signal, length: int) -> None:
         raise ValueError(f"{signal.name} needs {length} bits; it has {signal.length}")
 
 
-class VehicleMotion(Message):
+class VehicleMotion(Message, role="vehicle_motion"):
     """From the car: speed (m/s), front angle (rad, road wheel), yaw rate (rad/s).
 
     `qualifier` has a bit for each that is valid: 0 speed, 1 front angle, 2 yaw rate.
@@ -170,9 +189,6 @@ class VehicleMotion(Message):
     crc_name: DbcName = "Motion_Crc"
     counter_name: DbcName = "Motion_Counter"
     qualifier: Signal = Signal(name="Motion_Qualifier", start_bit=12, length=4)
-    speed: RealSignal = RealSignal(name="Speed", start_bit=16, length=16, factor=0.005)
-    front_angle: RealSignal = RealSignal(name="FrontAngle", start_bit=32, length=16, factor=5e-5)
-    yaw_rate: RealSignal = RealSignal(name="YawRate", start_bit=48, length=16, factor=2e-4)
 
     @model_validator(mode="after")
     def _wide_enough(self) -> Self:
@@ -181,41 +197,37 @@ class VehicleMotion(Message):
         return self
 
 
-class VehicleConditions(Message):
+class VehicleConditions(Message, role="vehicle_conditions"):
     """From the car: ESC or ABS is acting, achieved rear angle (rad), estimated peak friction, lateral acceleration (m/s^2)."""
 
     name: DbcName = "VehicleConditions"
     id: Identifier = 0x102
     crc_name: DbcName = "Conditions_Crc"
     counter_name: DbcName = "Conditions_Counter"
-    inhibit: Signal = Signal(name="Inhibit", start_bit=12, length=1)
-    rear_angle: RealSignal = RealSignal(name="RearAngle", start_bit=16, length=16, factor=5e-5)
-    friction: RealSignal = RealSignal(name="Friction", start_bit=32, length=8, factor=0.01, signed=False)
-    lateral_acceleration: RealSignal = RealSignal(name="LateralAcceleration", start_bit=48, length=16, factor=0.001)
 
     @model_validator(mode="after")
     def _one_bit(self) -> Self:
-        _needs(self.inhibit, 1)
+        for each in signals_of("vehicle_conditions"):
+            if each.is_flag:
+                _needs(self.signals()[each.role], 1)
         return self
 
 
-class RearSteerCommand(Message):
+class RearSteerCommand(Message, role="rear_steer_command"):
     """From the controller: status, rear angle (rad), reference yaw rate (rad/s), and one bit for each cause of trouble."""
 
     name: DbcName = "RearSteerCommand"
     id: Identifier = 0x201
     crc_name: DbcName = "Command_Crc"
     counter_name: DbcName = "Command_Counter"
-    status: Signal = Signal(name="Status", start_bit=12, length=4)
-    rear_angle: RealSignal = RealSignal(name="RearAngleCommand", start_bit=16, length=16, factor=5e-5)
-    yaw_rate_reference: RealSignal = RealSignal(name="YawRateReference", start_bit=32, length=16, factor=2e-4)
-    diagnostics: Signal = Signal(name="Diagnostics", start_bit=48, length=16)
 
     @model_validator(mode="after")
     def _wide_enough(self) -> Self:
-        if self.status.length < 3:
-            raise ValueError(f"{self.status.name} needs at least 3 bits; it has {self.status.length}")
-        _needs(self.diagnostics, 16)
+        signals = self.signals()
+        status = signals["status"]
+        if status.length < 3:
+            raise ValueError(f"{status.name} needs at least 3 bits; it has {status.length}")
+        _needs(signals["diagnostics"], 16)
         return self
 
 

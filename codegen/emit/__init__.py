@@ -1,1 +1,1 @@
-"""From map and configuration to C."""
+"""Rendering of a map and a configuration to C."""

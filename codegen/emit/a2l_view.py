@@ -1,6 +1,6 @@
-"""View model of the A2L (ASAM MCD-2 MC, ASAP2 1.7): what a calibration tool may change and see.
+"""View model of the A2L (ASAM MCD-2 MC, ASAP2 1.7): parameters that a calibration tool may change, and measurements.
 
-Addresses are for `codegen a2l`, which reads them from an ELF; until then the symbol links say what each object is.
+Addresses are for `codegen a2l`, which reads them from an ELF; until then the symbol links identify each object.
 """
 
 from __future__ import annotations
@@ -9,31 +9,33 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
+from codegen.configuration.signals import STATUSES, signals_of
 from codegen.ecu_map.storage import RAW_MAX
-from codegen.emit.can_view import STATUSES, CanView
+from codegen.emit.can_view import CanView
 from codegen.emit.controller_view import ControllerView
+from codegen.emit.filters import unit as unit_before
 from codegen.emit.inputs_view import InputsView
 from codegen.emit.limiter_view import LimiterView
 from codegen.emit.map_view import MapView, TableView
-from codegen.emit.parameters import FieldView, ParameterView
+from codegen.emit.parameters import Field, ParameterView
 from codegen.emit.text import Precision
 from codegen.emit.units import NONE, UNITS, Unit, unit_of_comment
 
 REAL_FORMAT, COUNT_FORMAT = "%12.6", "%10.0"
 REACH = {"m/s": 1000.0, "rad": math.tau, "rad/s": 100.0, "m/s^2": 1000.0}
-"""Limits of what is measured, by unit; of others 1e6."""
+"""Limits of measurements by unit; 1e6 for other units."""
 COUNTERS = (
     ("cycles", "calls of the task; wraps around"),
     ("late_cycles", "calls that found a message more than once"),
     ("early_cycles", "calls that found no message"),
     ("lost_samples", "calls without a good sample"),
 )
-BELIEVED = (("speed", "m/s"), ("front_angle", "rad"), ("yaw_rate", "rad/s"))
-"""Signals of a sample that are judged, and their units."""
+BELIEVED = tuple((each.role, each.unit) for each in signals_of("vehicle_motion"))
+"""Signals of a sample that the inputs check and may replace, and their units."""
 OF_THE_ANGLE = ("rear_angle_max", "opposite_phase_max")
-"""Parameters of the limiter that are never more than the controller's own bound, which `..._parameters_valid` holds them to."""
+"""Parameters of the limiter that must not exceed the controller's own bound; `..._parameters_valid` checks it."""
 INSTANCE = "task"
-"""With the prefix: the name of the task's object that the links of the measurements begin with."""
+"""Name of the task's object after the prefix; the links of the measurements begin with it."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Group:
 
 @dataclass(frozen=True)
 class A2lView:
-    """All that the template prints."""
+    """Objects and conversions of the A2L."""
 
     units: tuple[tuple[str, str, str], ...]
     conversions: tuple[tuple[str, str, str], ...]
@@ -123,7 +125,7 @@ def a2l_view(
     map_view: MapView,
     can: CanView,
 ) -> A2lView:
-    """The view of a build; every parameter, axis and table of its calibration, and what the task keeps."""
+    """Return the view of a build: every parameter, axis and table of its calibration, and the state of the task."""
     real = "FLOAT32_IEEE" if precision == "single" else "FLOAT64_IEEE"
     lists = _Lists(prefix, real)
     default, points = f"{prefix}_parameters_default", ((f"{prefix.upper()}_LIMITER_POINTS", limiter.points),)
@@ -181,7 +183,7 @@ class _Lists:
         return f"{self.prefix}.raw_{table.scale_name.removesuffix('_scale')}"
 
     def scales(self, view: MapView) -> Iterator[Scale]:
-        """Of the tables of raw numbers."""
+        """Yield the conversion of each table of raw numbers."""
         for table in view.tables:
             if table.scale:
                 unit = unit_of_comment(table.unit)
@@ -189,13 +191,13 @@ class _Lists:
 
     @property
     def count(self) -> str:
-        """Name of the one of whole numbers."""
+        """Name of the COMPU_METHOD of whole numbers."""
         return f"{self.prefix}.count"
 
     def parameters(
         self, views: Iterable[ParameterView], group: str, link: str, points: Iterable[tuple[str, int]]
     ) -> list[Axis | Adjustable]:
-        """Of a struct: its increasing arrays are axes, and the others of the same number of points are curves over them."""
+        """Return the objects of a struct: increasing arrays become axes, other arrays of that size become curves over them."""
         sizes, made, axis_of = dict(points), list[Axis | Adjustable](), dict[str, Axis]()
         for view in views:
             unit = self.conversion(unit_of_comment(view.comment))
@@ -214,7 +216,7 @@ class _Lists:
         return made
 
     def map(self, view: MapView) -> list[Axis | Adjustable]:
-        """Axes, and a MAP for each table and friction."""
+        """Return the axes of the map, and a MAP for each table and friction."""
         prefix, frictions = self.prefix, view.frictions_text.split(", ")
         tops = (_plain(top) for top in view.axis_tops)
         quantities = (f"{prefix}.believed.speed", f"{prefix}.believed.front_angle")
@@ -251,7 +253,7 @@ class _Lists:
         return [*axes, *maps]
 
     def checksum(self) -> Adjustable:
-        """What the self-test expects of the whole calibration."""
+        """Return the checksum that the self-test expects of the whole calibration."""
         return Adjustable(
             f"{self.prefix}.calibration.expected_checksum",
             "CRC-32 of map, parameters and tyre curves, which the self-test expects",
@@ -264,7 +266,7 @@ class _Lists:
         )
 
     def state(self, controller: ControllerView) -> Iterator[Measured]:
-        """Of a controller, with the states of its law and of its grip."""
+        """Yield the state of the controller, with those of its law and its grip estimate."""
         prefix = self.prefix
         inside = {"law": controller.law_state, "grip": controller.grip_state}
         for field in controller.state:
@@ -283,23 +285,26 @@ class _Lists:
             else:
                 yield from self._field(field, field.name, link)
 
-    def _field(self, field: FieldView, name: str, link: str) -> Iterator[Measured]:
-        """Of a state's field, if it is a number or a flag."""
-        types = {"float": self.real, "double": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
-        if field.type in types:
-            yield self._measured(name, field.comment, types[field.type], link)
+    def _field(self, field: Field, name: str, link: str) -> Iterator[Measured]:
+        """Yield a field of a state if it is a number or a flag."""
+        types = {"real": self.real, "uint16_t": "UWORD", "bool": "UBYTE"}
+        if field.kind in types:
+            yield self._measured(name, field.comment, types[field.kind], link)
 
     def received(self, can: CanView) -> Iterator[Measured]:
-        """The car's signals, as the task keeps the last good ones."""
+        """Yield the signals from the car, of which the task keeps the last valid values."""
         for message in can.messages:
             for signal in message.signals if message.sender == "Car" else ():
-                if signal.real or signal.field_type:
-                    link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{signal.role}"
-                    text = f"{signal.unit}, {signal.comment}" if signal.unit else signal.comment
-                    yield self._measured(f"received.{signal.role}", text, self.real if signal.real else "UBYTE", link)
+                definition = signal.definition
+                if definition.is_real or signal.field_type:
+                    link = f"{self.prefix}_{INSTANCE}.{message.role.removeprefix('vehicle_')}.{definition.role}"
+                    text = unit_before(definition.meaning, definition.unit)
+                    yield self._measured(
+                        f"received.{definition.role}", text, self.real if definition.is_real else "UBYTE", link
+                    )
 
     def counters(self) -> Iterator[Measured]:
-        """Of the task."""
+        """Yield the counters of the task."""
         for name, text in COUNTERS:
             yield self._measured(name, text, "ULONG", f"{self.prefix}_{INSTANCE}.{name}")
 
@@ -314,7 +319,7 @@ class _Lists:
 
 
 def _limit(table: TableView, bound: str) -> str:
-    """What the table may hold up to a bound: no more than raw numbers reach."""
+    """Limit of the values of a table: the bound, or the largest raw number where that is less."""
     if not table.scale:
         return _plain(bound)
     reach = RAW_MAX * float(_plain(table.scale))

@@ -1,4 +1,4 @@
-"""One build: map, configuration and options in; the complete folder, in memory, out."""
+"""Render the complete folder of a build, in memory, from map, configuration and options."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from codegen import __version__
 from codegen.configuration import KM_H, Config, check_name
+from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.ecu_map.extend import RULE_TEXT, Rule, TotalMap, extend
 from codegen.ecu_map.lookup import error_bound
 from codegen.ecu_map.placement import Placed, Request, choose
@@ -36,7 +37,7 @@ from codegen.emit.render import render
 from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
-from codegen.emit.xcp_view import xcp_view
+from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.vehicle.single_track import SingleTrack
@@ -67,7 +68,7 @@ EXAMPLE_SPEED = 42.5 * KM_H
 
 @dataclass(frozen=True)
 class BuildInputs:
-    """Where a build comes from, for the manifest: file names without folders, and SHA-256 of their bytes."""
+    """Inputs of a build as the manifest lists them: file names without folders, and SHA-256 of their bytes."""
 
     map_file: str
     map_sha256: str
@@ -76,8 +77,8 @@ class BuildInputs:
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """What the user chose: name of the build, prefix of the C names, precision of the numbers, and for what the breakpoints
-    are chosen (None: those of the map)."""
+    """Options of a build: its name, the prefix of the C names, the precision of the numbers, and the request for which the
+    breakpoints are chosen (None: the breakpoints of the map)."""
 
     name: str
     prefix: str = "ars"
@@ -95,7 +96,7 @@ class BuildOptions:
 
 @dataclass(frozen=True)
 class BuildView:
-    """What every template knows of the build."""
+    """Facts of the build that every template may print."""
 
     name: str
     prefix: str
@@ -108,22 +109,30 @@ class BuildView:
 
 
 @dataclass(frozen=True)
-class ExampleView:
-    """Numbers of `example_main.c`."""
+class Example:
+    """The turn of `example_main.c`: m/s, rad, and the yaw-rate gain of the car in 1/s, over so many samples."""
 
-    speed: str
-    speed_text: str
-    front_angle: str
-    front_angle_text: str
-    yaw_gain: str
-    time_constant: str
+    speed: float
+    front_angle: float
+    yaw_gain: float
     samples: int
-    duration_text: str
+    time_constant: float = 0.2
+    duration: float = EXAMPLE_DURATION
+
+    @property
+    def speed_km_h(self) -> float:
+        """Speed in km/h."""
+        return self.speed / KM_H
+
+    @property
+    def front_angle_deg(self) -> float:
+        """Front angle in deg."""
+        return math.degrees(self.front_angle)
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """What README and manifest both tell of."""
+    """Inputs and results from which README and manifest are made."""
 
     reference_map: ReferenceMap
     config: Config
@@ -176,9 +185,13 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         "model": reference_model_view(config, options.precision) if law.uses_reference_model else None,
         "dynamics": dynamics,
         "can": can_view(config, options.precision),
+        "measured": MEASURED,
+        "carried": CARRIED,
         "task": task_view(config),
-        "xcp": xcp_view(config),
-        "example": _example_view(reference_map, config, options.precision),
+        "xcp": xcp_timing(config),
+        "config": config,
+        "precision": options.precision,
+        "example": _example(reference_map, config),
         "real": real,
         **{name: literal(value, options.precision) for name, value in NUMBERS.items()},
     }
@@ -236,7 +249,7 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
         raise BuildError(
             f"{inputs.speed_max_km_h:g} km/h is below the map's last speed, {fastest:.4g} km/h",
             where="controller.inputs.speed_max_km_h",
-            remedy="raise it, or solve the map to lower speeds: what is beyond it is taken for a fault",
+            remedy="raise it, or solve the map to lower speeds: larger values are treated as faults",
         )
     asked = reference_map.feasible & (reference_map.speed >= controller.enable_speed_km_h * KM_H)[:, np.newaxis]
     largest = math.degrees(np.where(asked, reference_map.yaw_rate, 0.0).max())
@@ -244,12 +257,12 @@ def check_inputs(reference_map: ReferenceMap, config: Config) -> None:
         raise BuildError(
             f"{inputs.yaw_rate_max_deg_s:g} deg/s is below the map's largest yaw rate, {largest:.4g} deg/s",
             where="controller.inputs.yaw_rate_max_deg_s",
-            remedy="raise it, with room for a spin: what is beyond it is taken for a fault",
+            remedy="raise it, with room for a spin: larger values are treated as faults",
         )
 
 
 def _build_id(config: Config, options: BuildOptions, inputs: BuildInputs) -> str:
-    """Eight hexadecimal digits that change with any input: headers and sources of one build carry the same ones."""
+    """Return eight hexadecimal digits that change with any input. All headers and sources of a build carry them."""
     words = [__version__, inputs.map_sha256, config.to_json(), options.name, options.prefix, options.precision]
     words += [options.request.words] if options.request else []
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:8].upper()
@@ -262,27 +275,19 @@ def _domain(total: TotalMap) -> str:
     )
 
 
-def _example_view(reference_map: ReferenceMap, config: Config, precision: Precision) -> ExampleView:
+def _example(reference_map: ReferenceMap, config: Config) -> Example:
     """A steady turn inside the map: the speed next to the paper's, half of the largest feasible front angle there."""
     rows = np.flatnonzero(reference_map.feasible.any(axis=1) & (reference_map.speed > 0.0))
     row = rows[np.argmin(np.abs(reference_map.speed[rows] - EXAMPLE_SPEED))]
     speed = float(reference_map.speed[row])
     front_angle = 0.5 * float(reference_map.front_angle[np.flatnonzero(reference_map.feasible[row])[-1]])
     gain = float(SingleTrack.from_config(reference_map.config or config).yaw_gain(speed))
-    return ExampleView(
-        speed=literal(speed, precision),
-        speed_text=f"m/s, {speed / KM_H:.4g} km/h",
-        front_angle=literal(front_angle, precision),
-        front_angle_text=f"rad, {np.rad2deg(front_angle):.3g} deg to the left",
-        yaw_gain=literal(gain, precision),
-        time_constant=literal(0.2, precision),
-        samples=round(EXAMPLE_DURATION / config.controller.sampling_time_s),
-        duration_text=f"{EXAMPLE_DURATION:g} s",
-    )
+    samples = round(EXAMPLE_DURATION / config.controller.sampling_time_s)
+    return Example(speed, front_angle, gain, samples)
 
 
 def rule_counts(total: TotalMap) -> dict[Rule, int]:
-    """How many cells of a total map come from which rule."""
+    """Count the cells of a total map by the rule that made them."""
     counts = Counter(total.rule.ravel().tolist())
     return {rule: counts[rule.value] for rule in Rule if counts[rule.value]}
 
@@ -296,7 +301,7 @@ def _readme_facts(parts: _Parts) -> dict[str, Any]:
     flags += "" if inputs.config_source in ("map", "preset") else f" --config {shlex.quote(comment_text(inputs.config_source))}"
     return {
         "origin": f"case {reference_map.case} of the optimisation" if reference_map.solved else "a table from another tool",
-        # Told where it is not the paper's: builds from before the other one do not change with it.
+        # Printed only for other models than the linear one, so that older builds stay byte-identical.
         "tyre": "" if reference_map.tyre_model == "linear" else reference_map.tyre_model or "",
         "map_file": comment_text(inputs.map_file),
         "flags": flags,

@@ -32,7 +32,7 @@ class Unit:
 
     Attributes:
         path: in the build.
-        text: as it is.
+        text: its content.
     """
 
     path: str
@@ -60,12 +60,12 @@ class Unit:
         return tuple(Definition(match["name"], number, number, True) for number, match in matches if match)
 
     def users(self, name: str) -> tuple[Definition, ...]:
-        """Functions whose definition names it, other than as a member."""
+        """Functions whose definition mentions the name, other than as a member."""
         word = re.compile(rf"(?<![\w.>]){name}\b")
         return tuple(each for each in self.functions if any(word.search(line) for line in self.lines[each.line - 1 : each.end]))
 
     def mentions(self, name: str) -> int:
-        """How often it stands in the unit."""
+        """Number of occurrences in the unit."""
         word = re.compile(rf"\b{name}\b")
         return sum(len(word.findall(line)) for line in self.lines)
 

@@ -4,40 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
-
-import numpy as np
 
 from codegen.configuration import Config
 from codegen.configuration.can import NODES, QUALIFIED, Can, Message, RealSignal, Signal
+from codegen.configuration.signals import SIGNALS, SignalDefinition
+from codegen.emit.filters import decimal
 from codegen.emit.text import Precision, lines_of, literal
-
-UNITS = {
-    "speed": "m/s",
-    "front_angle": "rad",
-    "yaw_rate": "rad/s",
-    "rear_angle": "rad",
-    "friction": "",
-    "lateral_acceleration": "m/s^2",
-    "yaw_rate_reference": "rad/s",
-}
-MEANINGS = {
-    "speed": "speed, negative in reverse",
-    "front_angle": "front angle at the road wheel, positive to the left",
-    "yaw_rate": "yaw rate, positive to the left",
-    "qualifier": "bit 0 speed, bit 1 front angle, bit 2 yaw rate: 1 = valid",
-    "inhibit": "1 = ESC or ABS is acting, the integrator holds",
-    "rear_angle": "rear angle at the road wheel, positive to the left",
-    "friction": "estimated peak friction",
-    "lateral_acceleration": "lateral acceleration at the centre of gravity, positive to the left",
-    "status": "what the controller did",
-    "yaw_rate_reference": "reference yaw rate from the map",
-    "diagnostics": "one bit for each cause of trouble",
-}
-FIELD_TYPES = {"inhibit": "bool", "status": "uint8_t", "diagnostics": "uint16_t"}
-"""C types of what is not scaled and stands in the struct of its message."""
-
-STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
 
 
 @dataclass(frozen=True)
@@ -51,7 +23,7 @@ class Cause:
 
     @property
     def mask(self) -> str:
-        """As a C literal."""
+        """The bit as a C literal."""
         return f"0x{1 << self.bit:04X}u"
 
 
@@ -77,7 +49,7 @@ def _causes() -> tuple[Cause, ...]:
         for side, title in _SIDES
         for name, text, words in _RECEPTION
     ]
-    return tuple(Cause(bit, *told) for bit, told in enumerate((*received, *_OTHERS)))
+    return tuple(Cause(bit, *texts) for bit, texts in enumerate((*received, *_OTHERS)))
 
 
 _SIDES = (("MOTION", "VehicleMotion"), ("CONDITIONS", "VehicleConditions"))
@@ -86,7 +58,7 @@ DIAGNOSTICS = _causes()
 
 
 @dataclass(frozen=True)
-class PieceView:
+class Piece:
     """Neighbouring bits of a signal that share a byte: C that makes them from `code`, and C that gives them back to it."""
 
     byte: int
@@ -95,63 +67,133 @@ class PieceView:
 
 
 @dataclass(frozen=True)
-class SignalView:
-    """A signal as the C and the DBC print it. What does not apply is empty."""
+class FrameSignal:
+    """A signal in its frame.
 
-    role: str
-    real: bool
-    field_type: str
-    name: str
-    comment: str
-    unit: str
-    pieces: tuple[PieceView, ...]
-    mask: str
-    low: int
-    high: int
-    not_available: int
-    scale: str
-    value: str
-    decoded: str
-    sign: str
-    qualifier_bit: str
-    dbc: str
-    dbc_values: str
+    Attributes:
+        definition: its entry in the table of signals.
+        layout: its place in the frame, as configured.
+        byte_order: of the frame.
+        precision: of the build.
+    """
+
+    definition: SignalDefinition
+    layout: Signal
+    byte_order: str
+    precision: Precision
+
+    @property
+    def name(self) -> str:
+        """Name in the DBC."""
+        return self.layout.name
+
+    @property
+    def field_type(self) -> str:
+        """C type of a whole number in the struct of its message; "" for a real signal, and for what is not in the struct."""
+        return "" if self.definition is _QUALIFIER else self.definition.c_type
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The signal byte by byte, from its least significant bit on."""
+        return _pieces(self.layout, self.byte_order)
+
+    @property
+    def mask(self) -> int:
+        """All bits of the code."""
+        return (1 << self.layout.length) - 1
+
+    @property
+    def qualifier_bit(self) -> int:
+        """Mask of its bit in the qualifier; 0 where it has none."""
+        return 1 << QUALIFIED.index(self.definition.role) if self.definition.message == "vehicle_motion" else 0
+
+    @property
+    def sign_bit(self) -> int:
+        """Mask of the sign in the code; 0 where it has none."""
+        return 1 << (self.layout.length - 1) if isinstance(self.layout, RealSignal) and self.layout.signed else 0
+
+    @property
+    def scale(self) -> str:
+        """Factor of the C, or its inverse in single precision; see `can_view`."""
+        assert isinstance(self.layout, RealSignal)
+        # Single precision multiplies and divides by the inverse: 200 is exact where 0.005 is not.
+        return literal(1.0 / self.layout.factor if self.precision == "single" else self.layout.factor, self.precision)
+
+    @property
+    def value(self) -> str:
+        """C of a real signal's value without its offset."""
+        return f"signals->{self.definition.role}{self._offset(' - ', ' + ')}"
+
+    @property
+    def decoded(self) -> str:
+        """C of a real signal's value from `code`, whose sign bit is inverted."""
+        assert isinstance(self.layout, RealSignal)
+        code = f"(int32_t)code - {self.sign_bit}" if self.sign_bit else "(int32_t)code"
+        return f"to_value({code}, {self.scale}, {self.layout.raw_not_available}){self._offset(' + ', ' - ')}"
+
+    def _offset(self, positive: str, negative: str) -> str:
+        assert isinstance(self.layout, RealSignal)
+        offset = self.layout.offset
+        return f"{positive if offset > 0.0 else negative}{literal(abs(offset), self.precision)}" if offset else ""
+
+    @property
+    def dbc(self) -> str:
+        """The signal's line in a DBC up to its unit."""
+        signal, order = self.layout, 1 if self.byte_order == "intel" else 0
+        place = f"{signal.name} : {signal.start_bit}|{signal.length}@{order}"
+        if not isinstance(signal, RealSignal):
+            return f'{place}+ (1,0) [0|{self.mask}] ""'
+        limits = f"[{decimal(signal.physical_low)}|{decimal(signal.physical_high)}]"
+        sign = "-" if signal.signed else "+"
+        return f'{place}{sign} ({decimal(signal.factor)},{decimal(signal.offset)}) {limits} "{self.definition.unit}"'
+
+    @property
+    def dbc_values(self) -> str:
+        """The signal's value table in a DBC; empty where it has none."""
+        if isinstance(self.layout, RealSignal):
+            return f'{self.layout.raw_not_available} "not available"'
+        return " ".join(f'{code} "{text}"' for code, text in enumerate(self.definition.values))
 
 
 @dataclass(frozen=True)
-class MessageView:
-    """A frame."""
+class Frame:
+    """A message with its signals.
+
+    Attributes:
+        role: in the configuration.
+        layout: as configured.
+        title: a phrase for comments.
+        sender, receiver: nodes of the DBC.
+    """
 
     role: str
-    ROLE: str
-    name: str
+    layout: Message
+    title: str
     sender: str
     receiver: str
-    title: str
-    id: str
-    dbc_id: int
-    data_id: str
-    data_id_decimal: int
-    signals: tuple[SignalView, ...]
-    crc_name: str
-    counter_name: str
+    signals: tuple[FrameSignal, ...]
 
     @property
-    def qualified(self) -> bool:
-        """Whether a qualifier says which signals are valid."""
-        return any(signal.role == "qualifier" for signal in self.signals)
+    def name(self) -> str:
+        """Name in the DBC."""
+        return self.layout.name
 
     @property
-    def reals(self) -> tuple[SignalView, ...]:
+    def is_qualified(self) -> bool:
+        """Whether the frame has a qualifier with a validity bit for each signal."""
+        return "qualifier" in self.layout.signals()
+
+    @property
+    def reals(self) -> tuple[FrameSignal, ...]:
         """The scaled signals."""
-        return tuple(signal for signal in self.signals if signal.real)
+        return tuple(signal for signal in self.signals if signal.definition.is_real)
 
 
 @dataclass(frozen=True)
 class CanView:
     """Everything that the templates of the CAN side print."""
 
-    messages: tuple[MessageView, ...]
+    messages: tuple[Frame, ...]
     diagnostics: tuple[Cause, ...]
     reception_bits: int
     cycle_time_ms: str
@@ -208,14 +250,14 @@ def can_view(config: Config, precision: Precision) -> CanView:
     can, period_ms = config.can, round(config.controller.sampling_time_s * 1e3, 9)
     count_mask = (1 << can.e2e.window_size.bit_length()) - 1
     return CanView(
-        messages=tuple(_message(can, role, precision) for role in can.messages()),
+        messages=tuple(_frame(can, role, precision) for role in can.messages()),
         diagnostics=DIAGNOSTICS,
         reception_bits=len(_RECEPTION),
-        cycle_time_ms=_decimal(period_ms),
+        cycle_time_ms=decimal(period_ms),
         cycle_time_is_whole=period_ms == round(period_ms),
-        baudrate=_decimal(can.bitrate_kbit_s * 1e3),
+        baudrate=decimal(can.bitrate_kbit_s * 1e3),
         **can.e2e.model_dump(),
-        window_ms=_decimal(period_ms * can.e2e.window_size),
+        window_ms=decimal(period_ms * can.e2e.window_size),
         window_mask=f"0x{((1 << can.e2e.window_size) - 2) * 0x10001:08X}",
         counts_mask=f"0x{count_mask * 0x10001:08X}",
         count_mask=f"0x{count_mask:02X}",
@@ -261,64 +303,26 @@ _TITLES = {
 }
 
 
-def _message(can: Can, role: str, precision: Precision) -> MessageView:
-    message = can.messages()[role]
+_QUALIFIER = SignalDefinition(
+    "",
+    start_bit=0,
+    length=0,
+    meaning=", ".join(f"bit {bit} {role.replace('_', ' ')}" for bit, role in enumerate(QUALIFIED)) + ": 1 = valid",
+    role="qualifier",
+)
+_DEFINITIONS = {(each.message, each.role): each for each in SIGNALS} | {("vehicle_motion", "qualifier"): _QUALIFIER}
+
+
+def _frame(can: Can, role: str, precision: Precision) -> Frame:
+    layout = can.messages()[role]
+    signals = (
+        FrameSignal(_DEFINITIONS[role, name], signal, layout.byte_order, precision) for name, signal in layout.signals().items()
+    )
     title, sender, receiver = _TITLES[role]
-    return MessageView(
-        role=role,
-        ROLE=role.upper(),
-        name=message.name,
-        sender=sender,
-        receiver=receiver,
-        title=title,
-        id=f"0x{message.id:03X}",
-        dbc_id=message.id,
-        data_id=f"0x{message.e2e_data_id:04X}",
-        data_id_decimal=message.e2e_data_id,
-        signals=tuple(_signal(message, name, signal, precision) for name, signal in message.signals().items()),
-        crc_name=message.crc_name,
-        counter_name=message.counter_name,
-    )
+    return Frame(role, layout, title, sender, receiver, tuple(signals))
 
 
-def _signal(message: Message, role: str, signal: Signal, precision: Precision) -> SignalView:
-    scaled: dict[str, Any] = {
-        **{"low": 0, "high": 2**signal.length - 1, "not_available": 0},
-        **dict.fromkeys(("scale", "value", "decoded", "sign"), ""),
-    }
-    if isinstance(signal, RealSignal):
-        sign = f"0x{1 << (signal.length - 1):X}u"
-        # Single precision multiplies and divides by the inverse: 200 is exact where 0.005 is not.
-        scale = literal(1.0 / signal.factor if precision == "single" else signal.factor, precision)
-        offset = literal(abs(signal.offset), precision)
-        more, less = (" + ", " - ") if signal.offset >= 0.0 else (" - ", " + ")
-        code = f"(int32_t)code - {1 << (signal.length - 1)}" if signal.signed else "(int32_t)code"
-        scaled = {
-            "low": signal.raw_low,
-            "high": signal.raw_high,
-            "not_available": signal.raw_not_available,
-            "value": f"signals->{role}" + (f"{less}{offset}" if signal.offset else ""),
-            "scale": scale,
-            "sign": sign if signal.signed else "",
-            "decoded": f"to_value({code}, {scale}, {signal.raw_not_available})" + (f"{more}{offset}" if signal.offset else ""),
-        }
-    return SignalView(
-        role=role,
-        real=isinstance(signal, RealSignal),
-        field_type=FIELD_TYPES.get(role, ""),
-        name=signal.name,
-        comment=MEANINGS[role],
-        unit=UNITS.get(role, ""),
-        pieces=_pieces(signal, message.byte_order),
-        mask=f"0x{(1 << signal.length) - 1:X}u",
-        qualifier_bit=f"0x{1 << QUALIFIED.index(role):X}u" if "qualifier" in message.signals() and role in QUALIFIED else "",
-        dbc=_dbc(message, role, signal),
-        dbc_values=_dbc_values(role, signal),
-        **scaled,
-    )
-
-
-def _pieces(signal: Signal, byte_order: str) -> tuple[PieceView, ...]:
+def _pieces(signal: Signal, byte_order: str) -> tuple[Piece, ...]:
     numbered = list(enumerate(signal.bits(byte_order)))
     pieces = []
     # From the least significant bit on, bits within a byte ascend in either byte order.
@@ -327,7 +331,7 @@ def _pieces(signal: Signal, byte_order: str) -> tuple[PieceView, ...]:
         shift, left, mask = members[0][0], members[0][1] % 8, f"0x{(1 << len(members)) - 1:02X}u"
         packed = _shifted(f"{_shifted('code', '>>', shift)} & {mask}", "<<", left)
         unpacked = _shifted(f"{_shifted(f'(uint32_t)data[{byte}]', '>>', left)} & {mask}", "<<", shift)
-        pieces.append(PieceView(byte, f"(uint8_t)({packed})", unpacked))
+        pieces.append(Piece(byte, f"(uint8_t)({packed})", unpacked))
     return tuple(pieces)
 
 
@@ -335,27 +339,3 @@ def _shifted(expression: str, operator: str, count: int) -> str:
     if count == 0:
         return expression
     return f"({expression} {operator} {count}u)" if operator == ">>" else f"({expression}) {operator} {count}u"
-
-
-def _dbc(message: Message, role: str, signal: Signal) -> str:
-    """The signal's line in a DBC up to its unit."""
-    order = 1 if message.byte_order == "intel" else 0
-    place = f"{signal.name} : {signal.start_bit}|{signal.length}@{order}"
-    if not isinstance(signal, RealSignal):
-        return f'{place}+ (1,0) [0|{2**signal.length - 1}] ""'
-    limits = f"[{_decimal(signal.physical_low)}|{_decimal(signal.physical_high)}]"
-    sign = "-" if signal.signed else "+"
-    return f'{place}{sign} ({_decimal(signal.factor)},{_decimal(signal.offset)}) {limits} "{UNITS[role]}"'
-
-
-def _dbc_values(role: str, signal: Signal) -> str:
-    """The signal's value table in a DBC; empty where it has none."""
-    if isinstance(signal, RealSignal):
-        return f'{signal.raw_not_available} "not available"'
-    tables = {"inhibit": ("free", "acting"), "status": STATUSES}
-    return " ".join(f'{code} "{text}"' for code, text in enumerate(tables.get(role, ())))
-
-
-def _decimal(value: float) -> str:
-    """Without an exponent, which not every reader of a DBC takes; twelve digits, so that no rounding shows."""
-    return np.format_float_positional(float(f"{value:.12g}"), trim="-")

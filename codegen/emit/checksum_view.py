@@ -21,7 +21,7 @@ from codegen.emit.text import Precision, numpy_type
 
 @dataclass(frozen=True)
 class ChecksumView:
-    """Everything that the templates print of the checksum.
+    """The checksum and the order of its parameters.
 
     Attributes:
         map: over the map alone, as a literal.

@@ -17,11 +17,9 @@ from codegen.emit.parameters import (
     DEGREE,
     RATE_OFF,
     Field,
-    FieldView,
     Parameter,
     ParameterView,
     configured,
-    field_view,
     parameter_views,
     search_strides,
 )
@@ -31,7 +29,7 @@ INITIALISED = 0x41525331
 """Mark of a state that was initialised: not zero, and unlikely in memory that holds anything else."""
 
 SQUARES_MAX = 1e12
-"""SI units: no number of a state comes near its root."""
+"""Largest sum of squares of a valid state, SI units. No number of a valid state comes near its root."""
 
 INPUT_NUMBERS = (
     "speed.value",
@@ -47,25 +45,31 @@ INPUT_NUMBERS = (
 """Numbers of the state of the inputs."""
 
 ACTUATOR_SAMPLES_MAX = 60_000
-"""Less than the largest number of the count, which goes to one above."""
+"""Largest value of the parameter; the count goes one above it and must not overflow."""
 
 REST_MIN = 0.01
 """m: least denominator of the law "proportional"; that of a stable car is more than its front axle's distance."""
 
 REFERENCE_OVERSHOOT = 1.15
-"""Of the reference model's yaw rate over what the road is taken to allow."""
+"""Largest yaw rate of the reference model, as a multiple of what the assumed friction allows."""
 
 SELFTEST_TOLERANCE = 1e-5
 """rad/s. Fusing multiply and add changes the lookup by some units in the last place; a wrong cell changes it by far more."""
 
 
 @dataclass(frozen=True)
-class GripView:
-    """What the map allows on its road, and the friction for each m/s^2 of it."""
+class RoadGrip:
+    """Grip of the road of the map.
 
-    grip_max: str
-    friction_per_grip: str
-    reference_overshoot: str
+    Attributes:
+        grip_max: m/s^2, the lateral acceleration that the map allows there.
+        friction_per_grip: s^2/m, friction for each m/s^2 of it.
+        reference_overshoot: REFERENCE_OVERSHOOT.
+    """
+
+    grip_max: float
+    friction_per_grip: float
+    reference_overshoot: float = REFERENCE_OVERSHOOT
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,9 @@ class ControllerView:
     counts: tuple[ParameterView, ...]
     points: tuple[tuple[str, int], ...]
     search_strides: tuple[int, ...]
-    state: tuple[FieldView, ...]
-    law_state: tuple[FieldView, ...]
-    grip_state: tuple[FieldView, ...]
+    state: tuple[Field, ...]
+    law_state: tuple[Field, ...]
+    grip_state: tuple[Field, ...]
     sample_ranges: Mapping[str, tuple[str, str]]
     command_max: str
     error_max: str
@@ -91,7 +95,7 @@ class ControllerView:
     period_text: str
     actuator_angle_max: str
     rest_min: str
-    grip: GripView
+    grip: RoadGrip
     known: tuple[str, ...]
     known_tolerance: str
 
@@ -129,7 +133,7 @@ def _common_parameters(config: Config) -> tuple[Parameter, ...]:
 
 
 def _actuator_parameters(config: Config) -> Iterator[Parameter]:
-    """By which the task judges whether the actuator follows; see `RearActuator`."""
+    """Parameters of the check that the actuator follows its command; see `RearActuator`."""
     actuator, period = config.rear_actuator, config.controller.sampling_time_s
     error: float | str = actuator.stuck_error_deg
     time: float | str = actuator.stuck_time_s
@@ -151,7 +155,7 @@ def _actuator_parameters(config: Config) -> Iterator[Parameter]:
 
 
 _LAW_STATE = (Field("bool", "is_limited", "a limit acted in the last sample"),)
-"""What every law leaves behind a sample, beside its own state."""
+"""State fields that every law has in addition to its own."""
 
 _GRIP_STATE = (
     Field("real", "reached", "m/s^2 of lateral acceleration, lately"),
@@ -172,22 +176,22 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
     law = law_of(config)
     parameters = parameter_views(controller_parameters(config), prefix, precision, real)
     law_fields = (*law.state, *_LAW_STATE)
-    law_state = [field_view(field, real) for field in law_fields]
-    state = [FieldView(f"{prefix}_law_t", "law", "the control law"), *(field_view(field, real) for field in _STATE)]
+    law_state = list(law_fields)
+    state = [Field(f"{prefix}_law_t", "law", "the control law"), *_STATE]
     numbers = [f"law.{field.name}" for field in law_fields if field.kind == "real"]
     numbers += [field.name for field in _STATE if field.kind == "real"]
     if law.uses_reference_model:
-        law_state.insert(0, FieldView(f"{prefix}_reference_model_t", "model", "of the car"))
-        state.insert(1, FieldView(f"{prefix}_grip_t", "grip", "of the road"))
+        law_state.insert(0, Field(f"{prefix}_reference_model_t", "model", "of the car"))
+        state.insert(1, Field(f"{prefix}_grip_t", "grip", "of the road"))
         numbers += [f"law.model.{name}" for name in ("sideslip_angle", "yaw_rate", "rear_angle")]
         numbers += [f"grip.{field.name}" for field in _GRIP_STATE]
     numbers += [f"inputs.{name}" for name in INPUT_NUMBERS]
     numbers += [f"limiter.{name}" for name in ("rear_angle", "speed", "front_angle")]
-    state.append(FieldView(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
-    state.append(FieldView(f"{prefix}_inputs_t", "inputs", "first in the chain"))
-    state.append(FieldView(f"{prefix}_limiter_t", "limiter", "last in the chain"))
-    state.append(FieldView(f"{prefix}_quality_t", "quality", "of the last sample"))
-    state.append(FieldView(f"{prefix}_status_t", "status", "of the last step"))
+    state.append(Field(f"{prefix}_measurement_t", "sample", "what is believed of the last one"))
+    state.append(Field(f"{prefix}_inputs_t", "inputs", "first in the chain"))
+    state.append(Field(f"{prefix}_limiter_t", "limiter", "last in the chain"))
+    state.append(Field(f"{prefix}_quality_t", "quality", "of the last sample"))
+    state.append(Field(f"{prefix}_status_t", "status", "of the last step"))
     period, points = config.controller.sampling_time_s, law.points(config, prefix)
     return ControllerView(
         parameters=parameters,
@@ -198,7 +202,7 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         search_strides=search_strides(max((size for _, size in points), default=0)),
         state=tuple(state),
         law_state=tuple(law_state),
-        grip_state=tuple(field_view(field, real) for field in _GRIP_STATE),
+        grip_state=_GRIP_STATE,
         sample_ranges={name: (f"{low:g}", f"{high:g}") for name, (low, high) in SAMPLE_RANGES.items()},
         command_max=f"{REAR_ANGLE_MAX_RAD:g}",
         error_max=f"{YAW_RATE_ERROR_MAX_RAD_S:g}",
@@ -209,17 +213,17 @@ def controller_view(config: Config, total: TotalMap, prefix: str, precision: Pre
         period_text=f"{period * 1e3:g} ms",
         actuator_angle_max=literal(config.rear_actuator.angle_max, precision),
         rest_min=literal(REST_MIN, precision),
-        grip=_grip_view(total, precision),
+        grip=_road_grip(total, precision),
         known=_known_values(total, precision),
         known_tolerance=literal(SELFTEST_TOLERANCE, precision),
     )
 
 
-def _grip_view(total: TotalMap, precision: Precision) -> GripView:
+def _road_grip(total: TotalMap, precision: Precision) -> RoadGrip:
     cap = total.lateral_acceleration_cap
-    # Rounded up, so that the full grip is not taken for a road more slippery than the map's.
+    # Rounded up, so that the full grip is not mistaken for a road more slippery than the map's.
     per_grip = total.friction / cap * (1.0 + 4.0 * float(np.finfo(numpy_type(precision)).eps))
-    return GripView(literal(cap, precision), literal(per_grip, precision), literal(REFERENCE_OVERSHOOT, precision))
+    return RoadGrip(cap, per_grip)
 
 
 def _known_values(total: TotalMap, precision: Precision) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
-"""Where the generated C breaks a rule of MISRA C:2012, or a checker finds fault, and why it stands: `deviations.md`.
+"""Deviations of the generated C from MISRA C:2012 and findings of checkers, with their reasons: `deviations.md`.
 
-Whether these are all, and none too many, is for `codegen verify` to say: the build does not run the checkers.
+The build does not run the checkers. `codegen verify` checks that the list is complete and has no obsolete entry.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from codegen.emit.misra_rules import RULES, category
 FILE = "deviations.md"
 
 CHECKER = "checker"
-"""In place of a category: a checker's own finding, not a rule of MISRA."""
+"""Category of a finding that a checker reports by its own rules, not by MISRA."""
 
 CODE_MAX = 90
 
@@ -32,7 +32,7 @@ class Deviation:
         file, line: where, from 1.
         rule: number of a rule, or a checker's own name for what it finds.
         code: that line of the file, see `excerpt`.
-        reason: why it stands.
+        reason: for the deviation.
     """
 
     file: str
@@ -44,13 +44,13 @@ class Deviation:
 
     @property
     def row(self) -> str:
-        """As a row of the table."""
+        """The deviation as a row of the table."""
         code = self.code.replace("|", "\\|")
         return f"| {self.file} | {self.line} | {self.rule} | {self.category} | `{code}` | {self.reason} |"
 
 
 def category_of(rule: str) -> str:
-    """Of a rule by its number; of a finding of a checker's own, `CHECKER`."""
+    """Category of a MISRA rule by its number; `CHECKER` for a checker's own finding."""
     return category(rule) if rule in RULES else CHECKER
 
 
@@ -65,7 +65,7 @@ Places = Iterator[tuple[Unit, int]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A rule that is deviated from: where, told by the code itself, and why."""
+    """A deviation from a rule: a function that finds its places in the code, and the reason."""
 
     rule: str
     find: Callable[[tuple[Unit, ...]], Places]
@@ -95,7 +95,7 @@ def _functions_for_callers(sources: tuple[Unit, ...]) -> Places:
 
 
 def _unions(sources: tuple[Unit, ...]) -> Places:
-    """Where a union is declared, and objects of its type."""
+    """Lines that declare a union or an object of its type."""
     for unit in sources:
         text = "\n".join(unit.lines)
         names = re.findall(r"^typedef union \{[^}]*\} (\w+);", text, re.MULTILINE)
@@ -173,10 +173,10 @@ def deviations(files: Mapping[str, bytes]) -> tuple[Deviation, ...]:
 
 
 def read_deviations(text: str) -> tuple[tuple[int, Deviation], ...]:
-    """The deviations that a `deviations.md` holds, each with the number of its row's line.
+    """Parse the deviations in a `deviations.md`, each with the line number of its row.
 
     Raises:
-        ValueError: a row of the table is none; its message names the line.
+        ValueError: malformed row; the message names the line.
     """
     rows = []
     body = False

@@ -12,7 +12,7 @@ from codegen.emit.text import Precision, literal
 from codegen.vehicle.dynamics import Model, single_track
 
 SPEED_MIN = 1.0
-"""m/s. Lower speeds count as this in the ECU's dynamics: the slip angles contain 1/speed."""
+"""Lower bound of the speed in the ECU's dynamics, in m/s: the slip angles contain 1/speed."""
 
 _LIBRARY_CALL = re.compile(r"\b(sin|cos|atan)f?\(")
 

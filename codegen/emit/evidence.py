@@ -20,7 +20,7 @@ from codegen.map_file.map import ReferenceMap
 
 @dataclass(frozen=True)
 class Evidence:
-    """Of one build: `margins` is None where the kind of controller has no feedback, `excess` where it is not asked for."""
+    """Design results of one build. `margins` is None for a kind without feedback, `excess` where it is not computed."""
 
     config: Config
     margins: Weakest | None
@@ -30,7 +30,7 @@ class Evidence:
 
     @classmethod
     def of(cls, reference_map: ReferenceMap, total: TotalMap, config: Config, real: Real) -> Evidence:
-        """Of a map, what a build holds of it in which numbers, and the configuration that it is built for.
+        """Compute the results from a map, its extension as stored in a number type, and the configuration.
 
         Raises:
             BuildError: see `law_of`.
@@ -44,7 +44,7 @@ class Evidence:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For the manifest. Margins and excess are rounded so that no machine's last bits show."""
+        """Return the results for the manifest. Margins and excess are rounded, so that they do not depend on the machine."""
         excess = {} if self.excess is None else {"reference_model_excess": self._excess(self.excess)}
         facts = {"margins": self._margins(), "loss_of_function": self.loss.to_dict(), "limiter_cut": self.limiter_cut.to_dict()}
         return {**facts, **excess}
@@ -76,8 +76,8 @@ class Evidence:
         }
 
     def loss_rows(self) -> list[tuple[str, ...]]:
-        """For the README, at the largest front angle of each speed: km/h, angles and sideslip in deg before the loss, and the
-        largest sideslip after each kind of loss."""
+        """Return rows for the README, for the largest front angle of each speed: km/h, angles and sideslip in deg before the
+        loss, and the largest sideslip after each kind of loss."""
         loss = self.loss
         rows = []
         last = {float(speed): k for k, speed in enumerate(loss.speed)}
@@ -92,13 +92,13 @@ class Evidence:
 
 
 def margins_of(config: Config) -> Weakest | None:
-    """Of the feedback that a configuration asks for; None without one. Raises BuildError: see `law_of`."""
+    """Return the margins of the configured feedback; None without one. Raises BuildError: see `law_of`."""
     gains = law_of(config).gains(config)
     return None if gains is None else weakest(config, gains)
 
 
 def margins_text(margins: Weakest | None) -> str:
-    """Of a feedback (None: there is none), for the README."""
+    """Return the margins of a feedback (None: there is none) as text for the README."""
     if margins is None:
         return "no feedback, so no margins"
     if margins.unstable_from is not None:

@@ -1,7 +1,7 @@
-"""What a generated folder holds, in memory and on disk: its files, its manifest, and what is ours and what is not.
+"""A generated folder in memory and on disk: its files, its manifest, and which files belong to the generator.
 
-A folder is ours where its `manifest.json` says so; a file is ours where that manifest names it. What the files hold is the
-business of others. Imports only `errors`.
+A folder belongs to the generator if its `manifest.json` declares it, and a file if that manifest names it. The content of the
+files does not matter here. Imports only `errors`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DEPTH_MAX = 32
 GENERATOR = "codegen"
 
 Kind = Literal["file", "folder", "other"]
-"""What an entry of a folder is; a link, to whatever, is "other"."""
+"""Return the type of a folder's entry; a link is always "other"."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Folder:
             raise ValueError(f"reserved keys in the manifest: {sorted(reserved)}")
 
     def content(self) -> dict[str, bytes]:
-        """Every file by path, the manifest first: a folder that is cut short still says what it was to hold."""
+        """Every file by path, the manifest first, so that a truncated folder still lists what it should hold."""
         return {MANIFEST: render_manifest(self), **self.files}
 
 
@@ -119,7 +119,9 @@ def read_manifest(target: Path) -> dict[str, Any]:
 
 
 def differences(folder: Folder, target: Path) -> list[str]:
-    """What building `folder` into `target` would change, one line a file; empty where it is up to date. Never writes.
+    """Return the changes that building `folder` into `target` would make, one line a file; empty if it is up to date.
+
+    Nothing is written.
 
     Raises:
         BuildError: something in the target cannot be read.
@@ -129,7 +131,7 @@ def differences(folder: Folder, target: Path) -> list[str]:
         return [f"{target}: {'not a folder' if os.path.lexists(place) else 'missing'}"]
     content = folder.content()
     ours = {*content, *BESIDE}
-    with told(target, "read"):
+    with as_build_error(target, "read"):
         found = dict(entries(place))
         lines = [f"{path}: missing" for path in content if path not in found]
         lines += [f"{path}: not named by the manifest" for path in strays(found.items(), ours)]
@@ -146,7 +148,7 @@ def verify_hashes(target: Path) -> list[str]:
         BuildError: as `read_manifest`, or a file cannot be read.
     """
     named = read_manifest(target)["files"]
-    with told(target, "read"):
+    with as_build_error(target, "read"):
         found = dict(entries(Path(target)))
         return sorted(
             path
@@ -222,8 +224,8 @@ def _sha256(path: Path) -> str:
 
 
 @contextmanager
-def told(target: Path, done: str) -> Iterator[None]:
-    """Tell an OSError as a BuildError: that `target` cannot be `done` ("written", "read"), why, and what to do."""
+def as_build_error(target: Path, done: str) -> Iterator[None]:
+    """Turn an OSError into a BuildError: `target` cannot be `done` ("written", "read"), the cause, and the remedy."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""From files to a rendered build: what it is called, and what its inputs hash to."""
+"""Render a build from files: read them, name the build and hash its inputs."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def prepare(
     Raises:
         MapError, ConfigError, BuildError: what cannot be read or built.
     """
-    # The name is checked before the map is read: a bad one is the quicker thing to mend.
+    # The name is checked before the map is read, so that a bad one is reported at once.
     options = BuildOptions(name=map_path.stem, prefix=prefix, precision=precision, request=request)
-    data = archive.read_map_file(map_path)  # once: what is hashed is what is built from
+    data = archive.read_map_file(map_path)  # read once, so that the hash is that of the map in use
     reference_map = npz.from_bytes(data, map_path)
     chosen = choose_config(reference_map, config_path)
     inputs = BuildInputs(

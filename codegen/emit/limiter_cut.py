@@ -18,7 +18,7 @@ from codegen.vehicle.single_track import SingleTrack
 FloatArray = npt.NDArray[np.float64]
 
 LEAST_RAD = 1e-6
-"""Smaller differences are not counted: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
+"""Smallest difference that counts, in rad: single precision resolves an angle of 0.1 rad to 7e-9, a solver to about 1e-8."""
 
 
 def limiter_bounds(config: Config, speed: FloatArray, front_angle: FloatArray) -> tuple[FloatArray, FloatArray]:

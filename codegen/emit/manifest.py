@@ -16,7 +16,7 @@ Numbers = Annotated[list[float], Field(min_length=1)]
 
 
 class _Read(BaseModel):
-    """Strict about what it knows; what else stands there is not looked at."""
+    """Known entries are checked strictly; unknown ones are ignored."""
 
     model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 

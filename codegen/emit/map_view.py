@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Literal, Self
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,16 +25,17 @@ MAGNITUDE = "turned"
 
 TABLE_RANGES = {quantity: PLAUSIBLE[key][:2] for quantity, key in (("yaw_rate", "yaw_rate"), ("rear_angle", "delta_r"))}
 SPEED_TOP, FRONT_ANGLE_TOP = PLAUSIBLE["vx"].high, PLAUSIBLE["delta_f"].high
-"""What a map may be calibrated to: rad/s and rad; m/s and rad."""
+"""Calibration limits of tables (rad/s, rad) and axes (m/s, rad)."""
 
 EVENNESS = 0.01
-"""Of a step: how far a breakpoint of an even core may lie from its even place, where the lookup takes it to be. A cell of a map
-varies by much less than the map, so that this is far below the map's own error; a calibration that moves one means more."""
+"""Largest deviation of a breakpoint of an even core from its even position, as a fraction of the step. The lookup assumes the
+even position. The resulting error is far below the interpolation error of the map. A calibration that moves a breakpoint on
+purpose moves it further."""
 
 
 @dataclass(frozen=True)
 class CellsView:
-    """Some cells of an even axis: of which kind, and when a value lies there, if it was in none of those before."""
+    """Cells of one kind on an even axis, and the condition for a value to lie in them, given that no earlier one held."""
 
     kind: Literal["core", "first", "last", "beyond"]
     condition: str
@@ -89,8 +90,8 @@ class LayerView:
 
 @dataclass(frozen=True)
 class NumbersView:
-    """The numbers of a table and the function that looks them up; of raw ones `times` says so in a comment, and `scale` is the
-    value of one; all empty for real numbers."""
+    """The numbers of a table and the function that looks them up. For raw numbers `times` is a comment and `scale` the value of
+    one step; both are empty for real numbers."""
 
     name: str
     function: str
@@ -117,33 +118,11 @@ class TableView(NumbersView):
 
 @dataclass(frozen=True)
 class GripView:
-    """What grip leaves of the cap, on axes of its own: constants of the C, no calibration."""
+    """Share of the cap that grip allows, on axes of its own: constants of the C that are not calibrated."""
 
     speed: AxisView
     front_angle: AxisView
     share: NumbersView
-
-
-@dataclass(frozen=True)
-class SteeringView:
-    """The linear car of `total.CapSteering`; what its tyres decide, for each layer with commas between."""
-
-    wheelbase: str
-    understeer_coefficient: str
-    rear_arm: str
-    rear_slip: str
-    sideslip_max: str
-    rear_angle_max: str
-
-    @classmethod
-    def of(cls, cars: Sequence[SteeringConstants], precision: Precision) -> Self:
-        """Of the layers' cars, which differ in their tyres alone."""
-        own = {field.name: literal(getattr(cars[-1], field.name), precision) for field in fields(cars[-1])}
-        of_the_tyres = {
-            name: ", ".join(literal(getattr(car, name), precision) for car in cars)
-            for name in ("understeer_coefficient", "rear_slip")
-        }
-        return cls(**own | of_the_tyres)
 
 
 @dataclass(frozen=True)
@@ -164,7 +143,7 @@ class MapView:
     frictions_text: str
     caps: str
     grip: GripView | None
-    steering: SteeringView
+    cars: Sequence[SteeringConstants]
     rear_angle_max_text: str
     cap: str
     cap_per_friction: str
@@ -187,7 +166,7 @@ class _Options:
 
 
 def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_angle: bool) -> MapView:
-    """The view of a total map; `with_rear_angle` where the control law looks the optimum's rear angle up.
+    """Return the view of a total map; `with_rear_angle` if the control law looks up the rear angle of the optimum.
 
     Raises:
         MapError: breakpoints that the target's precision cannot tell apart.
@@ -223,7 +202,7 @@ def map_view(total: TotalMap, precision: Precision, prefix: str, *, with_rear_an
         frictions_text=", ".join(f"{layer.friction:g}" for layer in total.stack),
         caps=", ".join(literal(value, precision) for value in lookup.caps),
         grip=grip,
-        steering=SteeringView.of(lookup.cars, precision),
+        cars=lookup.cars,
         rear_angle_max_text=_with_unit(total.steering.rear_angle_max, "rad"),
         cap=literal(lookup.lateral_acceleration_cap, precision),
         cap_per_friction=literal(lookup.lateral_acceleration_cap_per_friction, precision),
@@ -257,7 +236,7 @@ def _grip_view(total: TotalMap, lookup: Lookup, options: _Options) -> GripView |
 
 
 def _grip_numbers(total: TotalMap, lookup: Lookup) -> list[npt.NDArray[Any]]:
-    """What grip leaves, as the C holds it: shares (k, a, b), the scale of raw ones, both axes; nothing where it leaves all."""
+    """Share of the cap that grip allows, as the C stores it: shares (k, a, b), scale of raw ones, both axes; empty if none."""
     if total.grip is None or lookup.grip is None:
         return []
     scale, axes = total.grip.scale, (lookup.grip.speed_axis.table, lookup.grip.front_axis.table)
@@ -286,7 +265,7 @@ def _tables(total: TotalMap, lookup: Lookup, options: _Options, with_rear_angle:
 
 
 def _storage(quantity: str, unit: str, scale: float | None, precision: Precision) -> dict[str, str]:
-    """How numbers of a table are stored, for a view."""
+    """Storage of a table's numbers, for a view."""
     factor = "" if scale is None else literal(scale, precision)
     return {
         "type": "int16_t" if factor else c_type(precision),
@@ -395,7 +374,7 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, br
 
 
 def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView, ...]:
-    """In the order in which the fewest comparisons find the core. Every comparison is false for NaN; an axis begins at zero."""
+    """Return the cells in the order that finds the core with the fewest comparisons. Conditions are false for NaN."""
     # Of the steps where the table ends with the core: they may round up to one cell too many, which a last cell may be.
     counted, end = (argument, f"at[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
     beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")

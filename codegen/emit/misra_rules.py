@@ -230,7 +230,7 @@ RULES = {
 
 
 def category(rule: str) -> Category:
-    """Of a rule. Raises KeyError: there is none of that number."""
+    """Return the category of a rule. Raises KeyError for an unknown number."""
     if rule not in RULES:
         raise KeyError(rule)
     return "mandatory" if rule in MANDATORY else "advisory" if rule in ADVISORY else "required"

@@ -1,4 +1,4 @@
-"""What a command may write to, asked before it does any work."""
+"""Check of the output path of a command, before it does any work."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def check_output(path: Path | None, suffix: str, inputs: Iterable[Path | None] =
     """Refuse an output that would destroy something: an input, a device, a folder, a file inside a build.
 
     Args:
-        path: the file to write, or None where the user asked for none.
-        suffix: that its name must end in, such as ".npz".
+        path: the file to write, or None where the user gave none.
+        suffix: required end of its name, such as ".npz".
         inputs: files that the command reads.
 
     Raises:

@@ -10,7 +10,7 @@ from codegen.configuration.section import Range, Section
 from codegen.emit.text import Precision, lines_of, literal
 
 DEGREE = math.radians(1.0)
-"""rad."""
+"""One degree, in rad."""
 
 RATE_OFF = 1000.0
 """rad/s: a rate limit that never acts, for a rear axle that moves a few degrees."""
@@ -62,7 +62,7 @@ class ParameterView:
 
     @property
     def declaration(self) -> str:
-        """As a field of a struct."""
+        """Declaration as a field of a struct."""
         return f"{self.type} {self.name}{f'[{self.points}]' if self.points else ''};"
 
 
@@ -71,15 +71,6 @@ class Field:
     """One field of a state struct; `kind` "real" is the build's number type."""
 
     kind: str
-    name: str
-    comment: str
-
-
-@dataclass(frozen=True)
-class FieldView:
-    """A field of a state struct as C text."""
-
-    type: str
     name: str
     comment: str
 
@@ -122,8 +113,3 @@ def _braced(lines: tuple[str, ...]) -> str:
         return f"{{ {lines[0]} }}"
     rows = "\n".join(f"        {line}" for line in lines)
     return f"{{\n{rows}\n    }}"
-
-
-def field_view(field: Field, real: str) -> FieldView:
-    """The C text of a state field."""
-    return FieldView(real if field.kind == "real" else field.kind, field.name, field.comment)

@@ -1,4 +1,4 @@
-"""What a build tells of breakpoints that were chosen: in its manifest and its README."""
+"""Facts about chosen breakpoints for the manifest and the README of a build."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ AGAINST = {
     "surfaces": "the optimum, solved on a fine grid",
     "table": "the bilinear interpolation of the map's own table",
 }
-"""What an error is measured against."""
+"""Name of the reference of an error."""
 
 
 def request_facts(request: Request) -> dict[str, Any]:
-    """For the manifest's options."""
+    """Return the request for the options in the manifest."""
     return {"max_error_rad_s": request.max_error, "max_flash_bytes": request.max_flash, "storage": request.storage}
 
 
 def grip_facts(total: TotalMap) -> dict[str, Any]:
-    """For the manifest's map: the axes of what grip leaves of the cap, where that is not the same everywhere, and the slip of
-    the rear axle that the lookup takes the optimum's sideslip from."""
+    """Return the facts on grip for the map in the manifest: the axes of the share of the cap, if it varies, and the slip of the
+    rear axle from which the lookup computes the sideslip of the optimum."""
     if total.grip is None:
         return {}
     speed, front_angle = ([float(value) for value in axis] for axis in (total.grip.speed, total.grip.front_angle))
@@ -35,7 +35,7 @@ def grip_facts(total: TotalMap) -> dict[str, Any]:
 
 
 def placement_facts(placed: Placed) -> dict[str, Any]:
-    """For the manifest's map: errors are largest ones, after the cap, in the stored numbers."""
+    """Return the placement for the map in the manifest. Errors are maxima, after the cap, in the stored numbers."""
     error, scales, with_rear_angle = placed.error, placed.total.scales, placed.tables > 1
     facts: dict[str, Any] = {
         "axes": placed.spacing,
@@ -66,7 +66,7 @@ def placement_facts(placed: Placed) -> dict[str, Any]:
 
 
 def _rounded(error: float) -> float:
-    """Up, to four digits: what a search on a lattice found is no more exact, and no machine's last bits show."""
+    """Round up to four digits: a search on a lattice is no more exact, and the result does not depend on the machine."""
     if error <= 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(error)) - 3)
@@ -74,7 +74,7 @@ def _rounded(error: float) -> float:
 
 
 def placement_text(placed: Placed) -> str:
-    """For the README."""
+    """Return the placement as text for the README."""
     own, whole = (math.degrees(_rounded(error)) for error in (placed.error.yaw_rate, placed.error.yaw_rate_whole))
     stored = "" if placed.total.scales is None else ", stored as int16"
     return (
@@ -97,7 +97,7 @@ def _rear_text(rear_angle: float, as_yaw_rate: float) -> str:
 
 
 def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What came of a request, for JSON."""
+    """Return the result of a request for JSON."""
     table = manifest["map"]
     shape = [len(table["speed_m_s"]), len(table["front_angle_rad"])]
     storage = {"storage": table["storage"]} if "storage" in table else {}
@@ -105,7 +105,7 @@ def placement_summary(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def placement_line(manifest: Mapping[str, Any]) -> str:
-    """The same in words."""
+    """Return the result of a request as text."""
     facts = placement_summary(manifest)
     error, whole = (math.degrees(facts[key]) for key in ("error_rad_s", "error_whole_domain_rad_s"))
     rows, columns = facts["breakpoints"]

@@ -20,14 +20,14 @@ from codegen.vehicle.tyre import AxleTyres, MagicFormulaTyre
 FloatArray = npt.NDArray[np.float64]
 
 CURVE_ERROR_MAX = 1e-3
-"""Of the curve's peak: far below what is known of a tyre, and it keeps the table small."""
+"""Largest error of the table, as a fraction of the peak of the curve: far below tyre scatter, and it keeps the table small."""
 CELLS = (32, 64, 128, 256, 512)
 COMPRESSIONS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 ERROR_SAMPLES = 64
-"""Points of each cell at which the error of the interpolation is looked at."""
+"""Points of each cell at which the interpolation error is evaluated."""
 ERROR_ALLOWANCE = 1.02
-"""What may lie between those points: near its maximum, the error of a chord is a parabola, flat to (1/64)^2 there; the rest is
-for the rounding of the target's precision."""
+"""Allowance for errors between those points: near its maximum the error of a chord is a parabola, flat to (1/64)^2. The rest
+covers the rounding of the target's precision."""
 
 SIDESLIP_MAX = math.radians(20.0)
 

@@ -9,11 +9,12 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from codegen.emit.filters import FILTERS
 from codegen.errors import BuildError
 
 
 def templates_root() -> Path:
-    """The template folder: inside an installed package, or beside the package in a checkout."""
+    """The template folder: inside an installed package, or next to the package in a checkout."""
     package = Path(__file__).resolve().parent.parent
     for candidate in (package / "_templates", package.parent / "templates"):
         if (candidate / "_macros.j2").is_file():
@@ -24,7 +25,7 @@ def templates_root() -> Path:
 @lru_cache(maxsize=1)
 def environment() -> Environment:
     """The one environment: an undefined name is an error, and a template's last newline is kept."""
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader(templates_root(), encoding="utf-8"),
         undefined=StrictUndefined,
         keep_trailing_newline=True,
@@ -32,6 +33,8 @@ def environment() -> Environment:
         lstrip_blocks=False,
         autoescape=False,
     )
+    made.filters.update(FILTERS)
+    return made
 
 
 def render(template: str, context: Mapping[str, Any]) -> bytes:

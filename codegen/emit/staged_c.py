@@ -1,4 +1,4 @@
-"""A CasADi SX function as C99 in stages and for many lanes: what changes rarely is computed rarely.
+"""A CasADi SX function as C99 in stages and for many lanes: each operation runs only when one of its arguments has changed.
 
 Each operation belongs to the first stage that knows everything it depends on. What later stages need of an earlier one is held
 in an array between them; to divide by a number of an earlier stage, its reciprocal is taken there, once.
@@ -22,7 +22,7 @@ from codegen.emit.text import literal
 
 @dataclass(frozen=True)
 class Stage:
-    """What is computed when the arguments of a stage have changed.
+    """Code of one stage, which runs when its arguments have changed.
 
     Attributes:
         name: of the stage.
@@ -86,13 +86,13 @@ class _Printer:
         return held[value.text]
 
     def reciprocal(self, value: _Value) -> _Value:
-        """One over a value, in its own stage."""
+        """Return the reciprocal of a value, in the stage of the value."""
         if value.text not in self.reciprocals:
             self.reciprocals[value.text] = self.define(value.stage, f"{literal(1.0, 'double')} / {value.text}", value.depth)
         return self.reciprocals[value.text]
 
     def operation(self, operation: int, arguments: list[_Value]) -> _Value:
-        """One instruction."""
+        """Add one instruction."""
         stage = max(0, *(argument.stage for argument in arguments))
         if operation == ca.OP_DIV and -1 < arguments[1].stage < stage:
             arguments = [arguments[0], self.reciprocal(arguments[1])]

@@ -11,11 +11,11 @@ from codegen.emit.render import render
 
 @dataclass(frozen=True)
 class TakeOver:
-    """What their templates know beside the build.
+    """Names that the templates of the integration files use in addition to the build.
 
     Attributes:
-        sources: what the controller and its task need, relative to the build.
-        dynamics_source: the one that needs the mathematical library, and that no other needs.
+        sources: files of the controller and its task, relative to the build.
+        dynamics_source: the file that needs the mathematical library; no other file needs it.
         zephyr_name: of the Zephyr module and its library.
         ZEPHYR_NAME: the same as a symbol of Kconfig; long enough not to meet one of Zephyr's own, whatever the prefix.
     """
@@ -27,7 +27,7 @@ class TakeOver:
 
     @classmethod
     def of(cls, prefix: str, sources: Iterable[str]) -> Self:
-        """Of all sources of a build with this prefix."""
+        """Return the names for all sources of a build with this prefix."""
         dynamics, name = f"src/{prefix}_dynamics.c", f"{prefix}_rear_steering"
         return cls(tuple(source for source in sources if source != dynamics), dynamics, name, name.upper())
 

@@ -1,7 +1,7 @@
 """Write a generated folder as one step.
 
-A new folder is made beside the old one and swapped in whole: a full disk, an interrupt or a kill leaves the old one or the
-new one, never a mixture. Only files that a folder's own manifest names are ever removed.
+A new folder is written next to the old one and swapped in whole. A full disk, an interrupt or a kill leaves the old one or
+the new one, never a mixture. Only files that a folder's own manifest names are ever removed.
 
 Imports `errors`, `files` and, of this package, `folder`, whose public names are offered here as well.
 """
@@ -23,6 +23,7 @@ from codegen.emit.folder import (
     BESIDE,
     MANIFEST,
     Folder,
+    as_build_error,
     differences,
     entries,
     folders_of,
@@ -30,7 +31,6 @@ from codegen.emit.folder import (
     read_manifest,
     render_manifest,
     strays,
-    told,
     verify_hashes,
 )
 from codegen.errors import BuildError
@@ -52,7 +52,7 @@ __all__ = [
 def write_folder(folder: Folder, target: Path) -> bool:
     """Make `target` hold exactly `folder`; return whether anything had to change.
 
-    Nothing at all is touched where every byte is there already. Otherwise the folder is replaced as a whole, and the
+    Nothing is touched if every byte is there already. Otherwise the folder is replaced as a whole, and the
     `BESIDE` files of the old build go with it. A link to a folder is followed. Builds into one parent folder take turns.
 
     Raises:
@@ -60,7 +60,7 @@ def write_folder(folder: Folder, target: Path) -> bool:
             other exception up to the swap, what stood before still stands.
     """
     place = Path(os.path.realpath(target))
-    with told(target, "written"), _parents(place.parent), _turn(place.parent):
+    with as_build_error(target, "written"), _parents(place.parent), _turn(place.parent):
         _restore(place)
         _refuse_foreign(place, target)
         _refuse_other_kind(folder, place, target)
@@ -90,7 +90,7 @@ def _refuse_foreign(place: Path, target: Path) -> None:
 
 
 def _refuse_other_kind(folder: Folder, place: Path, target: Path) -> None:
-    """A build does not replace a firmware project, nor the other way round."""
+    """Refuse to replace a firmware project by a build, or a build by a firmware project."""
     if owned_paths(place) and read_manifest(place).get("what") != folder.manifest.get("what"):
         raise BuildError(
             "another kind of generated folder stands there",
@@ -196,7 +196,7 @@ def _turn(parent: Path) -> Iterator[None]:
 
 
 def _temporary(place: Path) -> tuple[Path, Path]:
-    """Where this process makes the new folder, and where it puts the old one if the two cannot be exchanged."""
+    """Paths for the new folder, and for the old one if the two cannot be exchanged."""
     name = f".{place.name}.codegen-tmp-{os.getpid()}"
     return place.with_name(name), place.with_name(f"{name}-old")
 
@@ -237,7 +237,7 @@ def _restore(place: Path) -> None:
 def _discard(folder: Path) -> None:
     """Remove the files that the manifest of `folder` names, and the folders that this leaves empty.
 
-    What cannot be removed stays for the next build, and the manifest with it: no reason to call a finished build failed.
+    Files that cannot be removed stay for the next build, with the manifest. A finished build does not fail because of them.
     """
     if folder.is_symlink():
         return

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 
 from codegen.configuration import Config
+from codegen.configuration.signals import CARRIED, RECORDED
 from codegen.emit.render import render
 from codegen.emit.staged_c import staged_body
 from codegen.emit.text import Precision, c_type, literal
@@ -23,7 +24,8 @@ PLANT_UNIT = "batch/batch_plant.c"
 """The source whose loops become vectors."""
 
 _UNRECORDED = ("position_x", "position_y", "heading")
-"""States on which no recorded column depends: they are left out."""
+"""States on which no other column depends: they are left out unless a signal is one of them."""
+_SOURCES = {each.source for each in RECORDED}
 
 
 def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
@@ -36,6 +38,8 @@ def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": c_type(precision),
         "zero": literal(0.0, precision),
+        "carried": CARRIED,
+        "recorded": RECORDED,
         "batch": {"lanes": LANES, "columns": RECORD_COLUMNS, "parameters": model.parameters},
         "plant": _plant_view(model),
     }
@@ -44,7 +48,7 @@ def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str
 
 
 def _plant_view(model: ParametricModel) -> dict[str, Any]:
-    states = [name for name in model.states if name not in _UNRECORDED]
+    states = [name for name in model.states if name not in _UNRECORDED or f"state.{name}" in _SOURCES]
     motion = [name for name in model.outputs if name != "front_angle"]
     car, held, rates = staged_body(
         _function(model, "derivative", states, states),

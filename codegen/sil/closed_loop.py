@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.configuration.signals import MEASURED, RECORDED, SignalDefinition
 from codegen.sil.software import RECORD_COLUMNS, Software
 
 FloatArray = npt.NDArray[np.float64]
@@ -73,7 +75,7 @@ class ClosedLoop:
             inputs: (samples * steps_per_sample, 6), columns INPUT_COLUMNS.
 
         Returns:
-            (samples, 12), columns RECORD_COLUMNS.
+            (samples, columns), RECORD_COLUMNS.
         """
         inputs, samples = self._checked(inputs)
         record = np.empty((samples, len(RECORD_COLUMNS)))
@@ -105,7 +107,7 @@ class ClosedLoop:
         rows = []
         for sample in range(samples):
             steps = inputs[sample * self.steps_per_sample : (sample + 1) * self.steps_per_sample]
-            speed, wheel, friction, estimate, moment, inhibit = (float(value) for value in steps[0])
+            speed, wheel, friction, _, moment, _ = (float(value) for value in steps[0])
             plant_input[0] = (speed, wheel, 0.0, friction, moment)
             lib.plant_output(plant, plant_input, output)
             if driver is not None:
@@ -113,22 +115,17 @@ class ClosedLoop:
                 steps[:, 1] = driver((plant.position_x, plant.position_y, plant.heading), output.sideslip_angle, plant.yaw_rate)
             rear_angle, reference, status = 0.0, 0.0, 2
             if setup.controlled:
-                measurement[0] = (
-                    speed,
-                    output.front_angle,
-                    plant.yaw_rate,
-                    plant.rear_angle,
-                    estimate,
-                    output.lateral_acceleration,
-                    inhibit > 0.0 or inhibit < 0.0,
-                )
+                scenario = dict(zip(INPUT_COLUMNS, steps[0].tolist(), strict=True))
+                for signal in MEASURED:
+                    setattr(measurement, signal.role, _value(signal, scenario, plant, output))
                 command = software.function("controller_step")(controller, self._parameters, measurement)
                 rear_angle, reference, status = command.rear_angle, command.yaw_rate_reference, command.status
             rows.append(
                 (
                     *(sample * self.sampling_time, speed, output.front_angle, plant.yaw_rate, reference),
                     *(output.sideslip_angle, output.lateral_acceleration, rear_angle, plant.rear_angle),
-                    *(output.slip_front, output.slip_rear, float(status)),
+                    *(output.slip_front, output.slip_rear, *(_value(signal, {}, plant, output) for signal in RECORDED)),
+                    float(status),
                 )
             )
             waiting.append(rear_angle)
@@ -147,3 +144,14 @@ class ClosedLoop:
                 f"inputs of shape {inputs.shape}; needed: (k * {self.steps_per_sample}, {len(INPUT_COLUMNS)}) for k samples"
             )
         return inputs, inputs.shape[0] // self.steps_per_sample
+
+
+def _value(signal: SignalDefinition, scenario: Mapping[str, float], plant: Any, output: Any) -> float | bool:
+    """Value of a signal from the car, from a row of the scenario, and from state and output structs of the plant."""
+    if not signal.source:
+        return False if signal.is_flag else math.nan
+    if signal.origin == "scenario":
+        value = scenario[signal.origin_name]
+    else:
+        value = float(getattr(plant if signal.origin == "state" else output, signal.origin_name))
+    return abs(value) > 0.0 if signal.is_flag else value

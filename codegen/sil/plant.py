@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from codegen.configuration import Config
+from codegen.configuration.signals import RECORDED
 from codegen.emit.dynamics_view import function_view
 from codegen.emit.render import render
 from codegen.sil.compile import compile_library
@@ -26,7 +28,7 @@ class PlantInput:
 
 @dataclass(frozen=True)
 class PlantSample:
-    """The car at one time: rad, rad/s, m/s^2."""
+    """The car at one time: rad, rad/s, m/s^2; in `recorded` the values of the signals `RECORDED` that this car has, by role."""
 
     front_angle: float
     yaw_rate: float
@@ -35,6 +37,11 @@ class PlantSample:
     lateral_acceleration: float
     slip_front: float
     slip_rear: float
+    recorded: Mapping[str, float] = field(default_factory=dict)
+
+    def recorded_values(self) -> list[float]:
+        """Values of all signals `RECORDED`, in order; NaN where this car has none."""
+        return [self.recorded.get(each.role, math.nan) for each in RECORDED]
 
 
 class Plant:
@@ -69,6 +76,7 @@ class Plant:
             output.lateral_acceleration,
             output.slip_front,
             output.slip_rear,
+            {each.role: getattr(state if each.origin == "state" else output, each.origin_name) for each in RECORDED},
         )
 
     @property

@@ -17,6 +17,8 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.configuration import Config
+from codegen.configuration.signals import MEASURED, RECORDED
+from codegen.configuration.signals import Measurement as Measurement
 from codegen.emit.can_view import task_name, task_view
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
@@ -39,6 +41,7 @@ RECORD_COLUMNS = (
     "rear_angle_rad",
     "slip_front_rad",
     "slip_rear_rad",
+    *(each.variable for each in RECORDED),
     "status",
 )
 """Columns of a run, in order; time at the sample, everything else as it is at that time."""
@@ -52,19 +55,6 @@ class Status(enum.IntEnum):
     STANDBY = 2
     DEGRADED = 3
     FAIL_SAFE = 4
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """One sample: m/s, rad, rad/s, rad (NaN: not measured), friction (NaN: unknown), m/s^2 (NaN: not measured)."""
-
-    speed: float
-    front_angle: float
-    yaw_rate: float
-    rear_angle: float = math.nan
-    friction: float = math.nan
-    lateral_acceleration: float = math.nan
-    inhibit: bool = False
 
 
 @dataclass(frozen=True)
@@ -236,6 +226,8 @@ def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str
         "real": c_type(precision),
         "zero": literal(0.0, precision),
         "loop": {"columns": RECORD_COLUMNS},
+        "measured": MEASURED,
+        "recorded": RECORDED,
         "task": task_view(config),
     }
     loop = {f"bench/{name}": render(f"sil/{name}.j2", context) for name in ("loop.h", "loop.c")}

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from codegen import configuration
 from codegen.configuration import KM_H, Config
+from codegen.configuration.signals import MEASURED
 from codegen.emit.inputs_view import inputs_parameters
 from codegen.emit.limiter_view import opposite_phase_speeds_km_h
 from codegen.errors import CodegenError
@@ -29,7 +30,7 @@ FloatArray = npt.NDArray[np.float64]
 Drive = npt.NDArray[np.float32]
 """Samples one after the other, (samples, 7) by COLUMNS: the fields of `Measurement`, `inhibit` as 0 or 1."""
 
-COLUMNS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration", "inhibit")
+COLUMNS = tuple(each.role for each in MEASURED if each.is_used)
 
 DELAY_SAMPLES = 1
 """Of computation in the recordings: an ECU sends its command one period after it has sampled."""

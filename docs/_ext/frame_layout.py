@@ -5,13 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from codegen.configuration.signals import SIGNALS
 from codegen.report.style import BLACK, GREY, ORANGE, SKY, WHITE, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLOURS = {"crc": "#D9D9D9", "counter": "#D9D9D9", "status": ORANGE, "qualifier": ORANGE, "inhibit": ORANGE}
+_COLOURS = {
+    **{"crc": "#D9D9D9", "counter": "#D9D9D9", "status": ORANGE, "qualifier": ORANGE},
+    **{each.name.lower(): ORANGE for each in SIGNALS if each.is_flag},
+}
 
 
 def frames(dbc: Path) -> Figure:

@@ -169,11 +169,11 @@ def drive(
                 wheel = driver.steer(plant.position, car.sideslip_angle, car.yaw_rate)
                 steps = [[step[0], wheel, *step[2:]] for step in steps]
             if controller is not None:
-                answer = controller.step(Measurement(**measured(car), friction=estimate, inhibit=bool(inhibit)))
+                answer = controller.step(Measurement(**measured(car), **car.recorded, friction=estimate, inhibit=bool(inhibit)))
                 command, reference, status = answer.rear_angle, answer.yaw_rate_reference, answer.status
             row[1:] = (
                 *(plant.speed, car.front_angle, car.yaw_rate, reference, car.sideslip_angle, car.lateral_acceleration),
-                *(command, car.rear_angle, car.slip_front, car.slip_rear, status),
+                *(command, car.rear_angle, car.slip_front, car.slip_rear, *car.recorded_values(), status),
             )
             waiting.append(command)
             acting = waiting.popleft()

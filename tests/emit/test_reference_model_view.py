@@ -36,7 +36,7 @@ def axle_curve(of: MagicFormulaTyre, x: Any, loss: float) -> Any:
 @pytest.mark.parametrize("loss", [0.0, 0.2, -0.1])
 @pytest.mark.parametrize(("c", "e"), SHAPES)
 def test_the_stated_error_holds_and_is_not_far_above(c: float, e: float, loss: float) -> None:
-    """On points that lie elsewhere than those of the search: even ones, and geometric ones far out."""
+    """Check other points than the search: evenly spaced ones, and geometric ones far out."""
     table, curve, step = tabulate(tyre(c, e), loss), TableCurve.of(tyre(c, e), np.float64, loss), 1e-7
     x = np.concatenate([np.linspace(0.0, 40.0, 60_007), np.geomspace(1e-5, 1e6, 40_003)])
     (value, slope), (ahead, _) = curve(x), curve(x + step)

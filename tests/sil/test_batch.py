@@ -259,8 +259,8 @@ def check_columns(software: BatchSoftware) -> None:
         part = software.run(PROFILES["step steer"], lanes, columns=columns)
         assert part.shape == (len(columns), SAMPLES, LANES + 2)
         require_bits(part, whole[[RECORD_COLUMNS.index(name) for name in columns]])
-    assert software.run(PROFILES["step steer"], Lanes(ONE[:0])).shape == (12, SAMPLES, 0)
-    assert software.run(profile(samples=0), Lanes(ONE)).shape == (12, 0, 1)
+    assert software.run(PROFILES["step steer"], Lanes(ONE[:0])).shape == (len(RECORD_COLUMNS), SAMPLES, 0)
+    assert software.run(profile(samples=0), Lanes(ONE)).shape == (len(RECORD_COLUMNS), 0, 1)
     parameters = software.parameters(proportional_gain=0.0, integral_gain=0.0)
     angle, yaw_rate = software.run(PROFILES["step steer"], Lanes(ONE), parameters, ["rear_angle_rad", "yaw_rate_rad_s"])
     assert not angle.any() and yaw_rate.any(), "without gains the rear wheels stay straight"

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from codegen.configuration import parse
-from codegen.emit.xcp_view import xcp_view
+from codegen.emit.filters import hexadecimal
+from codegen.emit.xcp_timing import xcp_timing
 from codegen.errors import BuildError, CodegenError, ConfigError
 from codegen.sil.toolchain import compiler_command
 from hil_sim import native
@@ -38,9 +39,11 @@ def test_identifiers_that_clash_are_refused(can: dict[str, object], message: str
 )
 def test_identifiers_and_the_period_in_the_program(period: float, ticks: int, mode: str, cycle: int, unit: int) -> None:
     tables = {"controller": {"sampling_time_s": period}, "plant": {"sampling_time_s": 0.00025}}
-    view = xcp_view(parse({**tables, "can": {"xcp_receive_id": 0x7A, "xcp_transmit_id": 0x7B}}, "car.toml"))
-    assert (view.timestamp_ticks, view.timestamp_mode, view.event_cycle, view.event_unit) == (ticks, mode, cycle, unit)
-    assert (view.receive_id, view.transmit_id) == ("0x07A", "0x07B")
+    config = parse({**tables, "can": {"xcp_receive_id": 0x7A, "xcp_transmit_id": 0x7B}}, "car.toml")
+    timing = xcp_timing(config)
+    printed = f"{hexadecimal(timing.timestamp_mode, 2)}u"
+    assert (timing.timestamp_ticks, printed, timing.event_cycle, timing.event_unit) == (ticks, mode, cycle, unit)
+    assert (hexadecimal(config.can.xcp_receive_id, 3), hexadecimal(config.can.xcp_transmit_id, 3)) == ("0x07A", "0x07B")
 
 
 @pytest.mark.parametrize(

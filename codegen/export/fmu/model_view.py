@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from codegen.configuration import Config
+from codegen.configuration.signals import MEASURED
 from codegen.emit.text import Precision, literal
 from codegen.export.fmu.standard import Version
 from codegen.export.fmu.variables import Role, Variable, What, of_role
@@ -191,5 +192,6 @@ def context(what: What, config: Config, prefix: str, precision: Precision, varia
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": "float" if precision == "single" else "double",
         "zero": literal(0.0, precision),
+        "measured": MEASURED,
         "what": model_view(what, config, prefix, variables),
     }

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.configuration.signals import MEASURED, RECORDED
 from codegen.export.fmu.units import unit_of_name
 from codegen.vehicle.dynamics import two_track
 
@@ -118,6 +119,9 @@ def _road(config: Config) -> tuple[Variable, ...]:
     )
 
 
+_MEMBER = {"state": "plant.", "output": "output."}
+
+
 def _motion(config: Config) -> tuple[Variable, ...]:
     """The car as it is now."""
     car = (
@@ -128,6 +132,7 @@ def _motion(config: Config) -> tuple[Variable, ...]:
         _output("rear_angle_rad", "plant.rear_angle", f"achieved angle of the {_REAR}"),
         _output("slip_front_rad", "output.slip_front", "slip angle at the middle of the front axle"),
         _output("slip_rear_rad", "output.slip_rear", "slip angle at the middle of the rear axle"),
+        *(_output(each.variable, _MEMBER[each.origin] + each.origin_name, each.meaning) for each in RECORDED),
     )
     at_once = _inputs_at_once(config)
     return tuple(replace(each, depends=at_once.get(each.member, ())) for each in car)
@@ -173,23 +178,22 @@ def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
 
 
 def _measurement(config: Config) -> tuple[Variable, ...]:
-    """What the controller measures. No bounds: it judges its inputs itself."""
-    return (
-        _input("speed_m_s", "speed", "forward speed of the car, negative in reverse"),
-        _input("front_angle_rad", "front_angle", f"angle of the {_FRONT}"),
-        _input("yaw_rate_rad_s", "yaw_rate", "positive to the left"),
-        _input("rear_angle_rad", "rear_angle", f"achieved angle of the {_REAR}; counts where rear_angle_available"),
-        _flag("rear_angle_available", "false: the rear angle is not measured", start=True),
-        _input("friction", "friction", "estimated peak friction; counts where friction_available", start=config.road.friction),
-        _flag("friction_available", "false: the controller takes the friction of its map"),
-        _input(
-            "lateral_acceleration_m_s2",
-            "lateral_acceleration",
-            "at the centre of gravity, positive to the left; counts where lateral_acceleration_available",
-        ),
-        _flag("lateral_acceleration_available", "false: the lateral acceleration is not measured"),
-        _flag("inhibit", "ESC or ABS is acting: the integrator holds"),
-    )
+    """The controller's measurement. No bounds: the controller checks its inputs itself."""
+    found: list[Variable] = []
+    for signal in MEASURED:
+        if not signal.is_real:
+            found.append(_flag(signal.role, signal.comment))
+        elif not signal.is_optional:
+            found.append(_input(signal.variable, signal.role, signal.meaning))
+        else:
+            available = f"{signal.role}_available"
+            start = config.road.friction if signal.role == "friction" else 0.0
+            found.append(_input(signal.variable, signal.role, f"{signal.meaning}; counts where {available}", start=start))
+            found.append(_flag(available, f"false: {_ABSENCE.get(signal.role, 'not measured')}", signal.role == "rear_angle"))
+    return tuple(found)
+
+
+_ABSENCE = {"friction": "the controller takes the friction of its map"}
 
 
 def _initial(config: Config) -> Variable:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from codegen import configuration
 from codegen.configuration import Config
-from codegen.configuration.can import Message, RealSignal, Signal
+from codegen.configuration.can import Message, RealSignal
+from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
@@ -32,48 +32,6 @@ SEED_SAMPLES = 24
 
 CRC_AND_COUNTER = range(12)
 """Bits of a protected frame."""
-
-
-@dataclass(frozen=True)
-class SignalView:
-    """A signal of a frame, for a harness to take apart by itself."""
-
-    bits: tuple[int, ...]
-    is_signed: str
-    not_available: int
-    factor: str
-    offset: str
-
-
-@dataclass(frozen=True)
-class MessageView:
-    """Identifiers of a frame."""
-
-    id: int
-    data_id: int
-
-
-@dataclass(frozen=True)
-class CommandView:
-    """The frame that is sent."""
-
-    id: int
-    data_id: int
-    status: SignalView
-    rear_angle: SignalView
-    yaw_rate_reference: SignalView
-    used_bits: str
-
-
-@dataclass(frozen=True)
-class BoundsView:
-    """A physical signal with its limits: field and struct in the harness."""
-
-    message: str
-    role: str
-    low: str
-    high: str
-    factor: str
 
 
 def source(subject: Subject, name: Name) -> bytes:
@@ -95,10 +53,11 @@ def source(subject: Subject, name: Name) -> bytes:
         "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
         "real": c_type(manifest["options"]["precision"]),
         "task": task_view(config),
-        "motion": _message(config.can.vehicle_motion),
-        "conditions": _message(config.can.vehicle_conditions),
-        "command": _command(config),
-        "signals": tuple(_bounds(config)),
+        "can": config.can,
+        "used_bits": _used_bits(config.can.rear_steer_command),
+        "signals": tuple(_reals(config)),
+        "measured": MEASURED,
+        "carried": CARRIED,
         "stacked": len(facts["frictions"]) > 1,
         "with_rear_angle": law.uses_rear_angle,
         "with_model": law.uses_reference_model,
@@ -129,40 +88,19 @@ def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:
     }
 
 
-def _message(message: Message) -> MessageView:
-    return MessageView(message.id, message.e2e_data_id)
-
-
-def _command(config: Config) -> CommandView:
-    message = config.can.rear_steer_command
+def _used_bits(message: Message) -> int:
+    """The bits of a frame that hold something, from the lowest of byte 0."""
     used = {*CRC_AND_COUNTER, *(bit for signal in message.signals().values() for bit in signal.bits(message.byte_order))}
-    views = {
-        role: _signal(signal, message.byte_order)
-        for role, signal in message.signals().items()
-        if role in ("status", "rear_angle", "yaw_rate_reference")
-    }
-    return CommandView(message.id, message.e2e_data_id, **views, used_bits=f"0x{sum(1 << bit for bit in used):016X}u")
+    return sum(1 << bit for bit in used)
 
 
-def _signal(signal: Signal, byte_order: str) -> SignalView:
-    real = signal if isinstance(signal, RealSignal) else None
-    return SignalView(
-        bits=signal.bits(byte_order),
-        is_signed="true" if real is not None and real.signed else "false",
-        not_available=real.raw_not_available if real is not None else 0,
-        factor=literal(real.factor if real is not None else 1.0, "double"),
-        offset=literal(real.offset if real is not None else 0.0, "double"),
-    )
-
-
-def _bounds(config: Config) -> Iterator[BoundsView]:
+def _reals(config: Config) -> Iterator[tuple[str, str, RealSignal]]:
+    """Struct in the harness, field and layout of each scaled signal."""
     names = {"vehicle_motion": "motion", "vehicle_conditions": "conditions", "rear_steer_command": "command"}
     for role, message in config.can.messages().items():
         for name, signal in message.signals().items():
             if isinstance(signal, RealSignal):
-                limits = (signal.physical_low, signal.physical_high, signal.factor)
-                # The harness has no number for the reference of a command but the measured yaw rate.
-                yield BoundsView(names[role], name, *(literal(value, "double") for value in limits))
+                yield names[role], name, signal
 
 
 def _can_seeds(config: Config, recording: Recording) -> Iterator[Iterable[int]]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from codegen.configuration.signals import MEASURED
 from codegen.ecu_map.lookup import Lookup
 from codegen.sil.software import Command, Measurement, Status
 from codegen.verify.law.inputs import Quality, SecondInputs
 from codegen.verify.law.limiter import SecondLimiter, clip
 
-NUMBERS = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration")
-"""Fields of a measurement in order, without `inhibit`."""
+NUMBERS = tuple(each.role for each in MEASURED if each.is_used and each.is_real)
+"""Numbers of a measurement that the controller uses, in order."""
 
 
 class SecondController:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.render import render
 from codegen.emit.text import c_type
@@ -24,17 +25,21 @@ Word = type[np.uint32] | type[np.uint64]
 Rows = npt.NDArray[Any]
 """Words, (rows, columns), of the width of the build's numbers and in the byte order of this machine."""
 
-WHOLE = frozenset({"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"})
+WHOLE = frozenset(
+    {"restart", "inhibit", "status", "diagnostics", "frames", "wrong_call", "wrong_by"}
+    | {each.role for each in CARRIED if each.is_flag}
+)
 """Columns of rows going in that hold whole numbers; those of frames do as well."""
 
 _FRAME_COLUMNS = tuple(f"{name}_{frame}" for frame in range(FRAMES) for name in ("id", "length", "low", "high"))
-_MEASURED = ("speed", "front_angle", "yaw_rate", "rear_angle", "friction", "lateral_acceleration")
+_MEASURED = tuple(each.role for each in (*(each for each in MEASURED if each.is_used), *CARRIED))
+"""Fields of a measurement, those that the controller uses first."""
 _INPUTS: Mapping[str, tuple[str, ...]] = {
-    "controller": ("restart", "start_angle", *_MEASURED, "inhibit"),
+    "controller": ("restart", "start_angle", *_MEASURED),
     "lookup": ("speed", "front_angle", "friction"),
     "limiter": ("restart", "start_angle", "speed", "front_angle", "demand"),
     "model": ("restart", "x", "speed", "front_angle", "rear_angle", "friction"),
-    "can": (*_MEASURED, "inhibit", "status", "diagnostics"),
+    "can": (*_MEASURED, "status", "diagnostics"),
     "task": ("restart", "frames", *_FRAME_COLUMNS),
     "dynamics": ("wrong_call", "wrong_by", "sideslip_angle", "yaw_rate", "speed", "front_angle", "rear_angle", "friction"),
 }
@@ -166,6 +171,7 @@ def _context(software: Software, batches: Mapping[str, Batch]) -> dict[str, Any]
         "real": c_type(software.precision),
         "word": "uint32_t" if software.precision == "single" else "uint64_t",
         "batches": list(batches.values()),
+        "measured": MEASURED,
         "batch": batches,
     }
 

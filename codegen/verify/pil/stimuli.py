@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, Config
+from codegen.configuration.signals import CARRIED, SignalDefinition
 from codegen.verify.drives import COLUMNS, GAPS, HELD, Drive, Ground, drawn, moving
 from codegen.verify.pil.batches import WHOLE, Batch, Rows, Word
 
@@ -68,6 +69,8 @@ class Source:
         rows[:, 1] = self.words(self.generator.uniform(-0.2, 0.2, count))
         first = count - len(wild)
         self.overlay(rows[first:, 2:8])
+        for signal in CARRIED:
+            rows[:, batch.inputs.index(signal.role)] = self._carried(signal, count)
         self.replace(rows[first:, 1:2], self.generator.random((len(wild), 1)) < 0.5)
         return rows
 
@@ -85,8 +88,10 @@ class Source:
             "status": self.generator.integers(256, size=count),
             "diagnostics": self.generator.integers(65536, size=count),
         }
+        for signal in CARRIED:
+            whole[signal.role] = self._carried(signal, count)
         for place, name in enumerate(batch.inputs):
-            rows[:, place] = whole[name] if name in WHOLE else self.words(columns[name])
+            rows[:, place] = whole[name] if name in whole else self.words(columns[name])
         places = [place for place, name in enumerate(batch.inputs) if name not in WHOLE]
         taken = self.generator.random((count, len(places))) < np.where(self.generator.random((count, 1)) < 0.33, 0.5, 0.0)
         found = rows[:, places]
@@ -95,6 +100,12 @@ class Source:
         if "restart" in batch.inputs:
             rows[0, batch.inputs.index("restart")] = 1
         return rows
+
+    def _carried(self, signal: SignalDefinition, count: int) -> Rows:
+        """Words for a signal that the controller only hands on."""
+        if signal.is_flag:
+            return self.generator.integers(2, size=count, dtype=self.word)
+        return self.words(10.0 * self.generator.standard_normal(count))
 
     def overlay(self, rows: Rows) -> None:
         """Replace numbers by anything, in stretches of different wildness."""

@@ -220,7 +220,7 @@ class _Suites:
 
     def _allowed(self, through_can: bool) -> float:
         """rad; in a frame the angle is rounded to its code."""
-        return self._largest + (self._config.can.rear_steer_command.rear_angle.factor if through_can else 0.0)
+        return self._largest + (self._config.can.rear_steer_command.real("rear_angle").factor if through_can else 0.0)
 
     def _faults(self) -> Iterator[str]:
         ecu = cast(Software, self._ecu)  # a bench asks it for its task alone

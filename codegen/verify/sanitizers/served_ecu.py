@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.configuration.signals import CARRIED
 from codegen.emit.can_view import task_view
 from codegen.emit.laws import LAWS
 from codegen.emit.render import render
@@ -186,6 +187,7 @@ def _around(subject: Subject) -> dict[str, bytes]:
         "build": {"prefix": subject.prefix, "PREFIX": subject.prefix.upper()},
         "real": c_type(precision),
         "task": task_view(config),
+        "carried": CARRIED,
         "with_rear_angle": LAWS[subject.kind].uses_rear_angle,
         "plant_step": literal(config.plant.sampling_time_s, "double"),
     }

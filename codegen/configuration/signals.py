@@ -1,0 +1,289 @@
+"""The signals between car and controller: the one table of their names, units, ranges, frames, sources and meanings.
+
+The fields of the three payload classes are the table, and `SIGNALS` lists them. Derived from it: the layout that `[can]` of
+`ars.toml` starts from, the C structs and their packing, the DBC, the measurements of the A2L, the variables of the FMUs, the
+columns of a run, the inputs of the checks and the tables of the guide.
+
+A signal that the controller does not use is added here alone. The controller receives it in its measurement and hands it on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Annotated, Any, get_args, get_type_hints
+
+STATUSES = ("TRACKING", "LIMITED", "STANDBY", "DEGRADED", "FAIL_SAFE")
+"""Names of the controller's status, from code 0."""
+
+UNIT_SUFFIXES = {"m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s", "m/s^2": "_m_s2", "m": "_m", "": ""}
+"""Endings of the names of columns and variables, by unit."""
+
+
+@dataclass(frozen=True)
+class SignalDefinition:
+    """One signal.
+
+    Attributes:
+        name: in the DBC.
+        start_bit, length: default place in the frame, as the DBC counts with Intel byte order.
+        meaning: a phrase for comments and descriptions.
+        unit: SI unit; "" for a ratio or a whole number.
+        factor: default resolution, in the unit; None: a whole number. With `length` and `signed` it gives the range.
+        signed: whether a real signal has both signs.
+        values: names of the codes of a whole number, from 0.
+        source: where the bench takes it from: "scenario.", "state." or "output." (of the plant) and a name there; "": the bench
+            does not have it and sends "not available".
+        is_used: whether the controller uses it; the others are only handed on and recorded.
+        in_measurement: comment in the controller's measurement struct; "" derives it from unit and meaning.
+        message: role of its message; filled in from the payload class.
+        role: its name in code; filled in from the field.
+        kind: Python type of its value; filled in from the field.
+        is_optional: whether the controller works without it; filled in from the field's default.
+    """
+
+    name: str
+    start_bit: int
+    length: int
+    meaning: str
+    unit: str = ""
+    factor: float | None = None
+    signed: bool = True
+    values: tuple[str, ...] = ()
+    source: str = ""
+    is_used: bool = False
+    in_measurement: str = ""
+    message: str = ""
+    role: str = ""
+    kind: type = float
+    is_optional: bool = False
+
+    @property
+    def is_real(self) -> bool:
+        """Whether it is scaled."""
+        return self.factor is not None
+
+    @property
+    def is_flag(self) -> bool:
+        """Whether it is one bit, true or false."""
+        return self.kind is bool
+
+    @property
+    def c_type(self) -> str:
+        """C type of what is not scaled; "" for a real signal, whose type is that of the build's numbers."""
+        if self.is_real:
+            return ""
+        return "bool" if self.is_flag else f"uint{8 if self.length <= 8 else 16}_t"
+
+    @property
+    def comment(self) -> str:
+        """Comment in the controller's measurement struct."""
+        text = f"{self.unit}, {self.meaning}" if self.unit else self.meaning
+        return self.in_measurement or text + ("; NaN: not measured" if self.is_real else "")
+
+    @property
+    def variable(self) -> str:
+        """Name with its unit, as columns of a run and variables of an FMU have it."""
+        return f"{self.role}{UNIT_SUFFIXES[self.unit]}"
+
+    @property
+    def origin(self) -> str:
+        """Where the bench takes it from: "scenario", "state", "output" or ""."""
+        return self.source.partition(".")[0]
+
+    @property
+    def origin_name(self) -> str:
+        """Its name there."""
+        return self.source.partition(".")[2]
+
+    @property
+    def is_of_plant(self) -> bool:
+        """Whether the simulated car has it, so that a run records it."""
+        return self.origin in ("state", "output")
+
+
+@dataclass(frozen=True)
+class VehicleMotion:
+    """From the car: m/s, rad (road wheel), rad/s; NaN where not available."""
+
+    speed: Annotated[
+        float,
+        SignalDefinition(
+            "Speed",
+            start_bit=16,
+            length=16,
+            factor=0.005,
+            unit="m/s",
+            meaning="speed, negative in reverse",
+            source="scenario.speed",
+            is_used=True,
+            in_measurement="m/s, negative in reverse",
+        ),
+    ]
+    front_angle: Annotated[
+        float,
+        SignalDefinition(
+            "FrontAngle",
+            start_bit=32,
+            length=16,
+            factor=5e-5,
+            unit="rad",
+            meaning="front angle at the road wheel, positive to the left",
+            source="output.front_angle",
+            is_used=True,
+            in_measurement="rad, at the road wheel",
+        ),
+    ]
+    yaw_rate: Annotated[
+        float,
+        SignalDefinition(
+            "YawRate",
+            start_bit=48,
+            length=16,
+            factor=2e-4,
+            unit="rad/s",
+            meaning="yaw rate, positive to the left",
+            source="state.yaw_rate",
+            is_used=True,
+            in_measurement="rad/s",
+        ),
+    ]
+
+
+@dataclass(frozen=True)
+class VehicleConditions:
+    """From the car: achieved rear angle (rad), peak friction, lateral acceleration (m/s^2), each NaN where it is not known; and
+    whether ESC or ABS is acting."""
+
+    rear_angle: Annotated[
+        float,
+        SignalDefinition(
+            "RearAngle",
+            start_bit=16,
+            length=16,
+            factor=5e-5,
+            unit="rad",
+            meaning="rear angle at the road wheel, positive to the left",
+            source="state.rear_angle",
+            is_used=True,
+            in_measurement="rad, achieved by the actuator; NaN where it is not measured",
+        ),
+    ] = math.nan
+    friction: Annotated[
+        float,
+        SignalDefinition(
+            "Friction",
+            start_bit=32,
+            length=8,
+            factor=0.01,
+            signed=False,
+            meaning="estimated peak friction",
+            source="scenario.friction_estimate",
+            is_used=True,
+            in_measurement="estimated peak friction; NaN where unknown: the map's own is taken",
+        ),
+    ] = math.nan
+    lateral_acceleration: Annotated[
+        float,
+        SignalDefinition(
+            "LateralAcceleration",
+            start_bit=48,
+            length=16,
+            factor=0.001,
+            unit="m/s^2",
+            meaning="lateral acceleration at the centre of gravity, positive to the left",
+            source="output.lateral_acceleration",
+            is_used=True,
+            in_measurement="m/s^2 at the centre of gravity; NaN: not measured",
+        ),
+    ] = math.nan
+    inhibit: Annotated[
+        bool,
+        SignalDefinition(
+            "Inhibit",
+            start_bit=12,
+            length=1,
+            meaning="1 = ESC or ABS is acting, the integrator holds",
+            values=("free", "acting"),
+            source="scenario.inhibit",
+            is_used=True,
+            in_measurement="ESC or ABS is acting: the integrator holds",
+        ),
+    ] = False
+
+
+@dataclass(frozen=True)
+class RearSteerCommand:
+    """From the controller: rad, rad/s (NaN where not available), its status, and one bit for each cause of trouble."""
+
+    rear_angle: Annotated[
+        float,
+        SignalDefinition(
+            "RearAngleCommand",
+            start_bit=16,
+            length=16,
+            factor=5e-5,
+            unit="rad",
+            meaning="rear angle at the road wheel, positive to the left",
+        ),
+    ]
+    yaw_rate_reference: Annotated[
+        float,
+        SignalDefinition(
+            "YawRateReference",
+            start_bit=32,
+            length=16,
+            factor=2e-4,
+            unit="rad/s",
+            meaning="reference yaw rate from the map",
+        ),
+    ]
+    status: Annotated[
+        int, SignalDefinition("Status", start_bit=12, length=4, meaning="what the controller did", values=STATUSES)
+    ] = 0
+    diagnostics: Annotated[
+        int, SignalDefinition("Diagnostics", start_bit=48, length=16, meaning="one bit for each cause of trouble")
+    ] = 0
+
+
+@dataclass(frozen=True)
+class Measurement(VehicleConditions, VehicleMotion):
+    """One sample of the controller's inputs: the signals of both messages from the car, those of VehicleMotion first."""
+
+
+Payload = VehicleMotion | VehicleConditions | RearSteerCommand
+
+PAYLOADS: dict[str, type[VehicleMotion] | type[VehicleConditions] | type[RearSteerCommand]] = {
+    "vehicle_motion": VehicleMotion,
+    "vehicle_conditions": VehicleConditions,
+    "rear_steer_command": RearSteerCommand,
+}
+"""Contents of the messages by their role in the configuration."""
+
+
+def _definitions(message: str, payload: type[Any]) -> tuple[SignalDefinition, ...]:
+    hints = get_type_hints(payload, include_extras=True)
+    found = []
+    for field in fields(payload):
+        kind, definition = get_args(hints[field.name])
+        optional = field.default is not MISSING
+        found.append(replace(definition, message=message, role=field.name, kind=kind, is_optional=optional))
+    return tuple(found)
+
+
+SIGNALS = tuple(each for message, payload in PAYLOADS.items() for each in _definitions(message, payload))
+"""All signals, in the order of the messages and of their fields."""
+
+MEASURED = tuple(each for each in SIGNALS if each.message != "rear_steer_command")
+"""Signals from the car, in the order of `Measurement` and of the C struct."""
+
+CARRIED = tuple(each for each in MEASURED if not each.is_used)
+"""Signals from the car that the controller only hands on."""
+
+RECORDED = tuple(each for each in CARRIED if each.is_of_plant)
+"""Those of them that a run records in a column of their own."""
+
+
+def signals_of(message: str) -> tuple[SignalDefinition, ...]:
+    """Signals of one message, by its role."""
+    return tuple(each for each in SIGNALS if each.message == message)

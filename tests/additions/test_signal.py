@@ -1,0 +1,104 @@
+"""A signal that is added to the table of signals appears in every product, without a change to any other file."""
+
+from __future__ import annotations
+
+from tests.additions.copy import ROOT, Copy
+
+SIGNAL = """    lateral_speed: Annotated[
+        float,
+        SignalDefinition(
+            "LateralSpeed",
+            start_bit=40,
+            length=8,
+            factor=0.1,
+            unit="m/s",
+            meaning="lateral speed of the centre of gravity, positive to the left",
+            source="state.lateral_speed",
+        ),
+    ] = math.nan
+    reverse_gear: Annotated[
+        bool, SignalDefinition("ReverseGear", start_bit=13, length=1, meaning="1 = in reverse gear", values=("no", "yes"))
+    ] = False
+"""
+"""A number that the simulated car has, and a flag that it does not have."""
+
+CHECK = """
+import sys
+from pathlib import Path
+
+import cantools
+import numpy as np
+
+from codegen.emit.from_files import prepare
+from codegen.export.fmu.variables import variables_of
+from codegen.export.runs import COLUMNS
+from codegen.sil.closed_loop import ClosedLoop, LoopOptions
+from codegen.sil.software import RECORD_COLUMNS, Measurement, compile_build
+from codegen.verify.pil.batches import program_of
+from hil_sim.codec import Codec, VehicleConditions
+from hil_sim.plant_node import PlantNode
+from hil_sim.scenarios import find
+
+folder = prepare(Path(sys.argv[1])).folder
+files = {path: content.decode() for path, content in folder.files.items()}
+software = compile_build(folder.files, folder.manifest)
+ffi, prefix = software.ffi, software.prefix
+
+# C: both structs, and packing against the codec of the bench and cantools
+assert "float lateral_speed;" in files["include/ars_inputs.h"] and "float lateral_speed;" in files["include/ars_can.h"]
+sent = VehicleConditions(rear_angle=0.01, friction=0.8, lateral_acceleration=1.0, lateral_speed=-2.3, reverse_gear=True)
+signals, back, data = software.new("vehicle_conditions"), software.new("vehicle_conditions"), ffi.new("uint8_t[8]")
+for name, value in vars(sent).items():
+    setattr(signals, name, value)
+software.function("can_pack_vehicle_conditions")(signals, data)
+software.function("can_unpack_vehicle_conditions")(data, back)
+assert abs(back.lateral_speed + 2.3) < 1e-6 and back.reverse_gear
+assert Codec(software.config.can).encode(sent) == bytes(data)
+read = cantools.database.load_string(files["ars.dbc"]).decode_message("VehicleConditions", bytes(data))
+assert abs(read["LateralSpeed"] + 2.3) < 1e-9 and read["ReverseGear"] == "yes"
+assert "lateral speed of the centre of gravity" in files["ars.dbc"]
+
+# the controller hands it on
+controller = software.controller()
+controller.step(Measurement(20.0, 0.0, 0.0, lateral_speed=0.5, reverse_gear=True))
+assert controller.state.sample.lateral_speed == 0.5 and controller.state.sample.reverse_gear
+
+# A2L and FMU
+for name in ("lateral_speed", "reverse_gear"):
+    assert f"ars.received.{name}" in files["ars.a2l"]
+controls = {each.name: each for each in variables_of("controller", software.config)}
+assert controls["lateral_speed_m_s"].unit == "m/s" and "lateral_speed_available" in controls
+assert controls["reverse_gear"].kind == "boolean"
+assert "lateral_speed_m_s" in {each.name for each in variables_of("loop", software.config) if each.role == "output"}
+
+# runs: of the closed loop, directly and through frames, and of the car on the bus
+assert RECORD_COLUMNS == tuple(column.name for column in COLUMNS)
+place, inputs = RECORD_COLUMNS.index("lateral_speed_m_s"), find("step-steer").inputs(software.config)
+loop = ClosedLoop(software)
+direct = loop.run(inputs)
+assert np.abs(direct[:, place]).max() > 0.1
+stepped = ClosedLoop(software).run_stepped(inputs)
+assert (direct == stepped).all()
+through_can = ClosedLoop(software, LoopOptions(through_can=True))
+through_can.run(inputs)
+received = through_can.state.task.conditions.lateral_speed
+assert abs(received - loop.state.plant.lateral_speed) < 0.2
+assert through_can.state.task.controller.sample.lateral_speed == received
+car = PlantNode(software.config, find("step-steer"))
+for cycle in range(car.cycles):
+    frame = car.outgoing(cycle)[1]
+    row = car.finish(cycle)
+assert abs(row[place] - Codec(software.config.can).decode(frame.id, frame.data).lateral_speed) <= 0.05 + 1e-6
+assert row[place] != 0.0
+
+# stimuli of the checks
+batches = program_of(software, folder.files).batches
+assert all(name in batches[batch].inputs for batch in ("controller", "can") for name in ("lateral_speed", "reverse_gear"))
+"""
+
+
+def test_a_signal_is_one_entry_of_the_table(tree: Copy) -> None:
+    after = '            in_measurement="ESC or ABS is acting: the integrator holds",\n        ),\n    ] = False\n'
+    tree.after("codegen/configuration/signals.py", after, SIGNAL)
+    tree.run("-c", CHECK, str(ROOT / "generated" / "4ws2-paper.npz"))
+    assert len(tree.touched) <= 3

@@ -1,0 +1,10 @@
+"""Filters of the templates: the examples in their docstrings."""
+
+import doctest
+
+from codegen.emit import filters
+
+
+def test_the_examples_in_the_docstrings() -> None:
+    result = doctest.testmod(filters)
+    assert result.failed == 0 < result.attempted
