@@ -18,11 +18,11 @@ TIMESTAMP_SIZE = 2
 
 @dataclass(frozen=True)
 class XcpView:
-    """What `<prefix>_xcp` prints.
+    """What the XCP slave is configured with.
 
     Attributes:
         timestamp_ticks: units that the clock of the timestamps advances with each run of the task.
-        timestamp_mode: size and unit, as GET_DAQ_RESOLUTION_INFO tells them.
+        timestamp_mode: size and unit, as GET_DAQ_RESOLUTION_INFO reports them.
         event_cycle: period of the task in the event's unit; 0 where no unit fits it.
     """
 
@@ -52,5 +52,5 @@ def xcp_view(config: Config) -> XcpView:
         timestamp_text=UNITS[unit],
         event_cycle=cycle if fits else 0,
         event_unit=cycle_unit if fits else MILLISECOND,
-        event_text=f"times {UNITS[cycle_unit]}" if fits else "no whole number of any unit fits a byte",
+        event_text=f"in units of {UNITS[cycle_unit]}" if fits else "0, because no whole number of any unit fits a byte",
     )

@@ -14,8 +14,7 @@
  * ars_ecu can do this where it was compiled with the calibration in a section, and linked to addresses of 32 bits:
  *   -D'ARS_SECTION_CALIBRATION=__attribute__((section("ars_calibration")))' -fno-pie -no-pie
  *
- * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
- * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
  */
 #ifndef ARS_XCP_H
 #define ARS_XCP_H
@@ -23,17 +22,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "ars_ecu_config.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#define ARS_XCP_BUILD 0x4E569E35u
-
-/* Identifiers of the CAN frames that carry the packets. */
-enum {
-    ARS_XCP_ID_RECEIVE = 0x6A0, /* commands of the master */
-    ARS_XCP_ID_TRANSMIT = 0x6A1 /* answers and measurements */
-};
 
 enum {
     ARS_XCP_LENGTH_MAX = 8,  /* bytes of a packet */

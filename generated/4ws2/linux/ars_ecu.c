@@ -1,7 +1,7 @@
 /*
  * The ECU as a Linux program on SocketCAN: the cyclic task, a timer and a raw CAN socket.
  *
- * By the clock, the task runs every 10 ms at absolute deadlines, half a period after the car's frames. A run that comes late is
+ * By the clock, the task runs once a period at absolute deadlines, half a period after the car's frames. A run that comes late is
  * counted; periods that went by meanwhile are left out, never made up for. In lock-step there is no timer: each complete set of
  * the car's frames is answered once.
  *
@@ -13,8 +13,7 @@
  *
  * C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
  *
- * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
- * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -45,27 +44,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "ars_can.h"
-#include "ars_controller.h"
-#include "ars_map.h"
-#include "ars_task.h"
+#include "ars_ecu_config.h"
 #include "ars_xcp.h"
-
-#if ARS_CAN_BUILD != 0x3CA513E9u
-#error "ars_can.h and this source come from different builds"
-#endif
-#if ARS_CONTROLLER_BUILD != 0x3CA513E9u
-#error "ars_controller.h and this source come from different builds"
-#endif
-#if ARS_MAP_BUILD != 0x3CA513E9u
-#error "ars_map.h and this source come from different builds"
-#endif
-#if ARS_TASK_BUILD != 0x3CA513E9u
-#error "ars_task.h and this source come from different builds"
-#endif
-#if ARS_XCP_BUILD != 0x3CA513E9u
-#error "ars_xcp.h and this source come from different builds"
-#endif
 
 enum {
     EXIT_BAD_INPUT = 2,
@@ -78,7 +58,7 @@ enum {
 };
 
 static const int64_t second = INT64_C(1000000000);          /* this and all other times in ns */
-static const int64_t period = INT64_C(10000000);
+static const int64_t period = ARS_ECU_PERIOD_NS;
 static const int64_t watch_period = INT64_C(100000000);     /* looks for a lost interface, and for the parent */
 
 typedef struct {
@@ -116,18 +96,12 @@ typedef struct {
 
 static ecu_t ecu;
 
-/* The section ars_calibration, where ARS_SECTION_CALIBRATION names it: the linker (GNU ld, lld) defines both ends. */
-extern uint8_t __start_ars_calibration[] __attribute__((weak));
-extern uint8_t __stop_ars_calibration[] __attribute__((weak));
+/* Both are null where the calibration has no section of its own. */
+extern uint8_t ARS_ECU_CALIBRATION_START[] __attribute__((weak));
+extern uint8_t ARS_ECU_CALIBRATION_STOP[] __attribute__((weak));
 
 /* Room for the calibration, and for what the linker leaves between its objects. */
-enum {
-    CALIBRATION_MAX = 1024 + sizeof ars_parameters_default + sizeof ars_calibration_expected_checksum
-        + sizeof ars_map_speed_breakpoints
-        + sizeof ars_map_front_angle_breakpoints
-        + sizeof ars_map_yaw_rate_table
-        + sizeof ars_map_rear_angle_table
-};
+enum { CALIBRATION_MAX = 1024 + ARS_ECU_CALIBRATION_SIZE };
 
 static uint8_t working_page[CALIBRATION_MAX];
 static uint8_t reference_page[CALIBRATION_MAX];
@@ -325,8 +299,8 @@ static bool is_calibration_valid(void)
 /* Lets the calibration be written, and no other page of memory. Returns an exit code where that cannot be, else -1. */
 static int start_xcp(ecu_t *self)
 {
-    const uintptr_t start = (uintptr_t)__start_ars_calibration;
-    const uintptr_t stop = (uintptr_t)__stop_ars_calibration;
+    const uintptr_t start = (uintptr_t)ARS_ECU_CALIBRATION_START;
+    const uintptr_t stop = (uintptr_t)ARS_ECU_CALIBRATION_STOP;
     const uintptr_t task = (uintptr_t)&self->task;
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     const uintptr_t first = start - (start % page);
@@ -338,10 +312,10 @@ static int start_xcp(ecu_t *self)
     if (((uint64_t)stop > UINT32_MAX) || (((uint64_t)task + sizeof self->task) > UINT32_MAX)) {
         return refuse("--xcp", "the addresses do not fit the 32 bits of XCP", "link with -no-pie");
     }
-    if (mprotect(&__start_ars_calibration[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
+    if (mprotect(&ARS_ECU_CALIBRATION_START[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
         return refuse("--xcp", strerror(errno), "the calibration cannot be made writable");
     }
-    setup.calibration = __start_ars_calibration;
+    setup.calibration = ARS_ECU_CALIBRATION_START;
     setup.working = working_page;
     setup.reference = reference_page;
     setup.measurements = (const uint8_t *)&self->task;
@@ -362,7 +336,7 @@ static void answer(ecu_t *self)
     struct can_frame frame;
 
     (void)memset(&frame, 0, sizeof frame);
-    frame.can_id = ars_task_10ms(&self->task, frame.data);
+    frame.can_id = ARS_ECU_RUN_TASK(&self->task, frame.data);
     frame.can_dlc = (uint8_t)ARS_CAN_LENGTH;
     if (self->bus < 0) {
         self->send_errors++;
@@ -618,9 +592,9 @@ static void print_help(void)
 {
     (void)printf(
         "usage: ars_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
-        "The rear-steering ECU of this build on a CAN interface, say vcan0, every 10 ms.\n\n"
+        "The rear-steering ECU of this build on a CAN interface, say vcan0, every " ARS_ECU_PERIOD_TEXT ".\n\n"
         "  --lock-step    no timer: answer each complete set of the car's frames once\n"
-        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers 0x6A0 and 0x6A1\n"
+        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers " ARS_XCP_IDS_TEXT "\n"
         "  --priority N   real-time priority (SCHED_FIFO) 1 to 99, all memory locked\n"
         "  --parent PID   end where process PID is no longer the parent\n"
         "  -h, --help     this text\n\n"

@@ -2,19 +2,14 @@
  * The XCP slave. See ars_xcp.h.
  *
  * Names of commands, fields and errors are those of ASAM MCD-1 XCP, protocol layer 1. Numbers of more than one byte have the
- * byte order of this machine, of which CONNECT tells.
+ * byte order of this machine, which CONNECT reports.
  *
- * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
- * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
  */
 #include "ars_xcp.h"
 
 #include <stddef.h>
 #include <string.h>
-
-#if ARS_XCP_BUILD != 0x3CA513E9u
-#error "ars_xcp.h and this source come from different builds"
-#endif
 
 /* First byte of an answer. */
 enum { POSITIVE = 0xFF, NEGATIVE = 0xFE };
@@ -57,11 +52,9 @@ enum { SPACE_NONE, SPACE_MEMORY, SPACE_BUILD, SPACE_A2L, SPACE_EVENT };
 /* How far the lists of measurements are allocated. */
 enum { ALLOCATION_NONE, ALLOCATION_FREED, ALLOCATION_DAQ, ALLOCATION_ODT, ALLOCATION_ENTRY };
 
-static const uint32_t ticks_of_a_run = 10u; /* timestamps, 1 ms each */
-
-static const uint8_t build_name[] = "4ws2";
-static const uint8_t a2l_name[] = "ars"; /* of the file ars.a2l */
-static const uint8_t event_name[] = "task_10ms";
+static const uint8_t build_name[] = ARS_XCP_BUILD_NAME;
+static const uint8_t a2l_name[] = ARS_XCP_A2L_NAME;
+static const uint8_t event_name[] = ARS_XCP_EVENT_NAME;
 
 /* --- numbers in packets ------------------------------------------------------------------------------------------- */
 
@@ -851,7 +844,7 @@ static uint8_t on_get_daq_resolution_info(ars_xcp_t *self, const ars_xcp_packet_
     answer->data[1] = 1u; /* granularity of an entry's size */
     answer->data[2] = (uint8_t)ARS_XCP_ENTRY_MAX;
     answer->data[3] = 1u; /* the same of stimulation, of which there is none */
-    answer->data[5] = 0x62u; /* 1 ms, two bytes */
+    answer->data[5] = ARS_XCP_TIMESTAMP_MODE;
     put_word(&answer->data[6], 1u); /* tick in each unit */
     answer->length = 8u;
     return (uint8_t)DONE;
@@ -868,8 +861,8 @@ static uint8_t on_get_daq_event_info(ars_xcp_t *self, const ars_xcp_packet_t *in
     answer->data[1] = (uint8_t)EVENT_DAQ | (uint8_t)EVENT_CONSISTENT;
     answer->data[2] = (uint8_t)ARS_XCP_DAQ_MAX;
     answer->data[3] = (uint8_t)(sizeof event_name - 1u);
-    answer->data[4] = 10u; /* times 1 ms */
-    answer->data[5] = 6u;
+    answer->data[4] = ARS_XCP_EVENT_CYCLE;
+    answer->data[5] = ARS_XCP_EVENT_UNIT;
     answer->length = 7u; /* priority 0 */
     return (uint8_t)DONE;
 }
@@ -911,7 +904,7 @@ uint8_t ars_xcp_event(ars_xcp_t *self, ars_xcp_packet_t packets[ARS_XCP_ODT_MAX]
     uint8_t count = 0u;
     uint8_t k;
 
-    self->clock += ticks_of_a_run;
+    self->clock += ARS_XCP_TICKS_PER_RUN;
     for (k = 0u; k < self->daq_count; k++) {
         ars_xcp_daq_t *const daq = &self->daqs[k];
 

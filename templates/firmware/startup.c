@@ -1,11 +1,12 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "From reset to main(), and what went wrong on the way. Any Cortex-M4F.") %}
-The program runs on a stack of its own (PSP) at the lower end of the RAM. Its last bytes are closed by the memory protection unit,
-where the chip has one: an overflow is a fault and destroys nothing. Exceptions have another stack (MSP), so that it can still be
-reported.
-
-Registers: ARMv7-M Architecture Reference Manual, B3.2 and B3.5.
-{% endcall %}
+/*
+ * From reset to main(), and what went wrong on the way. Any Cortex-M4F.
+ *
+ * The program runs on a stack of its own (PSP) at the lower end of the RAM. Its last bytes are closed by the memory protection unit,
+ * where the chip has one: an overflow is a fault and destroys nothing. Exceptions have another stack (MSP), so that it can still be
+ * reported.
+ *
+ * Registers: ARMv7-M Architecture Reference Manual, B3.2 and B3.5.
+ */
 #include "startup.h"
 
 #include "board.h"

@@ -15,7 +15,7 @@ static const double time_tolerance = 1e-3;
 
 static const double steps_max = 1e15; /* counts up to here are exact */
 
-const char instance_token[] = "{{ token }}";
+const char instance_token[] = FMU_TOKEN;
 
 void instance_init(instance_t *self, report_t report, void *receiver)
 {

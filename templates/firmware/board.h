@@ -1,6 +1,6 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "What the program needs of the board. For another one, write these five functions.") %}
-{% endcall %}
+/*
+ * What the program needs of the board. For another one, write these five functions.
+ */
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -14,7 +14,7 @@ typedef struct {
     uint8_t data[8];
 } board_frame_t;
 
-/* Clocks, CAN, and the timer whose ticks come every {{ firmware.period_text }} from now on. */
+/* Start the clocks, CAN, and the timer, which ticks once each period of the task from now on. */
 void board_init(void);
 
 /*

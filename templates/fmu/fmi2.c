@@ -200,36 +200,42 @@ fmi2Status fmi2Reset(fmi2Component c)
 }
 
 /* ---- variables ---- */
-{% for type in types %}
-fmi2Status fmi2Get{{ type.name }}(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2{{ type.name }} value[])
-{
-    component_t *component = c;
-    bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);
-    size_t k;
 
-    for (k = 0u; good && (k < nvr); k++) {
-        double got;
-
-        good = instance_get(&component->instance, vr[k], {{ type.of }}, &got);
-        if (good) {
-            value[k] = (fmi2{{ type.name }})got;
-        }
+/* Define fmi2Get<Name> and fmi2Set<Name>. TYPE: of the variables; AS_DOUBLE: value[k] as a double. */
+#define DEFINE_ACCESS(NAME, TYPE, AS_DOUBLE)                                                                                  \
+    fmi2Status fmi2Get##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2##NAME value[])                  \
+    {                                                                                                                         \
+        component_t *component = c;                                                                                           \
+        bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);                   \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nvr); k++) {                                                                                \
+            double got;                                                                                                       \
+                                                                                                                              \
+            good = instance_get(&component->instance, vr[k], TYPE, &got);                                                     \
+            if (good) {                                                                                                       \
+                value[k] = (fmi2##NAME)got;                                                                                   \
+            }                                                                                                                 \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
+    }                                                                                                                         \
+                                                                                                                              \
+    fmi2Status fmi2Set##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2##NAME value[])            \
+    {                                                                                                                         \
+        component_t *component = c;                                                                                           \
+        bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);                   \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nvr); k++) {                                                                                \
+            good = instance_set(&component->instance, vr[k], TYPE, AS_DOUBLE);                                                \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
     }
-    return status_of(good);
-}
 
-fmi2Status fmi2Set{{ type.name }}(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2{{ type.name }} value[])
-{
-    component_t *component = c;
-    bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);
-    size_t k;
+DEFINE_ACCESS(Real, TYPE_REAL, value[k])
+DEFINE_ACCESS(Integer, TYPE_INTEGER, (double)value[k])
+DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, (value[k] != fmi2False) ? 1.0 : 0.0)
 
-    for (k = 0u; good && (k < nvr); k++) {
-        good = instance_set(&component->instance, vr[k], {{ type.of }}, {{ type.value }});
-    }
-    return status_of(good);
-}
-{% endfor %}
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[])
 {
     (void)vr;

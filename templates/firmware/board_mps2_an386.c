@@ -1,10 +1,12 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "The board of QEMU: mps2-an386, a Cortex-M4F at 25 MHz.") %}
-It has no CAN. Frames of the car come from the recorded trace, those of its cycle with each tick; frames that are sent go out
-as text on UART 0, one a line. The end of the program is told to QEMU by semihosting: without a debugger that instruction is a
-fault, so another board needs an end of its own.
-{% endcall %}
+/*
+ * The board of QEMU: mps2-an386, a Cortex-M4F at 25 MHz.
+ *
+ * It has no CAN. Frames of the car come from the recorded trace, those of its cycle with each tick; frames that are sent go out
+ * as text on UART 0, one a line. The end of the program is told to QEMU by semihosting: without a debugger that instruction is a
+ * fault, so another board needs an end of its own.
+ */
 #include "board.h"
+#include "firmware_config.h"
 #include "report.h"
 #include "startup.h"
 #include "trace.h"
@@ -30,7 +32,6 @@ typedef struct {
 
 enum {
     UART_DIVIDER = 217, /* 115200 baud of 25 MHz */
-    SYSTICK_RELOAD = {{ firmware.reload }}, /* {{ firmware.period_text }} of 25 MHz, less one */
     SEMIHOSTING_EXIT_EXTENDED = 0x20,
     SEMIHOSTING_APPLICATION_EXIT = 0x20026
 };

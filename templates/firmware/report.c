@@ -1,6 +1,6 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "Lines of text without a C library. See report.h.") %}
-{% endcall %}
+/*
+ * Lines of text without a C library. See report.h.
+ */
 #include "report.h"
 
 enum { DECIMALS_MAX = 10 }; /* of 32 bits */

@@ -6,6 +6,8 @@
 
 #include <stddef.h>
 
+#include "fmu_config.h"
+
 /* What modelDescription.xml says of a variable. */
 typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_ENUMERATION, TYPE_BOOLEAN } variable_type_t;
 
@@ -29,8 +31,6 @@ typedef struct {
     double low; /* what may be set, both included */
     double high;
 } variable_t;
-
-enum { VARIABLES = {{ variables | length }} };
 
 extern const variable_t variables[VARIABLES];
 

@@ -1,6 +1,6 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "From reset to main(), and what went wrong on the way.") %}
-{% endcall %}
+/*
+ * From reset to main(), and what went wrong on the way.
+ */
 #ifndef STARTUP_H
 #define STARTUP_H
 

@@ -157,42 +157,49 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 }
 
 /* ---- variables ---- */
-{% for type in types %}
-fmi3Status fmi3Get{{ type.name }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3{{ type.name }} values[],
-    size_t nValues)
-{
-    component_t *component = instance;
-    bool good = (component != NULL)
-        && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);
-    size_t k;
 
-    for (k = 0u; good && (k < nValues); k++) {
-        double got;
-
-        good = instance_get(&component->instance, valueReferences[k], {{ type.of }}, &got);
-        if (good) {
-            values[k] = {{ type.got }};
-        }
+/* Define fmi3Get<Name> and fmi3Set<Name>. TYPE: of the variables; AS_DOUBLE: values[k] as a double; AS_VALUE: the way back. */
+#define DEFINE_ACCESS(NAME, TYPE, AS_DOUBLE, AS_VALUE)                                                                        \
+    fmi3Status fmi3Get##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3##NAME values[],      \
+        size_t nValues)                                                                                                       \
+    {                                                                                                                         \
+        component_t *component = instance;                                                                                    \
+        bool good = (component != NULL)                                                                                       \
+            && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);                \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nValues); k++) {                                                                            \
+            double got;                                                                                                       \
+                                                                                                                              \
+            good = instance_get(&component->instance, valueReferences[k], TYPE, &got);                                        \
+            if (good) {                                                                                                       \
+                values[k] = AS_VALUE;                                                                                         \
+            }                                                                                                                 \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
+    }                                                                                                                         \
+                                                                                                                              \
+    fmi3Status fmi3Set##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,                           \
+        const fmi3##NAME values[], size_t nValues)                                                                            \
+    {                                                                                                                         \
+        component_t *component = instance;                                                                                    \
+        bool good = (component != NULL)                                                                                       \
+            && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);                \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nValues); k++) {                                                                            \
+            good = instance_set(&component->instance, valueReferences[k], TYPE, AS_DOUBLE);                                   \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
     }
-    return status_of(good);
-}
 
-fmi3Status fmi3Set{{ type.name }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-    const fmi3{{ type.name }} values[], size_t nValues)
-{
-    component_t *component = instance;
-    bool good = (component != NULL)
-        && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);
-    size_t k;
+DEFINE_ACCESS(Float64, TYPE_REAL, values[k], got)
+DEFINE_ACCESS(Int32, TYPE_INTEGER, (double)values[k], (fmi3Int32)got)
+DEFINE_ACCESS(Int64, TYPE_ENUMERATION, (double)values[k], (fmi3Int64)got)
+DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, values[k] ? 1.0 : 0.0, (got > 0.0))
 
-    for (k = 0u; good && (k < nValues); k++) {
-        good = instance_set(&component->instance, valueReferences[k], {{ type.of }}, {{ type.value }});
-    }
-    return status_of(good);
-}
-{% endfor %}
 /* ---- time ---- */
 
 fmi3Status fmi3DoStep(

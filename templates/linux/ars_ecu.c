@@ -1,20 +1,20 @@
-{% import "_macros.j2" as m -%}
-{% set P = build.PREFIX -%}
-{% set p = build.prefix -%}
-{% set period_ns = (can.cycle_time_ms | float * 1000000) | round | int -%}
-{% call m.banner(build, "The ECU as a Linux program on SocketCAN: the cyclic task, a timer and a raw CAN socket.") %}
-By the clock, the task runs every {{ controller.period_text }} at absolute deadlines, half a period after the car's frames. A run that comes late is
-counted; periods that went by meanwhile are left out, never made up for. In lock-step there is no timer: each complete set of
-the car's frames is answered once.
-
-With --xcp a master can measure and calibrate over XCP on CAN ({{ p }}_xcp.h), between two runs of the task; without it
-nothing of that runs, and the calibration stays read-only.
-
-Prints "ready" once it can receive. While the interface is down or removed the task goes on, and so does the bus when it is
-back. SIGTERM and SIGINT end it with a line of counters on standard error.
-
-C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
-{% endcall %}
+/*
+ * The ECU as a Linux program on SocketCAN: the cyclic task, a timer and a raw CAN socket.
+ *
+ * By the clock, the task runs once a period at absolute deadlines, half a period after the car's frames. A run that comes late is
+ * counted; periods that went by meanwhile are left out, never made up for. In lock-step there is no timer: each complete set of
+ * the car's frames is answered once.
+ *
+ * With --xcp a master can measure and calibrate over XCP on CAN (ars_xcp.h), between two runs of the task; without it
+ * nothing of that runs, and the calibration stays read-only.
+ *
+ * Prints "ready" once it can receive. While the interface is down or removed the task goes on, and so does the bus when it is
+ * back. SIGTERM and SIGINT end it with a line of counters on standard error.
+ *
+ * C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
+ *
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
+ */
 #define _POSIX_C_SOURCE 200809L
 
 #ifndef __linux__
@@ -44,17 +44,8 @@ C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
 #include <time.h>
 #include <unistd.h>
 
-#include "{{ p }}_can.h"
-#include "{{ p }}_controller.h"
-#include "{{ p }}_map.h"
-#include "{{ p }}_task.h"
-#include "{{ p }}_xcp.h"
-
-{{ m.same_build(build, "CAN") }}
-{{ m.same_build(build, "CONTROLLER") }}
-{{ m.same_build(build, "MAP") }}
-{{ m.same_build(build, "TASK") }}
-{{ m.same_build(build, "XCP") }}
+#include "ars_ecu_config.h"
+#include "ars_xcp.h"
 
 enum {
     EXIT_BAD_INPUT = 2,
@@ -67,7 +58,7 @@ enum {
 };
 
 static const int64_t second = INT64_C(1000000000);          /* this and all other times in ns */
-static const int64_t period = INT64_C({{ period_ns }});
+static const int64_t period = ARS_ECU_PERIOD_NS;
 static const int64_t watch_period = INT64_C(100000000);     /* looks for a lost interface, and for the parent */
 
 typedef struct {
@@ -80,8 +71,8 @@ typedef struct {
 
 typedef struct {
     options_t options;
-    {{ p }}_task_t task;
-    {{ p }}_xcp_t xcp;
+    ars_task_t task;
+    ars_xcp_t xcp;
     int bus;                    /* file descriptors; -1 where the interface is gone */
     int master;                 /* the bus again, for XCP; -1 without it, too */
     int timer;                  /* of the task; never started in lock-step */
@@ -105,20 +96,12 @@ typedef struct {
 
 static ecu_t ecu;
 
-/* The section {{ p }}_calibration, where {{ P }}_SECTION_CALIBRATION names it: the linker (GNU ld, lld) defines both ends. */
-extern uint8_t __start_{{ p }}_calibration[] __attribute__((weak));
-extern uint8_t __stop_{{ p }}_calibration[] __attribute__((weak));
+/* Both are null where the calibration has no section of its own. */
+extern uint8_t ARS_ECU_CALIBRATION_START[] __attribute__((weak));
+extern uint8_t ARS_ECU_CALIBRATION_STOP[] __attribute__((weak));
 
 /* Room for the calibration, and for what the linker leaves between its objects. */
-enum {
-    CALIBRATION_MAX = 1024 + sizeof {{ p }}_parameters_default + sizeof {{ p }}_calibration_expected_checksum
-{%- for axis in (map.speed, map.front_angle) %}
-        + sizeof {{ axis.breakpoints }}
-{%- endfor %}
-{%- for table in map.tables %}
-        + sizeof {{ table.name }}
-{%- endfor %}
-};
+enum { CALIBRATION_MAX = 1024 + ARS_ECU_CALIBRATION_SIZE };
 
 static uint8_t working_page[CALIBRATION_MAX];
 static uint8_t reference_page[CALIBRATION_MAX];
@@ -209,13 +192,13 @@ static int open_socket(const char *interface, uint32_t one, uint32_t other)
 /* For the car's messages. */
 static int open_bus(const char *interface)
 {
-    return open_socket(interface, (uint32_t){{ P }}_CAN_ID_VEHICLE_MOTION, (uint32_t){{ P }}_CAN_ID_VEHICLE_CONDITIONS);
+    return open_socket(interface, (uint32_t)ARS_CAN_ID_VEHICLE_MOTION, (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS);
 }
 
 /* For a master's commands: a queue of its own, so that the car's frames never wait behind them. */
 static int open_master(const char *interface)
 {
-    return open_socket(interface, (uint32_t){{ P }}_XCP_ID_RECEIVE, (uint32_t){{ P }}_XCP_ID_RECEIVE);
+    return open_socket(interface, (uint32_t)ARS_XCP_ID_RECEIVE, (uint32_t)ARS_XCP_ID_RECEIVE);
 }
 
 /* Says why the bus could not be opened. */
@@ -255,12 +238,12 @@ static void note_bus_error(int *bus, int error)
 
 /* --- XCP ---------------------------------------------------------------------------------------------------------- */
 
-static void send_packet(ecu_t *self, const {{ p }}_xcp_packet_t *packet)
+static void send_packet(ecu_t *self, const ars_xcp_packet_t *packet)
 {
     struct can_frame frame;
 
     (void)memset(&frame, 0, sizeof frame);
-    frame.can_id = (canid_t){{ P }}_XCP_ID_TRANSMIT;
+    frame.can_id = (canid_t)ARS_XCP_ID_TRANSMIT;
     frame.can_dlc = packet->length;
     (void)memcpy(frame.data, packet->data, packet->length);
     if (self->master < 0) {
@@ -276,10 +259,10 @@ static void send_packet(ecu_t *self, const {{ p }}_xcp_packet_t *packet)
 /* After a run of the task: what a master wants to see of it. */
 static void measure(ecu_t *self)
 {
-    static {{ p }}_xcp_packet_t packets[{{ P }}_XCP_ODT_MAX];
+    static ars_xcp_packet_t packets[ARS_XCP_ODT_MAX];
 
     if (self->options.xcp) {
-        const uint8_t count = {{ p }}_xcp_event(&self->xcp, packets);
+        const uint8_t count = ars_xcp_event(&self->xcp, packets);
         uint8_t k;
 
         for (k = 0u; k < count; k++) {
@@ -291,7 +274,7 @@ static void measure(ecu_t *self)
 /* Answers what waits of a master's commands. */
 static void obey(ecu_t *self)
 {
-    {{ p }}_xcp_packet_t answer;
+    ars_xcp_packet_t answer;
     struct can_frame frame;
     int commands;
 
@@ -302,7 +285,7 @@ static void obey(ecu_t *self)
             note_bus_error(&self->master, errno);
             break;
         }
-        if ((size == (ssize_t)sizeof frame) && {{ p }}_xcp_command(&self->xcp, frame.data, frame.can_dlc, &answer)) {
+        if ((size == (ssize_t)sizeof frame) && ars_xcp_command(&self->xcp, frame.data, frame.can_dlc, &answer)) {
             send_packet(self, &answer);
         }
     }
@@ -310,29 +293,29 @@ static void obey(ecu_t *self)
 
 static bool is_calibration_valid(void)
 {
-    return {{ p }}_parameters_valid(&{{ p }}_parameters_default);
+    return ars_parameters_valid(&ars_parameters_default);
 }
 
 /* Lets the calibration be written, and no other page of memory. Returns an exit code where that cannot be, else -1. */
 static int start_xcp(ecu_t *self)
 {
-    const uintptr_t start = (uintptr_t)__start_{{ p }}_calibration;
-    const uintptr_t stop = (uintptr_t)__stop_{{ p }}_calibration;
+    const uintptr_t start = (uintptr_t)ARS_ECU_CALIBRATION_START;
+    const uintptr_t stop = (uintptr_t)ARS_ECU_CALIBRATION_STOP;
     const uintptr_t task = (uintptr_t)&self->task;
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     const uintptr_t first = start - (start % page);
-    {{ p }}_xcp_setup_t setup;
+    ars_xcp_setup_t setup;
 
     if ((stop <= start) || ((stop - start) > (uintptr_t)CALIBRATION_MAX)) {
-        return refuse("--xcp", "the calibration has no section of its own", "compile as the head of {{ p }}_xcp.h says");
+        return refuse("--xcp", "the calibration has no section of its own", "compile as the head of ars_xcp.h says");
     }
     if (((uint64_t)stop > UINT32_MAX) || (((uint64_t)task + sizeof self->task) > UINT32_MAX)) {
         return refuse("--xcp", "the addresses do not fit the 32 bits of XCP", "link with -no-pie");
     }
-    if (mprotect(&__start_{{ p }}_calibration[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
+    if (mprotect(&ARS_ECU_CALIBRATION_START[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
         return refuse("--xcp", strerror(errno), "the calibration cannot be made writable");
     }
-    setup.calibration = __start_{{ p }}_calibration;
+    setup.calibration = ARS_ECU_CALIBRATION_START;
     setup.working = working_page;
     setup.reference = reference_page;
     setup.measurements = (const uint8_t *)&self->task;
@@ -341,7 +324,7 @@ static int start_xcp(ecu_t *self)
     setup.measurements_address = (uint32_t)task;
     setup.measurements_size = (uint32_t)sizeof self->task;
     setup.is_valid = is_calibration_valid;
-    {{ p }}_xcp_init(&self->xcp, &setup);
+    ars_xcp_init(&self->xcp, &setup);
     return -1;
 }
 
@@ -353,8 +336,8 @@ static void answer(ecu_t *self)
     struct can_frame frame;
 
     (void)memset(&frame, 0, sizeof frame);
-    frame.can_id = {{ p }}_{{ task.function }}(&self->task, frame.data);
-    frame.can_dlc = (uint8_t){{ P }}_CAN_LENGTH;
+    frame.can_id = ARS_ECU_RUN_TASK(&self->task, frame.data);
+    frame.can_dlc = (uint8_t)ARS_CAN_LENGTH;
     if (self->bus < 0) {
         self->send_errors++;
     } else if (write(self->bus, &frame, sizeof frame) == (ssize_t)sizeof frame) {
@@ -370,8 +353,8 @@ static void answer(ecu_t *self)
 static void take(ecu_t *self, const struct can_frame *frame)
 {
     self->heard = true;
-    {{ p }}_task_on_can_frame(&self->task, frame->can_id, frame->data, frame->can_dlc);
-    if (!{{ p }}_task_is_complete(&self->task)) {
+    ars_task_on_can_frame(&self->task, frame->can_id, frame->data, frame->can_dlc);
+    if (!ars_task_is_complete(&self->task)) {
         return;
     }
     if (self->options.lock_step) {
@@ -550,7 +533,7 @@ static bool set_priority(int priority)
 
 static void print_counters(const ecu_t *self)
 {
-    const {{ p }}_task_t *task = &self->task;
+    const ars_task_t *task = &self->task;
     const int64_t mean = (self->runs > 0u) ? (self->lateness_sum / (int64_t)self->runs) : 0;
 
     (void)fprintf(stderr,
@@ -570,7 +553,7 @@ static int run(ecu_t *self)
     int code = -1;
 
     self->master = -1;
-    if (!{{ p }}_selftest()) {
+    if (!ars_selftest()) {
         (void)fprintf(stderr, "error: the self-test failed; build and compile again\n");
         return EXIT_FAILURE;
     }
@@ -593,7 +576,7 @@ static int run(ecu_t *self)
     if ((self->bus < 0) || (self->options.xcp && (self->master < 0))) {
         return refuse_bus(self->options.interface, errno);
     }
-    {{ p }}_task_init(&self->task, &{{ p }}_parameters_default);
+    ars_task_init(&self->task, &ars_parameters_default);
     (void)printf("ready\n");
     (void)fflush(stdout);
     start_timer(self->watch, now() + watch_period, watch_period);
@@ -608,10 +591,10 @@ static int run(ecu_t *self)
 static void print_help(void)
 {
     (void)printf(
-        "usage: {{ p }}_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
-        "The rear-steering ECU of this build on a CAN interface, say vcan0, every {{ controller.period_text }}.\n\n"
+        "usage: ars_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
+        "The rear-steering ECU of this build on a CAN interface, say vcan0, every " ARS_ECU_PERIOD_TEXT ".\n\n"
         "  --lock-step    no timer: answer each complete set of the car's frames once\n"
-        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers {{ xcp.receive_id }} and {{ xcp.transmit_id }}\n"
+        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers " ARS_XCP_IDS_TEXT "\n"
         "  --priority N   real-time priority (SCHED_FIFO) 1 to 99, all memory locked\n"
         "  --parent PID   end where process PID is no longer the parent\n"
         "  -h, --help     this text\n\n"

@@ -1,8 +1,9 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "What a compiler may call to copy or clear memory. Left out by the linker where nobody does.") %}
-Byte by byte through volatile pointers: a compiler that knows memcpy() would else make the loop a call of itself. With a C library
-in the project leave this file out.
-{% endcall %}
+/*
+ * What a compiler may call to copy or clear memory. Left out by the linker where nobody does.
+ *
+ * Byte by byte through volatile pointers: a compiler that knows memcpy() would else make the loop a call of itself. With a C library
+ * in the project leave this file out.
+ */
 #include <stddef.h>
 #include <stdint.h>
 

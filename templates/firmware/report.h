@@ -1,6 +1,6 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "Lines of text without a C library.") %}
-{% endcall %}
+/*
+ * Lines of text without a C library.
+ */
 #ifndef REPORT_H
 #define REPORT_H
 
