@@ -84,22 +84,22 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
 /* A signal that was measured so far: it is missing, for a short time or for too long, or wrong where it moves by more than `step` in a
  * sample. Returns whether it is missing, for a short time so far. */
 ARS_SECTION_CODE static bool follow(
-    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, float step)
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, float step_max)
 {
-    bool is_gap = false;
+    bool is_missing = false;
 
-    if (!is_there) {
+    if (!is_available) {
         self->missing++;
-        is_gap = self->missing <= parameters->missing_samples_max;
-        if (!is_gap) {
+        is_missing = self->missing <= parameters->missing_samples_max;
+        if (!is_missing) {
             self->source = ARS_SIGNAL_LOST;
         }
-    } else if (is_within(measured - self->value, step * ((float)self->missing + 1.0f))) {
+    } else if (is_within(measured - self->value, step_max * ((float)self->missing + 1.0f))) {
         self->value = measured;
     } else {
         self->source = ARS_SIGNAL_WRONG;
     }
-    return is_gap;
+    return is_missing;
 }
 
 /* After a sample in which no signal is missing: were each count to fall alone, signals that are missing in turn would be predicted for
@@ -113,9 +113,9 @@ ARS_SECTION_CODE static void forget(ars_signal_t *self)
 
 /* A signal that is replaced: it has to be there and, where it was wrong, to be confirmed by the others, for so many samples in a row. */
 ARS_SECTION_CODE static void prove(
-    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, bool is_confirmed)
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, bool is_confirmed)
 {
-    if (is_there && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
+    if (is_available && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
         self->good++;
     } else {
         self->good = 0u;
@@ -130,12 +130,12 @@ ARS_SECTION_CODE static void prove(
 
 /* A signal that stays to the bit while the yaw rate and that of the angles move apart. `least` is how near they were since it changed. */
 ARS_SECTION_CODE static bool is_frozen(
-    const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float apart, float *least)
+    const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float deviation, float *least_deviation)
 {
-    if ((apart < *least) || (measured > self->value) || (measured < self->value)) {
-        *least = apart;
+    if ((deviation < *least_deviation) || (measured > self->value) || (measured < self->value)) {
+        *least_deviation = deviation;
     }
-    return (apart - *least) > parameters->yaw_rate_frozen;
+    return (deviation - *least_deviation) > parameters->yaw_rate_frozen;
 }
 
 /* An estimate that is lost goes slowly to that of a road nobody knows. */
@@ -145,9 +145,9 @@ ARS_SECTION_CODE static void take_friction(
     if (is_between(measured, 0.0f, parameters->friction_max)) {
         self->friction = measured;
     } else {
-        const float recovered = self->friction + parameters->friction_recovery;
+        const float recovered_friction = self->friction + parameters->friction_recovery;
 
-        self->friction = (recovered < friction_unknown) ? recovered : friction_unknown;
+        self->friction = (recovered_friction < friction_unknown) ? recovered_friction : friction_unknown;
     }
 }
 
@@ -202,7 +202,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->lateral_is_proven = false;
 }
 
-ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_gap)
+ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_missing)
 {
     ars_quality_t quality = ARS_QUALITY_GOOD;
 
@@ -213,24 +213,24 @@ ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool 
     } else {
         /* good */
     }
-    return (has_gap && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
+    return (has_missing && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
 }
 
 /* rad/s of the linear car for each rad between front and rear wheels; that of a car beyond its critical speed is bounded. */
 ARS_SECTION_CODE static float yaw_gain(const ars_inputs_parameters_t *parameters, float speed)
 {
-    const float least = 0.25f * parameters->wheelbase;
-    const float length = parameters->wheelbase + ((parameters->understeer_coefficient * speed) * speed);
+    const float length_min = 0.25f * parameters->wheelbase;
+    const float effective_length = parameters->wheelbase + ((parameters->understeer_coefficient * speed) * speed);
 
-    return speed / ((length > least) ? length : least);
+    return speed / ((effective_length > length_min) ? effective_length : length_min);
 }
 
 /* Whether a yaw rate agrees with a turn that is one: that zero agrees with zero proves nothing. */
-ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn)
+ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn_yaw_rate)
 {
     const float agreement = parameters->yaw_rate_agreement;
 
-    return !is_within(turn, agreement + agreement) && is_within(yaw_rate - turn, agreement);
+    return !is_within(turn_yaw_rate, agreement + agreement) && is_within(yaw_rate - turn_yaw_rate, agreement);
 }
 
 /* The turn that the lateral acceleration shows. */
@@ -257,22 +257,22 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
  * alone. A measured speed is wrong where it is another one for five times as many samples as a wrong one has to be right; one that is
  * replaced slowly goes there. angle: rad, of front less rear wheels. */
 ARS_SECTION_CODE static void check_speed(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->speed;
     const float yaw_rate = self->yaw_rate.value;
-    const float shown = (lateral->yaw_rate * signal->value) / yaw_rate;
+    const float implied_speed = (lateral->yaw_rate * signal->value) / yaw_rate;
 
-    if (is_within((yaw_gain(parameters, shown) * angle) - yaw_rate, parameters->yaw_rate_agreement)) {
-        const float apart = shown - signal->value;
+    if (is_within((yaw_gain(parameters, implied_speed) * net_steering_angle) - yaw_rate, parameters->yaw_rate_agreement)) {
+        const float speed_deviation = implied_speed - signal->value;
 
         if (signal->source != ARS_SIGNAL_MEASURED) {
-            signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * apart), parameters->speed_max);
-        } else if (!is_within(apart, parameters->speed_agreement)) {
+            signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * speed_deviation), parameters->speed_max);
+        } else if (!is_within(speed_deviation, parameters->speed_agreement)) {
             signal->good++;
             if (signal->good >= (5u * parameters->recovery_samples)) {
                 signal->source = ARS_SIGNAL_WRONG;
-                signal->value = bounded(shown, parameters->speed_max);
+                signal->value = bounded(implied_speed, parameters->speed_max);
                 signal->good = 0u;
             }
         } else {
@@ -284,21 +284,21 @@ ARS_SECTION_CODE static void check_speed(
 /* In a turn. The lateral acceleration is proven where the yaw rate agrees with it, and refuted where that agrees with the front angle
  * and not with it; where the yaw rate agrees with none of them, the speed may be wrong. */
 ARS_SECTION_CODE static void compare_with_lateral(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
     const float agreement = parameters->yaw_rate_agreement;
     const float yaw_rate = self->yaw_rate.value;
-    const float apart = lateral->yaw_rate - yaw_rate;
+    const float yaw_rate_deviation = lateral->yaw_rate - yaw_rate;
 
     if (is_within(yaw_rate, agreement + agreement)) {
         /* no turn */
-    } else if (is_within(apart, agreement)) {
+    } else if (is_within(yaw_rate_deviation, agreement)) {
         self->lateral_is_proven = true;
     } else if (!is_within(self->expected_yaw_rate - yaw_rate, agreement)) {
         if (lateral->is_evidence) {
-            check_speed(self, parameters, angle, lateral);
+            check_speed(self, parameters, net_steering_angle, lateral);
         }
-    } else if (!is_within(apart, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
+    } else if (!is_within(yaw_rate_deviation, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
         self->lateral_is_proven = false;
     } else {
         /* it shows nothing */
@@ -307,11 +307,11 @@ ARS_SECTION_CODE static void compare_with_lateral(
 
 /* A speed that was wrong is right again near what stands for it. That is held or falls slowly while the car may change its speed, so
  * near is a quarter of it more; and it says nothing once it is that of a car that stands. */
-ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replaced)
+ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replacement)
 {
-    const float held = magnitude(replaced);
+    const float replacement_speed = magnitude(replacement);
 
-    return (held < speed_least) || is_within(measured - replaced, parameters->speed_agreement + (0.25f * held));
+    return (replacement_speed < speed_least) || is_within(measured - replacement, parameters->speed_agreement + (0.25f * replacement_speed));
 }
 
 /* Each takes one signal. Returns whether it is missing, for a short time so far. */
@@ -319,110 +319,110 @@ ARS_SECTION_CODE static bool take_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
     ars_signal_t *const signal = &self->speed;
-    const bool is_there = is_within(measured, parameters->speed_max);
-    bool is_gap = false;
+    const bool is_available = is_within(measured, parameters->speed_max);
+    bool is_missing = false;
 
     if (signal->source == ARS_SIGNAL_MEASURED) {
-        is_gap = follow(signal, parameters, measured, is_there, parameters->speed_step);
+        is_missing = follow(signal, parameters, measured, is_available, parameters->speed_step);
         signal->good = (signal->source == ARS_SIGNAL_MEASURED) ? signal->good : 0u;
     } else {
-        prove(signal, parameters, measured, is_there, is_right_again(parameters, measured, signal->value));
+        prove(signal, parameters, measured, is_available, is_right_again(parameters, measured, signal->value));
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
         signal->value = toward_zero(signal->value, parameters->speed_fall);
     }
-    return is_gap;
+    return is_missing;
 }
 
 /* turn: rad/s that the front angle would make in the linear car. A car that leaves the linear range moves away from a front angle
  * that is held still, so yaw rate and lateral acceleration have to agree that it turns by less than half of that. */
 ARS_SECTION_CODE static bool take_front_angle(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float front_yaw_rate, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->front_angle;
     const float yaw_rate = self->yaw_rate.value;
-    const float expected = self->expected_yaw_rate;
-    const bool is_there = is_within(measured, parameters->front_angle_max);
-    bool is_still = false;
-    bool is_gap = false;
+    const float expected_yaw_rate = self->expected_yaw_rate;
+    const bool is_available = is_within(measured, parameters->front_angle_max);
+    bool has_frozen = false;
+    bool is_missing = false;
 
     if ((signal->source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)) {
-        is_still = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected), &self->least_of_front);
+        has_frozen = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected_yaw_rate), &self->least_of_front);
     } else {
         self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
-        prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
+        prove(signal, parameters, measured, is_available, agrees(parameters, front_yaw_rate, yaw_rate));
     } else {
-        is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
-        if (is_there && is_still && lateral->is_evidence && ((yaw_rate * expected) < (0.5f * (expected * expected)))
+        is_missing = follow(signal, parameters, measured, is_available, parameters->front_angle_step);
+        if (is_available && has_frozen && lateral->is_evidence && ((yaw_rate * expected_yaw_rate) < (0.5f * (expected_yaw_rate * expected_yaw_rate)))
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
     }
-    return is_gap;
+    return is_missing;
 }
 
 /* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. It is wrong where it froze,
  * or shows a turn to the other side than both angles and lateral acceleration, for as many samples as a wrong one has to be right.
  * angle: rad, of front less rear wheels. */
 ARS_SECTION_CODE static bool take_yaw_rate(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float net_steering_angle, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
-    const float expected = self->expected_yaw_rate;
-    const float turn = 2.0f * parameters->yaw_rate_agreement;
-    const bool is_there = is_within(measured, parameters->yaw_rate_max)
+    const float expected_yaw_rate = self->expected_yaw_rate;
+    const float turn_yaw_rate_min = 2.0f * parameters->yaw_rate_agreement;
+    const bool is_available = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
-    bool is_gap = false;
+    bool is_missing = false;
 
     if (signal->source != ARS_SIGNAL_MEASURED) {
         self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
-        prove(signal, parameters, measured, is_there, agrees(parameters, measured, signal->value));
-    } else if (is_there) {
-        const bool is_still = is_frozen(signal, parameters, measured, magnitude(measured - expected), &self->least);
+        prove(signal, parameters, measured, is_available, agrees(parameters, measured, signal->value));
+    } else if (is_available) {
+        const bool has_frozen = is_frozen(signal, parameters, measured, magnitude(measured - expected_yaw_rate), &self->least);
 
-        if (((measured * expected) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn)
-            && !is_within(lateral->yaw_rate, turn)) {
+        if (((measured * expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn_yaw_rate_min)
+            && !is_within(lateral->yaw_rate, turn_yaw_rate_min)) {
             signal->good++;
         } else {
             signal->good = 0u;
         }
-        is_gap = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
-        if (is_still || (signal->good >= parameters->recovery_samples)) {
+        is_missing = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
+        if (has_frozen || (signal->good >= parameters->recovery_samples)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
         if (signal->source != ARS_SIGNAL_MEASURED) {
             signal->good = 0u;
         } else if (lateral->is_there) {
-            compare_with_lateral(self, parameters, angle, lateral);
+            compare_with_lateral(self, parameters, net_steering_angle, lateral);
         } else {
             /* nothing more to ask */
         }
     } else {
         signal->good = 0u;
-        is_gap = follow(signal, parameters, measured, false, parameters->yaw_rate_step);
+        is_missing = follow(signal, parameters, measured, false, parameters->yaw_rate_step);
     }
-    return is_gap;
+    return is_missing;
 }
 
 /* While the front wheels are straight, what the sensor shows beyond the linear car's turn is learned as its offset; of a turn that the
  * lateral acceleration shows too no more than is beyond that. */
 ARS_SECTION_CODE static float without_offset(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, const lateral_t *lateral)
 {
-    if (is_within(front_turn, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
+    if (is_within(front_yaw_rate, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
         && (lateral->is_there || !self->lateral_is_known)) {
-        float shown = self->yaw_rate.value - self->expected_yaw_rate;
+        float offset_estimate = self->yaw_rate.value - self->expected_yaw_rate;
 
         if (lateral->is_there) {
-            const float largest = magnitude(self->yaw_rate.value - lateral->yaw_rate);
+            const float offset_bound = magnitude(self->yaw_rate.value - lateral->yaw_rate);
 
-            shown = bounded(shown, largest);
+            offset_estimate = bounded(offset_estimate, offset_bound);
         }
-        shown = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (shown - self->yaw_rate_offset));
-        self->yaw_rate_offset = bounded(shown, parameters->yaw_rate_offset_max);
+        offset_estimate = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (offset_estimate - self->yaw_rate_offset));
+        self->yaw_rate_offset = bounded(offset_estimate, parameters->yaw_rate_offset_max);
     }
     return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
 }
@@ -430,13 +430,13 @@ ARS_SECTION_CODE static float without_offset(
 /* For the yaw rate: fast the linear car's, slowly that of a lateral acceleration. Fed back at once, that one swings. */
 ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
 {
-    float beyond = 0.0f;
+    float correction = 0.0f;
 
     if (lateral->is_evidence) {
-        beyond = lateral->yaw_rate - self->expected_yaw_rate;
+        correction = lateral->yaw_rate - self->expected_yaw_rate;
     }
-    beyond = self->beyond_linear + (parameters->yaw_rate_correction_share * (beyond - self->beyond_linear));
-    self->beyond_linear = bounded(beyond, parameters->yaw_rate_max);
+    correction = self->beyond_linear + (parameters->yaw_rate_correction_share * (correction - self->beyond_linear));
+    self->beyond_linear = bounded(correction, parameters->yaw_rate_max);
     self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
 }
 
@@ -444,20 +444,20 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
     ars_measurement_t *believed)
 {
-    const float rear
+    const float believed_rear_angle
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
-    bool has_gap = take_speed(self, parameters, measured->speed);
+    bool has_missing = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
-    float turn = gain * (measured->front_angle - rear);
-    float angle;
+    float linear_yaw_rate = gain * (measured->front_angle - believed_rear_angle);
+    float net_steering_angle;
 
     self->lateral_is_known = self->lateral_is_known || lateral.is_there;
-    has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
-    angle = self->front_angle.value - rear;
-    turn = self->expected_yaw_rate + (parameters->expected_share * ((gain * angle) - self->expected_yaw_rate));
-    self->expected_yaw_rate = bounded(turn, parameters->yaw_rate_max);
-    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, angle, &lateral) || has_gap;
+    has_missing = take_front_angle(self, parameters, measured->front_angle, linear_yaw_rate, &lateral) || has_missing;
+    net_steering_angle = self->front_angle.value - believed_rear_angle;
+    linear_yaw_rate = self->expected_yaw_rate + (parameters->expected_share * ((gain * net_steering_angle) - self->expected_yaw_rate));
+    self->expected_yaw_rate = bounded(linear_yaw_rate, parameters->yaw_rate_max);
+    has_missing = take_yaw_rate(self, parameters, measured->yaw_rate, net_steering_angle, &lateral) || has_missing;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
         self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
         self->yaw_rate.source = ARS_SIGNAL_LOST;
@@ -465,11 +465,11 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
         stand_in(self, parameters, &lateral);
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
-        self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
+        self->front_angle.value = bounded(believed_rear_angle + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
         /* both are measured, or the car stands */
     }
-    if (!has_gap) {
+    if (!has_missing) {
         forget(&self->speed);
         forget(&self->front_angle);
         forget(&self->yaw_rate);
@@ -482,9 +482,9 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         self->beyond_linear = 0.0f;
         believed->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
     }
-    believed->rear_angle = rear;
+    believed->rear_angle = believed_rear_angle;
     believed->friction = self->friction;
     believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
     believed->inhibit = measured->inhibit;
-    return quality_of(self, has_gap);
+    return quality_of(self, has_missing);
 }

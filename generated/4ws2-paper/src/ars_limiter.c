@@ -77,16 +77,16 @@ ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 /* Between the breakpoints linear, beyond them held. */
 ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_t *parameters, float speed)
 {
-    const float *const at = parameters->opposite_phase_speed;
+    const float *const breakpoints = parameters->opposite_phase_speed;
     float bound = parameters->opposite_phase_max[0];
     uint32_t k;
 
     for (k = 1u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
         const float next = parameters->opposite_phase_max[k];
 
-        if (speed < at[k]) {
-            if (speed > at[k - 1u]) {
-                bound += ((speed - at[k - 1u]) / (at[k] - at[k - 1u])) * (next - bound);
+        if (speed < breakpoints[k]) {
+            if (speed > breakpoints[k - 1u]) {
+                bound += ((speed - breakpoints[k - 1u]) / (breakpoints[k] - breakpoints[k - 1u])) * (next - bound);
             }
             break;
         }
@@ -124,9 +124,9 @@ ARS_SECTION_CODE void ars_limiter_init(ars_limiter_t *self, float rear_angle)
 ARS_SECTION_CODE float ars_limiter_step(
     ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input)
 {
-    const float step = parameters->rear_rate_max * sampling_time;
+    const float angle_step_max = parameters->rear_rate_max * sampling_time;
     const float demand = input->demand;
-    float target = self->rear_angle;
+    float limited_demand = self->rear_angle;
 
     if (is_within(input->speed, parameters->speed_max)) {
         self->speed = magnitude(input->speed);
@@ -136,24 +136,24 @@ ARS_SECTION_CODE float ars_limiter_step(
         self->front_angle = input->front_angle;
     }
     if (self->speed_known) {
-        const float bound = opposite_phase_bound(parameters, self->speed);
-        const float turned = magnitude(self->front_angle) / parameters->in_phase_from_front_angle;
-        const float share = (turned < 1.0f) ? turned : 1.0f;
-        const float in_phase = bound + (share * (parameters->rear_angle_max - bound));
-        const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
-        const float high = (self->front_angle > 0.0f) ? in_phase : bound;
+        const float opposite_phase_max = opposite_phase_bound(parameters, self->speed);
+        const float front_angle_ratio = magnitude(self->front_angle) / parameters->in_phase_from_front_angle;
+        const float in_phase_share = (front_angle_ratio < 1.0f) ? front_angle_ratio : 1.0f;
+        const float in_phase_max = opposite_phase_max + (in_phase_share * (parameters->rear_angle_max - opposite_phase_max));
+        const float low = (self->front_angle < 0.0f) ? -in_phase_max : -opposite_phase_max;
+        const float high = (self->front_angle > 0.0f) ? in_phase_max : opposite_phase_max;
 
         if (demand > high) {
-            target = high;
+            limited_demand = high;
         } else if (demand >= low) {
-            target = demand;
+            limited_demand = demand;
         } else if (demand < low) {
-            target = low;
+            limited_demand = low;
         } else {
-            target = clamp(target, low, high); /* NaN: the last angle */
+            limited_demand = clamp(limited_demand, low, high); /* NaN: the last angle */
         }
     }
-    target = clamp(target, self->rear_angle - step, self->rear_angle + step);
-    self->rear_angle = bounded(target, parameters->rear_angle_max);
+    limited_demand = clamp(limited_demand, self->rear_angle - angle_step_max, self->rear_angle + angle_step_max);
+    self->rear_angle = bounded(limited_demand, parameters->rear_angle_max);
     return self->rear_angle;
 }

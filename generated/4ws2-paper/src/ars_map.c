@@ -106,9 +106,9 @@ ARS_SECTION_CODE static position_t locate_front_angle(float turned)
 }
 
 /* Every table is for positive front angles: one search serves all of them. */
-ARS_SECTION_CODE static place_t place_of(float speed, float turned)
+ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitude)
 {
-    const place_t place = { locate_speed(speed), locate_front_angle(turned) };
+    const place_t place = { locate_speed(speed), locate_front_angle(front_angle_magnitude) };
 
     return place;
 }
@@ -154,9 +154,9 @@ ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *
     return result;
 }
 
-ARS_SECTION_CODE static float yaw_rate_at(float speed, float turned, const road_t *road)
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float front_angle_magnitude, const road_t *road)
 {
-    const place_t place = place_of(speed, turned);
+    const place_t place = place_of(speed, front_angle_magnitude);
 
     return capped(uncapped_yaw_rate(&place), speed, road);
 }
@@ -179,13 +179,13 @@ ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 /* False for NaN. */
 ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, float low, float high)
 {
-    bool inside = true;
+    bool all_between = true;
     uint32_t k;
 
     for (k = 0u; k < count; k++) {
-        inside = inside && (numbers[k] >= low) && (numbers[k] <= high);
+        all_between = all_between && (numbers[k] >= low) && (numbers[k] <= high);
     }
-    return inside;
+    return all_between;
 }
 
 /* From zero or below, each above the one before. */

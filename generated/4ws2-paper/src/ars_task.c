@@ -112,20 +112,20 @@ ARS_SECTION_CODE static bool input_returned(const ars_task_input_t *self)
 /* The end of a cycle for one message: its diagnostics; ready for the next cycle. */
 ARS_SECTION_CODE static uint32_t input_close(ars_task_input_t *self)
 {
-    const bool good = self->advance > 0u;
-    const bool damaged = (self->causes & (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC) != 0u;
-    const bool valid = ars_e2e_supervise(&self->supervision, good, damaged) == ARS_E2E_STATE_VALID;
+    const bool is_good = self->advance > 0u;
+    const bool is_damaged = (self->causes & (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC) != 0u;
+    const bool is_valid = ars_e2e_supervise(&self->supervision, is_good, is_damaged) == ARS_E2E_STATE_VALID;
     uint32_t causes = self->causes;
 
     if (self->frames == 0u) {
         (void)ars_e2e_no_new_data(&self->receiver);
         causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_MISSING;
     }
-    if (good && !valid) {
+    if (is_good && !is_valid) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER;
     }
-    self->usable = good && valid;
-    self->disturbed = self->disturbed && !good;
+    self->usable = is_good && is_valid;
+    self->disturbed = self->disturbed && !is_good;
     self->causes = 0u;
     self->frames = 0u;
     self->advance = 0u;
@@ -161,21 +161,21 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
 
 ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length)
 {
-    const bool motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
-    const bool conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
+    const bool is_motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
+    const bool is_conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
 
-    if ((motion || conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
+    if ((is_motion || is_conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
         /* Its data are not read: damaged, and no frame as far as its counter goes. */
-        if (motion) {
+        if (is_motion) {
             input_disturb(&self->motion_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
         } else {
             input_disturb(&self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
         }
-    } else if (motion) {
+    } else if (is_motion) {
         if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data)) {
             ars_can_unpack_vehicle_motion(data, &self->motion);
         }
-    } else if (conditions) {
+    } else if (is_conditions) {
         self->conditions_close = self->motion_input.frames > 0u;
         if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
             ars_can_unpack_vehicle_conditions(data, &self->conditions);
@@ -239,22 +239,22 @@ ARS_SECTION_CODE static uint32_t check_bus(ars_task_t *self)
 /* Whether the rear wheels follow the commands before this sample, as an actuator with its lag does. While it has a way to go, it may
  * be off by twice that way more: a lag of twice the size and two samples of delay take less. An angle that is not measured (NaN) is
  * no difference. */
-ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool good)
+ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
 {
     const ars_parameters_t *parameters = self->parameters;
     const float command = self->controller.rear_angle;
-    const float moved = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
-    const float largest = parameters->inputs.rear_angle_max;
+    const float lagged_angle = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
+    const float rear_angle_max = parameters->inputs.rear_angle_max;
     /* False for NaN too, which would stay. */
-    const float expected = (magnitude(moved) <= largest) ? moved : command;
-    const float way = magnitude(command - expected);
-    const float tolerance = parameters->actuator_error_max + (way + way);
-    const float difference = magnitude(self->conditions.rear_angle - expected);
+    const float expected = (magnitude(lagged_angle) <= rear_angle_max) ? lagged_angle : command;
+    const float remaining_angle = magnitude(command - expected);
+    const float tolerance = parameters->actuator_error_max + (remaining_angle + remaining_angle);
+    const float angle_error = magnitude(self->conditions.rear_angle - expected);
     uint32_t samples = self->actuator_samples;
 
     self->expected_angle = expected;
-    if (good) {
-        if (difference > tolerance) {
+    if (is_good) {
+        if (angle_error > tolerance) {
             samples = (samples <= parameters->actuator_samples_max) ? (samples + 1u) : samples;
         } else if (samples > 0u) {
             samples--;
@@ -271,11 +271,11 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool good)
 ARS_SECTION_CODE static void start(ars_task_t *self)
 {
     const float rear_angle = self->conditions.rear_angle;
-    const float largest = self->parameters->inputs.rear_angle_max;
+    const float rear_angle_max = self->parameters->inputs.rear_angle_max;
 
-    if (magnitude(rear_angle) <= largest) {
+    if (magnitude(rear_angle) <= rear_angle_max) {
         self->started = true;
-    } else if (magnitude(rear_angle) > largest) {
+    } else if (magnitude(rear_angle) > rear_angle_max) {
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
@@ -288,7 +288,7 @@ ARS_SECTION_CODE static void start(ars_task_t *self)
 }
 
 /* What did not come is told to the controller by signals that are not available. An inhibit holds over single frames that are lost. */
-ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good)
 {
     const bool motion_usable = self->motion_input.usable;
     const bool conditions_usable = self->conditions_input.usable;
@@ -303,7 +303,7 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
         .inhibit = self->conditions.inhibit && (self->conditions_input.supervision.state == ARS_E2E_STATE_VALID)
     };
 
-    if (!good) {
+    if (!is_good) {
         self->lost_samples++;
     } else if (!self->started) {
         start(self);
@@ -314,12 +314,12 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
 }
 
 /* Which signals the controller does not believe, and whether one that came is missing. */
-ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool good)
+ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool is_good)
 {
     const ars_inputs_t *inputs = &self->controller.inputs;
     uint32_t causes = 0u;
 
-    if (good && (self->controller.quality == ARS_QUALITY_MISSING)) {
+    if (is_good && (self->controller.quality == ARS_QUALITY_MISSING)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
     if (inputs->speed.source != ARS_SIGNAL_MEASURED) {
@@ -339,7 +339,7 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     uint32_t diagnostics;
     ars_rear_steer_command_t signals;
     ars_command_t command;
-    bool good;
+    bool is_good;
 
     if (self->controller.initialised == 0u) { /* memory that ars_task_init() has never been at */
         ars_task_init(self, &ars_parameters_default);
@@ -349,12 +349,12 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     self->conditions_close = false;
-    good = self->motion_input.usable && self->conditions_input.usable;
+    is_good = self->motion_input.usable && self->conditions_input.usable;
     if (self->started) {
-        diagnostics |= check_actuator(self, good);
+        diagnostics |= check_actuator(self, is_good);
     }
-    command = step(self, good);
-    diagnostics |= causes_of_controller(self, good);
+    command = step(self, is_good);
+    diagnostics |= causes_of_controller(self, is_good);
     /* Before the first good sample nobody knows where the rear wheels stand: no angle is better than a wrong one. */
     signals.rear_angle = self->started ? command.rear_angle : ars_can_not_available();
     signals.yaw_rate_reference = self->started ? command.yaw_rate_reference : ars_can_not_available();

@@ -129,28 +129,28 @@ ARS_SECTION_CODE static void limit(
     ars_controller_t *self, const ars_parameters_t *parameters)
 {
     const ars_limiter_input_t input = { self->sample.speed, self->sample.front_angle, self->rear_angle };
-    const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
+    const float limited_angle = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
 
-    if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
+    if ((self->status == ARS_STATUS_TRACKING) && ((limited_angle > self->rear_angle) || (limited_angle < self->rear_angle))) {
         self->status = ARS_STATUS_LIMITED;
     }
-    self->rear_angle = limited;
+    self->rear_angle = limited_angle;
 }
 
 ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
 {
-    float start = 0.0f;
+    float initial_angle = 0.0f;
 
     if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
-        start = bounded(rear_angle, actuator_angle_max);
+        initial_angle = bounded(rear_angle, actuator_angle_max);
     }
-    self->rear_angle = start;
+    self->rear_angle = initial_angle;
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
     self->sample.speed = 0.0f;
     self->sample.front_angle = 0.0f;
     self->sample.yaw_rate = 0.0f;
-    self->sample.rear_angle = start;
+    self->sample.rear_angle = initial_angle;
     self->sample.friction = 0.0f;
     self->sample.lateral_acceleration = 0.0f;
     self->sample.inhibit = true;
@@ -159,8 +159,8 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->status = ARS_STATUS_STANDBY;
     self->initialised = initialised;
     ars_inputs_init(&self->inputs, true);
-    ars_limiter_init(&self->limiter, start);
-    ars_law_init(&self->law, start);
+    ars_limiter_init(&self->limiter, initial_angle);
+    ars_law_init(&self->law, initial_angle);
     ars_grip_init(&self->grip);
 }
 

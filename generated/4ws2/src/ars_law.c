@@ -68,10 +68,10 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
  * did not know of it would run away from the command. */
 ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 {
-    const float own = parameters->rear_rate_max;
-    const float behind = parameters->limiter.rear_rate_max;
+    const float law_rate_max = parameters->rear_rate_max;
+    const float limiter_rate_max = parameters->limiter.rear_rate_max;
 
-    return ((own < behind) ? own : behind) * sampling_time;
+    return ((law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max) * sampling_time;
 }
 
 /* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
@@ -94,37 +94,37 @@ typedef struct {
     float high;
 } range_t;
 
-ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float share)
+ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float fraction)
 {
-    return values[lower] + (share * (values[lower + 1u] - values[lower]));
+    return values[lower] + (fraction * (values[lower + 1u] - values[lower]));
 }
 
 /* Between the breakpoints linear, beyond them held. */
 ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
 {
-    const float *const at = parameters->schedule_speed;
+    const float *const breakpoints = parameters->schedule_speed;
     uint32_t lower = 0u;
-    float share;
+    float fraction;
     gains_t gains;
 
     /* Each stride halves what is left of the cells; all together reach the last one. */
-    if (speed >= at[lower + 6u]) {
+    if (speed >= breakpoints[lower + 6u]) {
         lower += 6u;
     }
-    if (speed >= at[lower + 3u]) {
+    if (speed >= breakpoints[lower + 3u]) {
         lower += 3u;
     }
-    if (speed >= at[lower + 2u]) {
+    if (speed >= breakpoints[lower + 2u]) {
         lower += 2u;
     }
-    if (speed >= at[lower + 1u]) {
+    if (speed >= breakpoints[lower + 1u]) {
         lower += 1u;
     }
-    share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
-    gains.proportional = interpolated(parameters->proportional_gain, lower, share);
-    gains.integral = interpolated(parameters->integral_gain, lower, share);
-    gains.lead_time = interpolated(parameters->lead_time, lower, share);
-    gains.response = interpolated(parameters->response_gain, lower, share);
+    fraction = clamp((speed - breakpoints[lower]) / (breakpoints[lower + 1u] - breakpoints[lower]), 0.0f, 1.0f);
+    gains.proportional = interpolated(parameters->proportional_gain, lower, fraction);
+    gains.integral = interpolated(parameters->integral_gain, lower, fraction);
+    gains.lead_time = interpolated(parameters->lead_time, lower, fraction);
+    gains.response = interpolated(parameters->response_gain, lower, fraction);
     return gains;
 }
 
@@ -186,12 +186,12 @@ ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t 
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
 {
-    const float bound = parameters->trim_share * magnitude(map->yaw_rate);
-    const float missing = bounded(map->yaw_rate - self->model.yaw_rate, bound);
-    const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
+    const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
+    const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
+    const float yaw_rate_max = reference_overshoot * (map->lateral_acceleration_max / speed);
 
-    self->trim += (parameters->trim_rate * sampling_time) * (missing - self->trim);
-    return bounded(self->model.yaw_rate + self->trim, limit);
+    self->trim += (parameters->trim_rate * sampling_time) * (trim_demand - self->trim);
+    return bounded(self->model.yaw_rate + self->trim, yaw_rate_max);
 }
 
 /* Feedback may add a little where it makes the car turn more; against the turn it is free. Which way it turns is asked of two
@@ -229,10 +229,10 @@ ARS_SECTION_CODE static ars_law_output_t track(
     const float error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
     const range_t range = feedback_range(self, parameters, sample, map.rear_angle);
     const float proportional = gains.proportional * error;
-    const float step = command_step(parameters);
+    const float command_step_max = command_step(parameters);
     float integral;
     float feedback;
-    float demand;
+    float rear_angle_demand;
     ars_law_output_t output;
     bool limited = false;
 
@@ -260,18 +260,18 @@ ARS_SECTION_CODE static ars_law_output_t track(
         integral = clamp(self->integral, range.low, range.high);
     }
 
-    demand = map.rear_angle + feedback;
+    rear_angle_demand = map.rear_angle + feedback;
     /* Where the rate limit acts: let the integral not move further ahead of the command. */
-    if (demand > (rear_angle + step)) {
-        output.rear_angle = rear_angle + step;
+    if (rear_angle_demand > (rear_angle + command_step_max)) {
+        output.rear_angle = rear_angle + command_step_max;
         limited = true;
         integral = (integral > self->integral) ? self->integral : integral;
-    } else if (demand < (rear_angle - step)) {
-        output.rear_angle = rear_angle - step;
+    } else if (rear_angle_demand < (rear_angle - command_step_max)) {
+        output.rear_angle = rear_angle - command_step_max;
         limited = true;
         integral = (integral < self->integral) ? self->integral : integral;
     } else {
-        output.rear_angle = demand;
+        output.rear_angle = rear_angle_demand;
     }
     self->integral = integral;
     self->yaw_rate = sample->yaw_rate;

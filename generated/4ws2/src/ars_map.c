@@ -114,9 +114,9 @@ ARS_SECTION_CODE static position_t locate_front_angle(float turned)
 }
 
 /* Every table is for positive front angles: one search serves all of them. */
-ARS_SECTION_CODE static place_t place_of(float speed, float turned)
+ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitude)
 {
-    const place_t place = { locate_speed(speed), locate_front_angle(turned) };
+    const place_t place = { locate_speed(speed), locate_front_angle(front_angle_magnitude) };
 
     return place;
 }
@@ -168,9 +168,9 @@ ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *
     return result;
 }
 
-ARS_SECTION_CODE static float yaw_rate_at(float speed, float turned, const road_t *road)
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float front_angle_magnitude, const road_t *road)
 {
-    const place_t place = place_of(speed, turned);
+    const place_t place = place_of(speed, front_angle_magnitude);
 
     return capped(uncapped_yaw_rate(&place), speed, road);
 }
@@ -192,20 +192,20 @@ ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
 
 /* Where the cap takes yaw rate away, the rear wheels turn with the front ones by what the linear car needs for that: as far as
  * its sideslip stays inside the bound. */
-ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float excess, float yaw_rate, float speed)
+ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float yaw_rate_excess, float yaw_rate, float speed)
 {
-    const float top = ars_map_speed_breakpoints[101];
-    const float clamped = (speed > top) ? top : speed;
-    const float bound = sideslip_max - (yaw_rate * ((rear_arm / clamped) - (rear_slip_per_lateral_acceleration * clamped)));
-    float wanted = rear_angle + (excess * ((wheelbase / clamped) + (understeer_coefficient * clamped)));
+    const float speed_max = ars_map_speed_breakpoints[101];
+    const float bounded_speed = (speed > speed_max) ? speed_max : speed;
+    const float sideslip_bound = sideslip_max - (yaw_rate * ((rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed)));
+    float rear_angle_demand = rear_angle + (yaw_rate_excess * ((wheelbase / bounded_speed) + (understeer_coefficient * bounded_speed)));
 
-    if (wanted > bound) {
-        wanted = bound;
+    if (rear_angle_demand > sideslip_bound) {
+        rear_angle_demand = sideslip_bound;
     }
-    if (wanted > rear_angle_max) {
-        wanted = rear_angle_max;
+    if (rear_angle_demand > rear_angle_max) {
+        rear_angle_demand = rear_angle_max;
     }
-    return (wanted > rear_angle) ? wanted : rear_angle;
+    return (rear_angle_demand > rear_angle) ? rear_angle_demand : rear_angle;
 }
 
 ARS_SECTION_CODE ars_map_reference_t ars_map_reference(
@@ -233,13 +233,13 @@ ARS_SECTION_CODE ars_map_reference_t ars_map_reference(
 /* False for NaN. */
 ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, float low, float high)
 {
-    bool inside = true;
+    bool all_between = true;
     uint32_t k;
 
     for (k = 0u; k < count; k++) {
-        inside = inside && (numbers[k] >= low) && (numbers[k] <= high);
+        all_between = all_between && (numbers[k] >= low) && (numbers[k] <= high);
     }
-    return inside;
+    return all_between;
 }
 
 /* From zero or below, each above the one before. */

@@ -96,24 +96,24 @@ typedef struct {
  * table, but zero where the curve falls, because the step below is stable for slopes that are not negative. */
 ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
 {
-    const float size = magnitude(x);
-    const float inverse = 1.0f / (size + compression);
-    const float position = (size * inverse) * (float)cells;
+    const float x_magnitude = magnitude(x);
+    const float inverse = 1.0f / (x_magnitude + compression);
+    const float position = (x_magnitude * inverse) * (float)cells;
     uint32_t index = cells - 1u; /* for NaN too */
-    const float *corner;
-    float rise;
+    const float *cell_values;
+    float cell_rise;
     curve_t result;
 
     if (position < (float)cells) {
         index = (uint32_t)position;
     }
-    corner = &curve[index];
-    rise = corner[1] - corner[0];
-    result.value = corner[0] + ((position - (float)index) * rise);
+    cell_values = &curve[index];
+    cell_rise = cell_values[1] - cell_values[0];
+    result.value = cell_values[0] + ((position - (float)index) * cell_rise);
     if (x < 0.0f) {
         result.value = -result.value;
     }
-    result.slope = (rise > 0.0f) ? (rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
+    result.slope = (cell_rise > 0.0f) ? (cell_rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
     return result;
 }
 
@@ -213,12 +213,12 @@ ARS_SECTION_CODE void ars_reference_model_start(
     /* Steady sideslip of the linear car: rear angle + yaw rate (rear_arm / speed - rear_slip speed). */
     const float rear_arm = 1.566f; /* m */
     const float rear_slip = 0.0048840423f; /* rad s^2/m */
-    const float forward = at_least_slow(speed);
+    const float bounded_speed = at_least_slow(speed);
 
     self->yaw_rate = bounded(yaw_rate, model_yaw_rate_max);
     self->rear_angle = bounded(rear_angle, model_rear_angle_max);
     self->sideslip_angle = bounded(
-        self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip * forward))), model_sideslip_max);
+        self->rear_angle + (self->yaw_rate * ((rear_arm / bounded_speed) - (rear_slip * bounded_speed))), model_sideslip_max);
 }
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
@@ -227,12 +227,12 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     const float actuator_share = 0.15351827f;
     const float actuator_step_max = 0.0052359877f;
     const float x[2] = { self->sideslip_angle, self->yaw_rate };
-    const float way = input->rear_angle - self->rear_angle;
-    const float moved = bounded(actuator_share * way, actuator_step_max);
+    const float rear_angle_error = input->rear_angle - self->rear_angle;
+    const float rear_angle_change = bounded(actuator_share * rear_angle_error, actuator_step_max);
     const float u[4] = {
         1.0f / at_least_slow(input->speed),
         input->front_angle,
-        self->rear_angle + (0.5f * moved), /* in the middle of the step */
+        self->rear_angle + (0.5f * rear_angle_change), /* in the middle of the step */
         input->friction
     };
     float argument[2];
@@ -251,7 +251,7 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     }
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
-    self->rear_angle = bounded(self->rear_angle + moved, model_rear_angle_max);
+    self->rear_angle = bounded(self->rear_angle + rear_angle_change, model_rear_angle_max);
 }
 
 ARS_SECTION_CODE uint32_t ars_reference_model_crc(uint32_t start)
