@@ -62,20 +62,20 @@ ARS_SECTION_CODE static float magnitude(float value)
 /* Speed: even but for the first cell. NaN and what is below zero count as zero; beyond the last breakpoint the last one holds. */
 ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
-    const float *const at = ars_map_speed_breakpoints;
-    const float steps = ((speed - at[1]) / (at[101] - at[1])) * 100.0f;
+    const float *const breakpoints = ars_map_speed_breakpoints;
+    const float steps = ((speed - breakpoints[1]) / (breakpoints[101] - breakpoints[1])) * 100.0f;
     position_t position = { 0u, 0.0f };
 
     if (steps >= 100.0f) {
         position.lower = 100u;
         position.fraction = 1.0f;
-    } else if (speed >= at[1]) {
+    } else if (speed >= breakpoints[1]) {
         const uint32_t whole = (uint32_t)steps;
 
         position.lower = whole + 1u;
         position.fraction = steps - (float)whole;
     } else if (speed > 0.0f) {
-        position.fraction = speed / at[1];
+        position.fraction = speed / breakpoints[1];
     } else {
         /* zero, below it, or NaN */
     }
@@ -83,19 +83,19 @@ ARS_SECTION_CODE static position_t locate_speed(float speed)
 }
 
 /* Front angle: even but for the last cell. Not negative; NaN counts as zero; beyond the last breakpoint the last one holds. */
-ARS_SECTION_CODE static position_t locate_front_angle(float turned)
+ARS_SECTION_CODE static position_t locate_front_angle(float front_angle_magnitude)
 {
-    const float *const at = ars_map_front_angle_breakpoints;
+    const float *const breakpoints = ars_map_front_angle_breakpoints;
     position_t position = { 0u, 0.0f };
 
-    if (turned < at[100]) {
-        const float steps = (turned / at[100]) * 100.0f;
+    if (front_angle_magnitude < breakpoints[100]) {
+        const float steps = (front_angle_magnitude / breakpoints[100]) * 100.0f;
         const uint32_t whole = (uint32_t)steps;
 
         position.lower = whole;
         position.fraction = steps - (float)whole;
-    } else if (turned >= at[100]) {
-        const float fraction = (turned - at[100]) / (at[101] - at[100]);
+    } else if (front_angle_magnitude >= breakpoints[100]) {
+        const float fraction = (front_angle_magnitude - breakpoints[100]) / (breakpoints[101] - breakpoints[100]);
 
         position.lower = 100u;
         position.fraction = (fraction < 1.0f) ? fraction : 1.0f;
