@@ -1,7 +1,7 @@
 /*
  * Yaw-rate reference map: bilinear lookup. See ars_map.h.
  *
- * The numbers are in ars_calibration.c. Nothing here takes one of them for a constant: calibration may change it.
+ * The numbers are in ars_calibration.c. None of them is a constant here, because calibration may change it.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -23,31 +23,30 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* Where a value lies on an axis: the breakpoint below it, and 0 to 1 from there to the next. */
+/* Position on an axis: index of the breakpoint below, and fraction (0 to 1) of the way to the next one. */
 typedef struct {
     uint32_t lower;
     float fraction;
 } position_t;
 
-/* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
- * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
- * asks for. */
+/* Largest steady lateral acceleration that the constraints allow, in m/s^2, and the same per unit of friction. Rounded down, so that
+ * rounding never exceeds the bound. No calibration: this bound of the vehicle holds whatever the table contains. */
 ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
 ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
 ARS_SECTION_CONST static const float map_friction = 0.9f;
 
-/* Where to look. */
+/* Position in the table. */
 typedef struct {
     position_t row;
     position_t column;
 } place_t;
 
-/* What the road allows. */
+/* Limits of the road. */
 typedef struct {
     float lateral_acceleration_max; /* m/s^2 */
 } road_t;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -105,7 +104,7 @@ ARS_SECTION_CODE static position_t locate_front_angle(float front_angle_magnitud
     return position;
 }
 
-/* Every table is for positive front angles: one search serves all of them. */
+/* All tables are for positive front angles and share this search. */
 ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitude)
 {
     const place_t place = { locate_speed(speed), locate_front_angle(front_angle_magnitude) };
@@ -161,7 +160,7 @@ ARS_SECTION_CODE static float yaw_rate_at(float speed, float front_angle_magnitu
     return capped(uncapped_yaw_rate(&place), speed, road);
 }
 
-/* The map is odd in the front angle. */
+/* The map is an odd function of the front angle. */
 ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     float speed, float front_angle, float friction)
 {
@@ -176,7 +175,7 @@ ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
     return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
 }
 
-/* False for NaN. */
+/* Return whether all numbers are between low and high; false for NaN. */
 ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, float low, float high)
 {
     bool all_between = true;
@@ -188,7 +187,7 @@ ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, f
     return all_between;
 }
 
-/* From zero or below, each above the one before. */
+/* Return whether breakpoints start at zero or below and increase strictly. */
 ARS_SECTION_CODE static bool are_increasing(const float *breakpoints, uint32_t count)
 {
     bool increasing = breakpoints[0] <= 0.0f;
@@ -200,7 +199,7 @@ ARS_SECTION_CODE static bool are_increasing(const float *breakpoints, uint32_t c
     return increasing;
 }
 
-/* Whether they lie where the search, which only looks at the ends, takes them to be: within a share of a step. */
+/* Return whether breakpoints have equal steps within a tolerance. The search relies on it: it uses the first and last one only. */
 ARS_SECTION_CODE static bool are_even(const float *breakpoints, uint32_t cells)
 {
     const float step = (breakpoints[cells] - breakpoints[0]) / (float)cells;

@@ -18,9 +18,10 @@
 #endif
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
-ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2: what the map allows on its road */
+ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2, that the map allows on its road */
 ARS_SECTION_CONST static const float friction_per_grip = 0.17741716f; /* s^2/m */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -35,7 +36,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -73,10 +74,10 @@ ARS_SECTION_CODE void ars_grip_update(
     float available = self->available;
 
     self->reached = (achieved_magnitude > decayed_maximum) ? achieved_magnitude : decayed_maximum;
-    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* one that comes from another turn does not slip */
+    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* in a change of direction, a shortfall is no slip */
         available -= (parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall);
     } else {
-        /* A turn that asks for little says nothing of the road: what was found out in the last one is then forgotten sooner. */
+        /* A gentle turn gives no information on the road: recover from the last finding faster. */
         const float recovery
             = (demanded_acceleration < (0.5f * available)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
 

@@ -1,7 +1,8 @@
 /*
- * Monitoring of the inputs. See ars_inputs.h.
+ * Plausibility checks of the inputs. See ars_inputs.h.
  *
- * Order of a step: speed, front angle, the yaw rate that they make, yaw rate; then what is not believed is replaced.
+ * Order of a step: check speed and front angle, compute the yaw rate expected from them, check the yaw rate, then replace implausible
+ * signals.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -19,16 +20,16 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* More than any road's, and so that of a car which knows nothing of its road. */
+/* Friction coefficient above that of every road: the value while it is unknown. */
 ARS_SECTION_CONST static const float friction_unknown = 2.0f;
 
-/* m/s: slower, a front angle makes as good as no yaw rate to find it by. */
+/* m/s. At lower speeds the yaw rate is too small to compute the front angle from it. */
 ARS_SECTION_CONST static const float speed_least = 1.0f;
 
-/* m/s: slower, the noise of a lateral acceleration is that of a turn. */
+/* m/s. At lower speeds the noise of the lateral acceleration looks like a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -40,19 +41,19 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* False for NaN. */
+/* Return whether the value is within +-largest; false for NaN. */
 ARS_SECTION_CODE static bool is_within(float value, float largest)
 {
     return magnitude(value) <= largest;
 }
 
-/* False for NaN. */
+/* Return whether the value is between low and high; false for NaN. */
 ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -67,6 +68,7 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
+/* Return the value moved towards zero by step, which is not negative; 0 for NaN. */
 ARS_SECTION_CODE static float toward_zero(float value, float step)
 {
     float result = 0.0f;
@@ -81,8 +83,8 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* A signal that was measured so far: it is missing, for a short time or for too long, or wrong where it moves by more than `step` in a
- * sample. Returns whether it is missing, for a short time so far. */
+/* Check a signal that was measured so far. It is lost after too many samples without it, and wrong if it changes by more than step_max
+ * in a sample. Returns true while it is missing for a tolerated time. */
 ARS_SECTION_CODE static bool follow(
     ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, float step_max)
 {
@@ -102,8 +104,8 @@ ARS_SECTION_CODE static bool follow(
     return is_missing;
 }
 
-/* After a sample in which no signal is missing: were each count to fall alone, signals that are missing in turn would be predicted for
- * good. */
+/* Reduce the count of missing samples. To be called only if no signal is missing: if each count fell on its own, signals that are
+ * missing alternately would be predicted forever. */
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
@@ -111,7 +113,8 @@ ARS_SECTION_CODE static void forget(ars_signal_t *self)
     }
 }
 
-/* A signal that is replaced: it has to be there and, where it was wrong, to be confirmed by the others, for so many samples in a row. */
+/* Check a replaced signal. It must be available for recovery_samples consecutive samples and, if it was wrong, be confirmed by the
+ * other signals. */
 ARS_SECTION_CODE static void prove(
     ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, bool is_confirmed)
 {
@@ -128,7 +131,8 @@ ARS_SECTION_CODE static void prove(
     }
 }
 
-/* A signal that stays to the bit while the yaw rate and that of the angles move apart. `least` is how near they were since it changed. */
+/* Return whether a signal is frozen: its value stays identical while measured and expected yaw rate diverge. *least_deviation is
+ * their smallest deviation since the signal last changed. */
 ARS_SECTION_CODE static bool is_frozen(
     const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float deviation, float *least_deviation)
 {
@@ -138,7 +142,7 @@ ARS_SECTION_CODE static bool is_frozen(
     return (deviation - *least_deviation) > parameters->yaw_rate_frozen;
 }
 
-/* An estimate that is lost goes slowly to that of a road nobody knows. */
+/* Update the friction estimate. A lost estimate moves slowly to that of an unknown road. */
 ARS_SECTION_CODE static void take_friction(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
@@ -216,7 +220,7 @@ ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool 
     return (has_missing && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
 }
 
-/* rad/s of the linear car for each rad between front and rear wheels; that of a car beyond its critical speed is bounded. */
+/* Yaw rate of the linear vehicle per net steering angle, in 1/s. Bounded for an oversteering vehicle near its critical speed. */
 ARS_SECTION_CODE static float yaw_gain(const ars_inputs_parameters_t *parameters, float speed)
 {
     const float length_min = 0.25f * parameters->wheelbase;
@@ -225,7 +229,7 @@ ARS_SECTION_CODE static float yaw_gain(const ars_inputs_parameters_t *parameters
     return speed / ((effective_length > length_min) ? effective_length : length_min);
 }
 
-/* Whether a yaw rate agrees with a turn that is one: that zero agrees with zero proves nothing. */
+/* Return whether a yaw rate agrees with that of a turn. Near zero it does not count: agreement on a straight proves nothing. */
 ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn_yaw_rate)
 {
     const float agreement = parameters->yaw_rate_agreement;
@@ -233,11 +237,11 @@ ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, f
     return !is_within(turn_yaw_rate, agreement + agreement) && is_within(yaw_rate - turn_yaw_rate, agreement);
 }
 
-/* The turn that the lateral acceleration shows. */
+/* Turn that follows from the lateral acceleration. */
 typedef struct {
     float yaw_rate; /* rad/s */
     bool is_there;
-    bool is_evidence; /* there, and it agreed with the yaw rate in the last turn */
+    bool is_evidence; /* available, and it agreed with the yaw rate in the last turn */
 } lateral_t;
 
 ARS_SECTION_CODE static lateral_t turn_of_lateral(
@@ -253,9 +257,9 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
     return lateral;
 }
 
-/* Lateral acceleration over yaw rate is a speed, if the front angle makes that yaw rate at it: a tilted road moves the acceleration
- * alone. A measured speed is wrong where it is another one for five times as many samples as a wrong one has to be right; one that is
- * replaced slowly goes there. angle: rad, of front less rear wheels. */
+/* Check the speed against lateral acceleration over yaw rate. That speed counts only if the steering angles give the same yaw rate at
+ * it, because a banked road changes the acceleration alone. A measured speed is wrong after deviating from it for five times
+ * recovery_samples; a replaced speed moves slowly to it. net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static void check_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
@@ -281,8 +285,8 @@ ARS_SECTION_CODE static void check_speed(
     }
 }
 
-/* In a turn. The lateral acceleration is proven where the yaw rate agrees with it, and refuted where that agrees with the front angle
- * and not with it; where the yaw rate agrees with none of them, the speed may be wrong. */
+/* Compare yaw rate and lateral acceleration in a turn. Agreement proves the lateral acceleration. It is refuted if the yaw rate agrees
+ * with the front angle instead. If the yaw rate agrees with neither, the speed may be wrong. */
 ARS_SECTION_CODE static void compare_with_lateral(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
@@ -301,12 +305,12 @@ ARS_SECTION_CODE static void compare_with_lateral(
     } else if (!is_within(yaw_rate_deviation, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
         self->lateral_is_proven = false;
     } else {
-        /* it shows nothing */
+        /* not conclusive */
     }
 }
 
-/* A speed that was wrong is right again near what stands for it. That is held or falls slowly while the car may change its speed, so
- * near is a quarter of it more; and it says nothing once it is that of a car that stands. */
+/* Return whether a speed that was wrong is plausible again, that is, close to its replacement. The tolerance grows by a quarter of the
+ * replacement, which cannot follow changes of the true speed. A replacement near standstill confirms every speed. */
 ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replacement)
 {
     const float replacement_speed = magnitude(replacement);
@@ -314,7 +318,7 @@ ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *param
     return (replacement_speed < speed_least) || is_within(measured - replacement, parameters->speed_agreement + (0.25f * replacement_speed));
 }
 
-/* Each takes one signal. Returns whether it is missing, for a short time so far. */
+/* Check the speed. Returns true while it is missing for a tolerated time, as the next two functions do. */
 ARS_SECTION_CODE static bool take_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
@@ -334,8 +338,9 @@ ARS_SECTION_CODE static bool take_speed(
     return is_missing;
 }
 
-/* turn: rad/s that the front angle would make in the linear car. A car that leaves the linear range moves away from a front angle
- * that is held still, so yaw rate and lateral acceleration have to agree that it turns by less than half of that. */
+/* Check the front angle. front_yaw_rate: rad/s, of the linear vehicle with the measured front angle. A vehicle beyond its linear range
+ * also deviates while the driver holds the wheel still. A frozen angle is therefore wrong only if yaw rate and lateral acceleration
+ * agree on less than half of the expected yaw rate. */
 ARS_SECTION_CODE static bool take_front_angle(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float front_yaw_rate, const lateral_t *lateral)
 {
@@ -349,7 +354,7 @@ ARS_SECTION_CODE static bool take_front_angle(
     if ((signal->source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)) {
         has_frozen = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected_yaw_rate), &self->least_of_front);
     } else {
-        self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
+        self->least_of_front = 2.0f * parameters->yaw_rate_max; /* above every deviation */
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
         prove(signal, parameters, measured, is_available, agrees(parameters, front_yaw_rate, yaw_rate));
@@ -363,9 +368,9 @@ ARS_SECTION_CODE static bool take_front_angle(
     return is_missing;
 }
 
-/* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. It is wrong where it froze,
- * or shows a turn to the other side than both angles and lateral acceleration, for as many samples as a wrong one has to be right.
- * angle: rad, of front less rear wheels. */
+/* Check the yaw rate. It may exceed what the grip of the road allows by a tolerance, for a spinning car. It is wrong if it is frozen, or
+ * if for recovery_samples it has the opposite sign to both the steering angles and the lateral acceleration.
+ * net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static bool take_yaw_rate(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float net_steering_angle, const lateral_t *lateral)
 {
@@ -378,7 +383,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     bool is_missing = false;
 
     if (signal->source != ARS_SIGNAL_MEASURED) {
-        self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
+        self->least = 2.0f * parameters->yaw_rate_max; /* above every deviation */
         prove(signal, parameters, measured, is_available, agrees(parameters, measured, signal->value));
     } else if (is_available) {
         const bool has_frozen = is_frozen(signal, parameters, measured, magnitude(measured - expected_yaw_rate), &self->least);
@@ -398,7 +403,7 @@ ARS_SECTION_CODE static bool take_yaw_rate(
         } else if (lateral->is_there) {
             compare_with_lateral(self, parameters, net_steering_angle, lateral);
         } else {
-            /* nothing more to ask */
+            /* no lateral acceleration to compare with */
         }
     } else {
         signal->good = 0u;
@@ -407,8 +412,8 @@ ARS_SECTION_CODE static bool take_yaw_rate(
     return is_missing;
 }
 
-/* While the front wheels are straight, what the sensor shows beyond the linear car's turn is learned as its offset; of a turn that the
- * lateral acceleration shows too no more than is beyond that. */
+/* Return the yaw rate without its offset. While the front wheels are straight, the difference to the expected yaw rate is learned as the
+ * offset. The part of it that the lateral acceleration confirms is a real turn and is not learned. */
 ARS_SECTION_CODE static float without_offset(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, const lateral_t *lateral)
 {
@@ -427,7 +432,8 @@ ARS_SECTION_CODE static float without_offset(
     return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
 }
 
-/* For the yaw rate: fast the linear car's, slowly that of a lateral acceleration. Fed back at once, that one swings. */
+/* Replace the yaw rate by the expected one and a slow correction from the lateral acceleration. A fast correction would oscillate,
+ * because the lateral acceleration depends on the yaw rate through the rear angle. */
 ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
 {
     float correction = 0.0f;
@@ -459,7 +465,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     self->expected_yaw_rate = bounded(linear_yaw_rate, parameters->yaw_rate_max);
     has_missing = take_yaw_rate(self, parameters, measured->yaw_rate, net_steering_angle, &lateral) || has_missing;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
-        self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
+        self->front_angle.source = ARS_SIGNAL_LOST; /* neither can confirm the other */
         self->yaw_rate.source = ARS_SIGNAL_LOST;
     }
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
@@ -467,7 +473,7 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
         self->front_angle.value = bounded(believed_rear_angle + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
-        /* both are measured, or the car stands */
+        /* both are measured, or the car is too slow */
     }
     if (!has_missing) {
         forget(&self->speed);

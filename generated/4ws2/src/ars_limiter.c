@@ -1,7 +1,7 @@
 /*
  * Safety limiter of the rear angle. See ars_limiter.h.
  *
- * Order of a step: take the inputs that are available, find the range, move towards the demand at the rate limit, bound.
+ * Order of a step: take the available inputs, find the range of the angle, limit demand and rate, bound the angle.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -21,6 +21,7 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -35,7 +36,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -47,7 +48,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -62,19 +63,19 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
-/* False for NaN. */
+/* Return whether the value is within +-largest; false for NaN. */
 ARS_SECTION_CODE static bool is_within(float value, float largest)
 {
     return magnitude(value) <= largest;
 }
 
-/* False for NaN. */
+/* Return whether the value is between low and high; false for NaN. */
 ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
 
-/* Between the breakpoints linear, beyond them held. */
+/* Bound of the opposite-phase angle: linear between the breakpoints, constant beyond them. */
 ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_t *parameters, float speed)
 {
     const float *const breakpoints = parameters->opposite_phase_speed;

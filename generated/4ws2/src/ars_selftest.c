@@ -26,8 +26,8 @@
 
 ARS_SECTION_CONST static const uint32_t crc_start = 0xFFFFFFFFu;
 
-/* The examples of AUTOSAR PRS_E2EProtocol, section 6.3.5: data id 0x123, eight bytes of zero, counters 0 and 1. Then a sum that
- * takes in every entry of the table once, each with a weight of its own. */
+/* Check the CRC with the examples of AUTOSAR PRS_E2EProtocol, section 6.3.5 (data id 0x123, eight bytes of zero, counters 0 and 1), and
+ * with a weighted sum that uses every entry of the table once. */
 ARS_SECTION_CODE static bool crc_is_right(void)
 {
     uint8_t data[8] = { 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u };
@@ -44,7 +44,7 @@ ARS_SECTION_CODE static bool crc_is_right(void)
     return is_right && (sum == 4194240u);
 }
 
-/* The checksum of the calibration, from what the map, which comes first, has made of it. */
+/* Checksum of the calibration, continued from that of the map, which comes first. */
 ARS_SECTION_CODE static uint32_t with_the_rest(uint32_t map_crc)
 {
     return ~ars_reference_model_crc(ars_parameters_crc(map_crc));
@@ -80,7 +80,7 @@ ARS_SECTION_CODE bool ars_selftest(void)
         && (with_the_rest(map_crc) == ars_calibration_expected_checksum)
         && ars_parameters_valid(&ars_parameters_default);
 
-    if (~map_crc == 0x0DB52754u) { /* the map that was made at build, not another calibration of it */
+    if (~map_crc == 0x0DB52754u) { /* the map of the build, not changed by calibration */
         uint32_t index;
 
         for (index = 0u; index < 14u; index++) {
