@@ -66,7 +66,7 @@ typedef struct {
 /* Return the CRC-8 (polynomial 0x1D, start value 0) over the data id and bytes 1 to 7. */
 uint8_t ars_e2e_crc(uint16_t data_id, const uint8_t data[8]);
 
-/* Write counter and CRC into a frame, then advance *counter, which wraps from 14 to 0. Byte 0 and the low nibble of byte 1 are replaced. */
+/* Write CRC (byte 0) and counter (low nibble of byte 1) into a frame, then advance *counter, which wraps from 14 to 0. */
 void ars_e2e_protect(uint16_t data_id, uint8_t *counter, uint8_t data[8]);
 
 /* Initialise a receiver. Call it before the first frame. */

@@ -315,7 +315,8 @@ ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *param
 {
     const float replacement_speed = magnitude(replacement);
 
-    return (replacement_speed < speed_least) || is_within(measured - replacement, parameters->speed_agreement + (0.25f * replacement_speed));
+    return (replacement_speed < speed_least)
+        || is_within(measured - replacement, parameters->speed_agreement + (0.25f * replacement_speed));
 }
 
 /* Check the speed. Returns true while it is missing for a tolerated time, as the next two functions do. */
@@ -360,7 +361,8 @@ ARS_SECTION_CODE static bool take_front_angle(
         prove(signal, parameters, measured, is_available, agrees(parameters, front_yaw_rate, yaw_rate));
     } else {
         is_missing = follow(signal, parameters, measured, is_available, parameters->front_angle_step);
-        if (is_available && has_frozen && lateral->is_evidence && ((yaw_rate * expected_yaw_rate) < (0.5f * (expected_yaw_rate * expected_yaw_rate)))
+        if (is_available && has_frozen && lateral->is_evidence
+            && ((yaw_rate * expected_yaw_rate) < (0.5f * (expected_yaw_rate * expected_yaw_rate)))
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }

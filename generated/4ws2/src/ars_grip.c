@@ -74,7 +74,7 @@ ARS_SECTION_CODE void ars_grip_update(
     float available = self->available;
 
     self->reached = (achieved_magnitude > decayed_maximum) ? achieved_magnitude : decayed_maximum;
-    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* in a change of direction, a shortfall is no slip */
+    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* not in a change of direction */
         available -= (parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall);
     } else {
         /* A gentle turn gives no information on the road: recover from the last finding faster. */

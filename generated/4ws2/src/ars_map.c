@@ -195,7 +195,8 @@ ARS_SECTION_CODE static float capped_rear_angle(float rear_angle, float yaw_rate
 {
     const float speed_max = ars_map_speed_breakpoints[101];
     const float bounded_speed = (speed > speed_max) ? speed_max : speed;
-    const float sideslip_bound = sideslip_max - (yaw_rate * ((rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed)));
+    const float sideslip_bound
+        = sideslip_max - (yaw_rate * ((rear_arm / bounded_speed) - (rear_slip_per_lateral_acceleration * bounded_speed)));
     float rear_angle_demand = rear_angle + (yaw_rate_excess * ((wheelbase / bounded_speed) + (understeer_coefficient * bounded_speed)));
 
     if (rear_angle_demand > sideslip_bound) {
