@@ -1,5 +1,5 @@
 /*
- * What the program needs of the board. For another one, write these five functions.
+ * Interface of the board. For another board, write these five functions.
  */
 #ifndef BOARD_H
 #define BOARD_H
@@ -18,22 +18,22 @@ typedef struct {
 void board_init(void);
 
 /*
- * Sleeps until the next tick, if none came since the call before.
+ * Sleep until the next tick, unless there was one since the previous call.
  *
- * Returns the ticks since then: 1 on time, more where the program came late. 0: the recorded trace is over; never in a car.
+ * Returns the ticks since then: 1 on time, more if the program is late, 0 at the end of the recorded trace (never in a car).
  */
 uint32_t board_wait_for_tick(void);
 
-/* The next frame that waits. Returns false, and leaves frame alone, where there is none. */
+/* Read the next pending frame. Returns false, and does not change *frame, if there is none. */
 bool board_can_receive(board_frame_t *frame);
 
-/* Sends a frame; does not wait for the bus. */
+/* Send a frame without waiting for the bus. */
 void board_can_transmit(const board_frame_t *frame);
 
 /*
- * The end: of the trace, or by a fault. Also called from fault handlers, and before board_init().
+ * End the program, after the trace or a fault. Also called from fault handlers, and before board_init().
  *
- * In a car: actuator off, error memory, reset. code: 0 where all is well.
+ * In a car: actuator off, error memory, reset. code: 0 without a fault.
  */
 __attribute__((noreturn)) void board_end(const char *report, int code);
 

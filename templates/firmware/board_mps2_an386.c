@@ -1,9 +1,9 @@
 /*
  * The board of QEMU: mps2-an386, a Cortex-M4F at 25 MHz.
  *
- * It has no CAN. Frames of the car come from the recorded trace, those of its cycle with each tick; frames that are sent go out
- * as text on UART 0, one a line. The end of the program is told to QEMU by semihosting: without a debugger that instruction is a
- * fault, so another board needs an end of its own.
+ * The board has no CAN. Frames of the car come from the recorded trace, at each tick those of its cycle. Sent frames are written as
+ * text to UART 0, one a line. The program ends QEMU by semihosting; without a debugger that instruction is a fault, so that another
+ * board needs its own board_end().
  */
 #include "board.h"
 #include "firmware_config.h"
@@ -38,7 +38,7 @@ enum {
 
 static volatile uint32_t ticks; /* since board_init() */
 static uint32_t ticks_seen;
-static uint32_t cycles; /* begun */
+static uint32_t cycles; /* started */
 static uint32_t next_frame; /* of the trace */
 
 static void uart_init(void)
@@ -53,7 +53,7 @@ static void uart_write(const char *text)
 
     for (at = 0u; text[at] != '\0'; at++) {
         while ((UART0->state & 1u) != 0u) {
-            /* a character is on its way */
+            /* wait for the transmitter */
         }
         UART0->data = (uint32_t)(unsigned char)text[at];
     }
@@ -72,7 +72,7 @@ void board_init(void)
     SYSTICK->control = 7u;
 }
 
-/* A tick between looking and sleeping must not be slept over: with interrupts masked, WFI still wakes by one that waits. */
+/* A tick between check and sleep must not be missed: interrupts are masked, and WFI still wakes on a pending one. */
 uint32_t board_wait_for_tick(void)
 {
     uint32_t passed = 0u;
@@ -135,7 +135,7 @@ static void tell_debugger(int code)
 
 void board_end(const char *report, int code)
 {
-    uart_init(); /* a fault may come before board_init() */
+    uart_init(); /* a fault can occur before board_init() */
     uart_write(report);
     tell_debugger(code);
     for (;;) {

@@ -3,7 +3,7 @@
  */
 #include "report.h"
 
-enum { DECIMALS_MAX = 10 }; /* of 32 bits */
+enum { DECIMALS_MAX = 10 }; /* digits of 32 bits */
 
 void report_init(report_t *self)
 {

@@ -1,5 +1,5 @@
 /*
- * From reset to main(), and what went wrong on the way.
+ * Startup code and fault handlers.
  */
 #ifndef STARTUP_H
 #define STARTUP_H
@@ -7,13 +7,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* In the vector table, defined by the board. */
+/* Handler of the timer, defined by the board. */
 void systick_handler(void);
 
-/* Whether the FPU has computed something for this thread (CONTROL.FPCA). */
+/* Return whether this thread has used the FPU (CONTROL.FPCA). */
 bool startup_fpu_was_used(void);
 
-/* Bytes of the thread's stack that were ever used. */
+/* Return the largest use of the thread's stack so far, in bytes. */
 uint32_t startup_stack_used(void);
 
 #endif /* STARTUP_H */

@@ -17,7 +17,7 @@ typedef struct {
 
 /* ---- memory and messages ---- */
 
-/* A simulator need not give functions for memory. */
+/* The memory functions of the simulator are optional. */
 static void *allocate(const fmi2CallbackFunctions *functions, size_t size)
 {
     const bool given = (functions->allocateMemory != NULL) && (functions->freeMemory != NULL);
@@ -36,7 +36,7 @@ static void release(const fmi2CallbackFunctions *functions, void *memory)
     }
 }
 
-/* Errors are told whether debug logging is on or not. No text holds a percent sign. */
+/* Errors are reported even if debug logging is off. No text contains a percent sign. */
 static void tell(const fmi2CallbackFunctions *functions, fmi2String name, const char *text)
 {
     if (functions->logger != NULL) {
@@ -75,7 +75,7 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-/* Why there can be no instance; null where there can. */
+/* Reason why an instance cannot be made, or null. */
 static const char *obstacle(fmi2String name, fmi2Type type, fmi2String token)
 {
     const char *text = NULL;
@@ -137,7 +137,7 @@ void fmi2FreeInstance(fmi2Component c)
     }
 }
 
-/* There are no messages but those of errors, and they are always told. */
+/* The only messages are errors, which are always reported. */
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[])
 {
     const component_t *component = c;
@@ -301,8 +301,7 @@ fmi2Status fmi2GetDirectionalDerivative(
     return unsupported(c, "there are no directional derivatives");
 }
 
-/* Every step ends inside fmi2DoStep: there is no pending one to ask about. What cannot be answered is discarded, as the
- * standard has it. */
+/* Every step ends inside fmi2DoStep, so that no step is pending. The standard requires fmi2Discard where there is no status. */
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
 {
     (void)s;

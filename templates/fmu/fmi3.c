@@ -1,5 +1,5 @@
 /*
- * FMI 3.0, co-simulation: the functions of the standard over instance.h. Those that ask for what this FMU does not have are in
+ * FMI 3.0, co-simulation: the functions of the standard, based on instance.h. Functions of unsupported features are in
  * fmi3_unsupported.c.
  */
 #include <stdlib.h>
@@ -17,7 +17,7 @@ typedef struct {
     bool logging;
 } component_t;
 
-/* The standard keeps an FMU silent where logging is off. */
+/* The standard allows no messages while logging is off. */
 static void report(void *receiver, const char *text)
 {
     const component_t *component = receiver;
@@ -46,7 +46,7 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-/* Why there can be no instance; null where there can. */
+/* Reason why an instance cannot be made, or null. */
 static const char *obstacle(fmi3String name, fmi3String token, bool event_mode, size_t intermediate)
 {
     const char *text = NULL;

@@ -1,5 +1,5 @@
 /*
- * FMI 3.0: the functions that the standard wants to be there and that ask for what this FMU does not have. See fmi3.c.
+ * FMI 3.0: functions that the standard requires for features that this FMU does not support. See fmi3.c.
  */
 #include "fmi3Functions.h"
 #include "instance.h"
@@ -13,7 +13,7 @@ static fmi3Status unsupported(const instance_t *instance, const char *text)
     return fmi3Error;
 }
 
-/* Nothing to get or set is done without an error, whatever the type. */
+/* An empty list is no error, whatever the type. */
 static fmi3Status no_such_variable(const instance_t *instance, size_t count)
 {
     return ((instance != NULL) && (count == 0u)) ? fmi3OK : unsupported(instance, "no variable is of this type");
