@@ -48,10 +48,10 @@ extern "C" {
 /* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
-    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or safety limiter */
+    ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
     ARS_STATUS_STANDBY = 2,  /* too slow (with hysteresis), or reversing: the rear angle returns to zero */
-    ARS_STATUS_DEGRADED = 3, /* following with a signal estimated from the others, or predicting for a short time without a sample */
-    ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is plausible: the rear angle returns to zero */
+    ARS_STATUS_DEGRADED = 3, /* following, with a signal replaced by the others, or predicting for a short time without a sample */
+    ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is believed: the rear angle goes to zero */
 } ars_status_t;
 
 /* Result of a step. */
