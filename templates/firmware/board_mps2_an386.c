@@ -92,10 +92,10 @@ uint32_t board_wait_for_tick(void)
 
 bool board_can_receive(board_frame_t *frame)
 {
-    const bool waits = (next_frame < (uint32_t)TRACE_FRAMES) && ((uint32_t)trace[next_frame].cycle < cycles);
+    const bool is_pending = (next_frame < (uint32_t)TRACE_FRAMES) && ((uint32_t)trace[next_frame].cycle < cycles);
     uint32_t at;
 
-    if (waits) {
+    if (is_pending) {
         const trace_frame_t *const recorded = &trace[next_frame];
 
         frame->id = recorded->id;
@@ -105,7 +105,7 @@ bool board_can_receive(board_frame_t *frame)
         }
         next_frame++;
     }
-    return waits;
+    return is_pending;
 }
 
 void board_can_transmit(const board_frame_t *frame)
@@ -124,7 +124,7 @@ void board_can_transmit(const board_frame_t *frame)
 }
 
 /* SYS_EXIT_EXTENDED of Arm's semihosting. */
-static void tell_debugger(int code)
+static void exit_emulator(int code)
 {
     const uint32_t reason[2] = { (uint32_t)SEMIHOSTING_APPLICATION_EXIT, (uint32_t)code };
     register uint32_t operation __asm("r0") = (uint32_t)SEMIHOSTING_EXIT_EXTENDED;
@@ -137,7 +137,7 @@ void board_end(const char *report, int code)
 {
     uart_init(); /* a fault can occur before board_init() */
     uart_write(report);
-    tell_debugger(code);
+    exit_emulator(code);
     for (;;) {
         /* not reached */
     }

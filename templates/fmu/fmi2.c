@@ -37,7 +37,7 @@ static void release(const fmi2CallbackFunctions *functions, void *memory)
 }
 
 /* Errors are reported even if debug logging is off. No text contains a percent sign. */
-static void tell(const fmi2CallbackFunctions *functions, fmi2String name, const char *text)
+static void log_error(const fmi2CallbackFunctions *functions, fmi2String name, const char *text)
 {
     if (functions->logger != NULL) {
         functions->logger(functions->componentEnvironment, name, fmi2Error, error_category, text);
@@ -48,7 +48,7 @@ static void report(void *receiver, const char *text)
 {
     const component_t *component = receiver;
 
-    tell(&component->functions, component->name, text);
+    log_error(&component->functions, component->name, text);
 }
 
 static fmi2Status status_of(bool good)
@@ -107,7 +107,7 @@ fmi2Component fmi2Instantiate(
     }
     text = obstacle(instanceName, fmuType, fmuGUID);
     if (text != NULL) {
-        tell(functions, (instanceName == NULL) ? "" : instanceName, text);
+        log_error(functions, (instanceName == NULL) ? "" : instanceName, text);
         return NULL;
     }
     component = allocate(functions, sizeof(*component));
@@ -116,7 +116,7 @@ fmi2Component fmi2Instantiate(
         component->name = allocate(functions, strlen(instanceName) + 1u);
     }
     if ((component == NULL) || (component->name == NULL)) {
-        tell(functions, instanceName, "out of memory");
+        log_error(functions, instanceName, "out of memory");
         release(functions, component);
         return NULL;
     }
@@ -210,11 +210,11 @@ fmi2Status fmi2Reset(fmi2Component c)
         size_t k;                                                                                                             \
                                                                                                                               \
         for (k = 0u; good && (k < nvr); k++) {                                                                                \
-            double got;                                                                                                       \
+            double number;                                                                                                    \
                                                                                                                               \
-            good = instance_get(&component->instance, vr[k], TYPE, &got);                                                     \
+            good = instance_get(&component->instance, vr[k], TYPE, &number);                                                  \
             if (good) {                                                                                                       \
-                value[k] = (fmi2##NAME)got;                                                                                   \
+                value[k] = (fmi2##NAME)number;                                                                                \
             }                                                                                                                 \
         }                                                                                                                     \
         return status_of(good);                                                                                               \

@@ -158,7 +158,7 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 
 /* ---- variables ---- */
 
-/* Define fmi3Get<Name> and fmi3Set<Name>. TYPE: of the variables; AS_DOUBLE: values[k] as a double; AS_VALUE: the way back. */
+/* Define fmi3Get<Name> and fmi3Set<Name>. TYPE: of the variables; AS_DOUBLE: values[k] as a double; AS_VALUE: number as that type. */
 #define DEFINE_ACCESS(NAME, TYPE, AS_DOUBLE, AS_VALUE)                                                                        \
     fmi3Status fmi3Get##NAME(                                                                                                 \
         fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3##NAME values[],      \
@@ -170,9 +170,9 @@ fmi3Status fmi3Reset(fmi3Instance instance)
         size_t k;                                                                                                             \
                                                                                                                               \
         for (k = 0u; good && (k < nValues); k++) {                                                                            \
-            double got;                                                                                                       \
+            double number;                                                                                                    \
                                                                                                                               \
-            good = instance_get(&component->instance, valueReferences[k], TYPE, &got);                                        \
+            good = instance_get(&component->instance, valueReferences[k], TYPE, &number);                                     \
             if (good) {                                                                                                       \
                 values[k] = AS_VALUE;                                                                                         \
             }                                                                                                                 \
@@ -195,10 +195,10 @@ fmi3Status fmi3Reset(fmi3Instance instance)
         return status_of(good);                                                                                               \
     }
 
-DEFINE_ACCESS(Float64, TYPE_REAL, values[k], got)
-DEFINE_ACCESS(Int32, TYPE_INTEGER, (double)values[k], (fmi3Int32)got)
-DEFINE_ACCESS(Int64, TYPE_ENUMERATION, (double)values[k], (fmi3Int64)got)
-DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, values[k] ? 1.0 : 0.0, (got > 0.0))
+DEFINE_ACCESS(Float64, TYPE_REAL, values[k], number)
+DEFINE_ACCESS(Int32, TYPE_INTEGER, (double)values[k], (fmi3Int32)number)
+DEFINE_ACCESS(Int64, TYPE_ENUMERATION, (double)values[k], (fmi3Int64)number)
+DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, values[k] ? 1.0 : 0.0, (number > 0.0))
 
 /* ---- time ---- */
 

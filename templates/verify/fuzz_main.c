@@ -191,7 +191,7 @@ static void read_seeds(const char *path)
     (void)fclose(file);
 }
 
-static void tell(int number)
+static void report_abort(int number)
 {
     (void)number;
     (void)fprintf(stderr, "at input %lu\n", input_number);
@@ -207,7 +207,7 @@ int main(int count, char **arguments)
     if (count != 4) {
         return 2;
     }
-    (void)signal(SIGABRT, tell);
+    (void)signal(SIGABRT, report_abort);
     inputs = strtoul(arguments[2], NULL, 10);
     random_state = strtoull(arguments[3], NULL, 10) + 1u;
     read_seeds(arguments[1]);

@@ -168,7 +168,7 @@ static bool is_any_running(const ars_xcp_t *self)
     return running;
 }
 
-static void forget_lists(ars_xcp_t *self)
+static void clear_lists(ars_xcp_t *self)
 {
     (void)memset(self->daqs, 0, sizeof self->daqs);
     (void)memset(self->odts, 0, sizeof self->odts);
@@ -185,7 +185,7 @@ static uint8_t on_connect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_p
     }
     self->connected = true;
     self->space = (uint8_t)SPACE_NONE;
-    forget_lists(self);
+    clear_lists(self);
     answer->data[1] = (uint8_t)RESOURCE_CAL_PAG | (uint8_t)RESOURCE_DAQ;
     answer->data[2] = byte_order() | (uint8_t)COMM_MODE_OPTIONAL;
     answer->data[3] = (uint8_t)ARS_XCP_LENGTH_MAX;
@@ -202,7 +202,7 @@ static uint8_t on_disconnect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xc
     (void)in;
     (void)answer;
     self->connected = false;
-    forget_lists(self);
+    clear_lists(self);
     return (uint8_t)DONE;
 }
 
@@ -531,7 +531,7 @@ static uint8_t on_free_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_
 {
     (void)in;
     (void)answer;
-    forget_lists(self);
+    clear_lists(self);
     self->allocation = (uint8_t)ALLOCATION_FREED;
     return (uint8_t)DONE;
 }
