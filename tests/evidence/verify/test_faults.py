@@ -265,7 +265,7 @@ CLAIMS = [
         "law",
         "(law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max",
         "limiter_rate_max",
-        "tracking, it moves by at most the lower of both rates",
+        "the command moves by at most the lower of both rates",
     ),
 ]
 
