@@ -1,4 +1,4 @@
-"""Where compiled files are kept."""
+"""The folder of compiled libraries and templates."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from codegen.errors import BuildError
 
 
 def cache_folder() -> Path:
-    """The folder of compiled files, made if it does not exist; nothing in it is needed, all of it can be removed.
+    """The cache folder, made if it does not exist; nothing in it is needed, all of it can be removed.
 
     `$ARS_CACHE`, else `$XDG_CACHE_HOME/ars-codegen`, else `~/.cache/ars-codegen`; where that cannot be written, a temporary
     folder that is private to the user.
