@@ -75,7 +75,16 @@ def test_the_lock_file_pins_every_requirement_within_its_range() -> None:
 
 
 def test_files_and_names_in_contributing_exist() -> None:
-    invented = ("identity.h", "law/straight", "verify/ascii", "cases_command", "build/", "dist/")  # by its examples, or by make
+    invented = (
+        "identity.h",
+        "law/straight",
+        "verify/ascii",
+        "cases_command",
+        "build/",
+        "dist/",
+        "parameter_table",
+        "parameters_command",
+    )  # by its examples, or by make
     named = set(re.findall(r"`((?:codegen|templates|hil_sim|tests|generated|docs|benchmarks)/[\w./*-]*)`", CONTRIBUTING))
     for name in named:
         assert any(word in name for word in invented) or list(ROOT.glob(name.rstrip("/"))), name

@@ -47,9 +47,7 @@ class _BytecodeCache(FileSystemBytecodeCache):
 @lru_cache(maxsize=1)
 def environment() -> Environment:
     """The environment that all templates share."""
-    made = Environment(
-        loader=FileSystemLoader(templates_root(), encoding="utf-8"), bytecode_cache=_bytecode_cache(), **OPTIONS
-    )
+    made = Environment(loader=FileSystemLoader(templates_root(), encoding="utf-8"), bytecode_cache=_bytecode_cache(), **OPTIONS)
     made.filters.update(FILTERS)
     return made
 

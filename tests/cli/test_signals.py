@@ -50,7 +50,8 @@ def test_a_signal_while_the_compiler_runs(tmp_path: Path, number: signal.Signals
     ended = python(f"NUMBER = {int(number)}\n{IN_COMPILER}{MAIN}", *command, folder=tmp_path, **temporary)
     assert ended.returncode == code, ended
     assert ended.stderr == (QUIET if number == signal.SIGINT else "")
-    assert everything_in(tmp_path) == {"tmp": "folder", "cache": "folder"}
+    left = {path for path in everything_in(tmp_path) if not path.startswith("cache/templates-")}  # these are complete
+    assert left == {"tmp", "cache"}
 
 
 IN_CHECK = """
