@@ -28,6 +28,7 @@ from codegen.emit.inputs_view import inputs_view
 from codegen.emit.laws import law_of
 from codegen.emit.limiter_view import limiter_view
 from codegen.emit.parameters import ParameterView
+from codegen.emit.text import literal
 from codegen.errors import BuildError
 from codegen.map_file.map import ReferenceMap
 from codegen.sil.closed_loop import ClosedLoop, LoopOptions
@@ -94,7 +95,7 @@ class Calibration:
                 strict=True,
             )
         if law.uses_reference_model:
-            constants |= zip(_GRIP, (_number(view.grip.grip_max), _number(view.grip.friction_per_grip)), strict=True)
+            constants |= {name: _number(literal(getattr(view.grip, name), "single")) for name in _GRIP}
             constants["rear_slip"] = SingleTrack.from_config(config).rear_slip_per_lateral_acceleration
         return cls(
             config,

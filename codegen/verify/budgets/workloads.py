@@ -139,7 +139,7 @@ def results_of(ground: Ground, count: int, generator: np.random.Generator) -> Ro
     """Results to pack into the frame of the command, (n, 4): many of them lie just between two codes, or next to there."""
     message = ground.config.can.rear_steer_command
     columns = []
-    for signal in (message.rear_angle, message.yaw_rate_reference):
+    for signal in (message.real("rear_angle"), message.real("yaw_rate_reference")):
         code = generator.integers(signal.raw_low - 2, signal.raw_high + 2, count) + generator.choice([-0.5, 0.0, 0.5], count)
         # Small codes, of which more lie exactly between two; and all of them.
         code = np.where(generator.random(count) < 0.5, np.fix(code / 256.0) + 0.5, code)
