@@ -45,7 +45,7 @@ def command(build: Path, interface: str, *, lock_step: bool = False, parent: int
 
 def _require_xcp(build: Path) -> None:
     manifest = read_build(build)
-    source = f"linux/{manifest['options']['prefix']}_xcp.c"
+    source = "linux/ars_xcp.c"
     if source not in read_files(build, manifest, FOLDERS):
         raise BuildError(f"the build has no {source}", where=build, remedy="build again with `codegen build`")
 
@@ -65,7 +65,7 @@ def compile_ecu(build: Path) -> Path:
         raise BuildError("the native ECU needs Linux", where=build, remedy="take --ecu cffi")
     manifest = read_build(build)
     prefix, sources = manifest["options"]["prefix"], read_files(build, manifest, FOLDERS)
-    program = f"linux/{prefix}_ecu.c"
+    program = "linux/ars_ecu.c"
     if program not in sources:
         raise BuildError(f"the build has no {program}", where=build, remedy="build again with `codegen build`")
     compiler = compiler_command()

@@ -33,7 +33,7 @@ from codegen.emit.limiter_view import limiter_view
 from codegen.emit.map_view import MapView, map_view
 from codegen.emit.placement import grip_facts, placement_facts, placement_text, request_facts
 from codegen.emit.reference_model_view import reference_model_view
-from codegen.emit.render import render
+from codegen.emit.render import render, verbatim
 from codegen.emit.take_over import take_over_files
 from codegen.emit.text import Precision, c_type, check_prefix, comment_text, literal, numpy_type
 from codegen.emit.write import Folder
@@ -60,6 +60,8 @@ HEADERS = (
 SOURCES = ("calibration", *(header for header in HEADERS if header != "sections"), "selftest")
 OF_REFERENCE_MODEL = ("grip", "reference_model")
 """Units of the laws that use the reference model."""
+LINUX = ("ars_ecu.c", "ars_xcp.c", "ars_xcp.h")
+"""C of the Linux program that is the same in every build."""
 NUMBERS = {"zero": 0.0, "quarter": 0.25, "half": 0.5, "one": 1.0, "two": 2.0, "five": 5.0, "minus_one": -1.0}
 """Literals that every template may print."""
 EXAMPLE_DURATION = 5.0
@@ -217,9 +219,8 @@ def build(reference_map: ReferenceMap, config: Config, options: BuildOptions, in
         **{f"src/{prefix}_{name}.c": render(f"src/{name}.c.j2", context) for name in sources},
         f"{prefix}.dbc": render("dbc.j2", context),
         "example/example_main.c": render("example/example_main.c.j2", context),
-        f"linux/{prefix}_ecu.c": render("linux/ars_ecu.c.j2", context),
-        f"linux/{prefix}_xcp.c": render("linux/ars_xcp.c.j2", context),
-        f"linux/{prefix}_xcp.h": render("linux/ars_xcp.h.j2", context),
+        "linux/ars_ecu_config.h": render("linux/ars_ecu_config.h.j2", context),
+        **{f"linux/{name}": verbatim(f"linux/{name}") for name in LINUX},
         f"{prefix}.a2l": render("a2l.j2", context),
         **take_over_files(context),
         "README.md": render("README.md.j2", context),

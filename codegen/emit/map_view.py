@@ -20,7 +20,7 @@ from codegen.emit.text import Precision, c_type, lines_of, literal, numpy_type
 from codegen.errors import MapError
 from codegen.map_file.tables import PLAUSIBLE
 
-MAGNITUDE = "turned"
+MAGNITUDE = "front_angle_magnitude"
 """An argument that is never negative."""
 
 TABLE_RANGES = {quantity: PLAUSIBLE[key][:2] for quantity, key in (("yaw_rate", "yaw_rate"), ("rear_angle", "delta_r"))}
@@ -338,7 +338,7 @@ def _check_apart(key: str, constants: AxisConstants) -> None:
 
 def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, breakpoints: str, options: _Options) -> AxisView:
     axis: Axis = constants.axis
-    first, last = f"at[{axis.core_start}]", f"at[{axis.core_end}]"
+    first, last = f"breakpoints[{axis.core_start}]", f"breakpoints[{axis.core_end}]"
     count = literal(float(axis.core_end - axis.core_start), options.precision)
     return AxisView(
         name=name,
@@ -362,8 +362,8 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, br
             if axis.core_start
             else f"({argument} / {last}) * {count}"
         ),
-        first_share=f"{argument} / at[1]",
-        last_share=f"({argument} - {last}) / (at[{axis.size - 1}] - {last})",
+        first_share=f"{argument} / breakpoints[1]",
+        last_share=f"({argument} - {last}) / (breakpoints[{axis.size - 1}] - {last})",
         search_start=axis.search_steps[0] if axis.search_steps else 0,
         breakpoints=breakpoints,
         points=f"{options.prefix.upper()}_MAP_{name.upper()}_POINTS",
@@ -376,11 +376,11 @@ def _axis_view(constants: AxisConstants, name: str, argument: str, unit: str, br
 def _cells(axis: Axis, argument: str, count: str, zero: str) -> tuple[CellsView, ...]:
     """Return the cells in the order that finds the core with the fewest comparisons. Conditions are false for NaN."""
     # Of the steps where the table ends with the core: they may round up to one cell too many, which a last cell may be.
-    counted, end = (argument, f"at[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
+    counted, end = (argument, f"breakpoints[{axis.core_end}]") if axis.has_last_cell else ("steps", count)
     beyond = CellsView("last" if axis.has_last_cell else "beyond", f"{counted} >= {end}")
     if argument == MAGNITUDE and not axis.has_first_cell:
         return CellsView("core", f"{counted} < {end}"), beyond
-    core = CellsView("core", f"{argument} >= {f'at[{axis.core_start}]' if axis.has_first_cell else zero}")
+    core = CellsView("core", f"{argument} >= {f'breakpoints[{axis.core_start}]' if axis.has_first_cell else zero}")
     first = (CellsView("first", f"{argument} > {zero}"),) if axis.has_first_cell else ()
     return beyond, core, *first
 

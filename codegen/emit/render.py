@@ -48,6 +48,11 @@ def render(template: str, context: Mapping[str, Any]) -> bytes:
     return (_tidy(text).rstrip("\n") + "\n").encode("ascii")
 
 
+def verbatim(name: str) -> bytes:
+    """Return a file of the template folder as it is: C that is the same in every build."""
+    return (templates_root() / name).read_bytes()
+
+
 def _tidy(text: str) -> str:
     """No trailing blanks, never two blank lines in a row, none at the start of the file or of a block."""
     lines: list[str] = []

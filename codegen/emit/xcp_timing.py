@@ -45,7 +45,7 @@ class XcpTiming:
     @property
     def event_text(self) -> str:
         """The unit of the event's period."""
-        return f"times {UNITS[self.event_unit]}" if self.event_cycle else "no whole number of any unit fits a byte"
+        return f"in units of {UNITS[self.event_unit]}" if self.event_cycle else "0, because no whole number of any unit fits a byte"
 
 
 def xcp_timing(config: Config) -> XcpTiming:

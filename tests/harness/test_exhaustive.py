@@ -17,7 +17,7 @@ PI, TRACKING = FOLDERS
 
 FAULTS = [
     ("limiter", "        result = high;\n", "", {"clamp"}),
-    ("limiter", "(at[k] - at[k - 1u])", "at[k]", {"opposite_phase_bound"}),
+    ("limiter", "(breakpoints[k] - breakpoints[k - 1u])", "breakpoints[k]", {"opposite_phase_bound"}),
     ("limiter", "is_between(rear_angle, -1.0f, 1.0f)", "is_between(rear_angle, -1.0f, 0.99999994f)", {"ars_limiter_init"}),
     (
         "inputs",

@@ -243,7 +243,7 @@ def check_selftest(case: Case) -> None:
     root, compiler, text = case.tree.root, case.compiler, case.built.folder.files[PATH].decode("ascii")
     if "stand-ins" not in case.kept:
         case.kept["stand-ins"] = _stand_ins(root, compiler)
-    (checksum,) = re.findall(r"~of_map\)? [=!]= 0x([0-9A-F]{8})u", text)
+    (checksum,) = re.findall(r"~map_crc\)? [=!]= 0x([0-9A-F]{8})u", text)
     rows = [tuple(float(np.float32(number)) for number in found) for found in ROW.findall(text)]
     with tempfile.TemporaryDirectory(dir=root) as scratch:
         path, ffi = Path(scratch) / "selftest.so", case.kept["stand-ins"]

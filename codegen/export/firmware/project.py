@@ -12,7 +12,7 @@ from codegen import __version__
 from codegen.emit.can_view import task_name
 from codegen.emit.folder import MANIFEST, Folder, owned_paths, read_files, read_manifest, verify_hashes
 from codegen.emit.manifest import read_build
-from codegen.emit.render import render
+from codegen.emit.render import render, verbatim
 from codegen.emit.text import comment_text
 from codegen.errors import BuildError
 from codegen.export.firmware.recording import Drive, frame_text, record
@@ -29,7 +29,9 @@ CLOCK_HZ = 25_000_000
 SYSTICK_RELOAD_MAX = 2**24 - 1
 MADE_BY_MAKE = "build"
 PROGRAM = ("main", "startup", "board_mps2_an386", "report", "memory", "trace")
-HEADERS = ("board", "startup", "report", "trace")
+VERBATIM = ("startup.c", "board_mps2_an386.c", "report.c", "memory.c", "board.h", "startup.h", "report.h")
+"""Sources that are the same in every project."""
+RENDERED = ("main.c", "trace.c", "trace.h", "firmware_config.h")
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def project(build: Path) -> Project:
     sources = (*(f"src/{name}.c" for name in PROGRAM), *sorted(path for path in files if path.endswith(".c")))
     view = _view(manifest, software, digest, sources, scenario.title, drive)
     sent = tuple(frame_text(frame) for frame in drive.sent)
-    files |= _rendered(view) | {"expected.txt": "".join(f"{line}\n" for line in sent).encode("ascii")}
+    files |= _program(view) | {"expected.txt": "".join(f"{line}\n" for line in sent).encode("ascii")}
     facts = {
         "schema_version": 1,
         "version": __version__,
@@ -176,10 +178,7 @@ def _view(
     )
 
 
-def _rendered(view: FirmwareView) -> dict[str, bytes]:
-    names = (
-        *(f"src/{name}.c" for name in PROGRAM),
-        *(f"src/{name}.h" for name in HEADERS),
-        *("mps2_an386.ld", "Makefile", "README.md"),
-    )
-    return {name: render(f"firmware/{name.removeprefix('src/')}.j2", {"firmware": view}) for name in names}
+def _program(view: FirmwareView) -> dict[str, bytes]:
+    names = (*(f"src/{name}" for name in RENDERED), "mps2_an386.ld", "Makefile", "README.md")
+    rendered = {name: render(f"firmware/{name.removeprefix('src/')}.j2", {"firmware": view}) for name in names}
+    return rendered | {f"src/{name}": verbatim(f"firmware/{name}") for name in VERBATIM}

@@ -1,4 +1,4 @@
-"""View model of the C templates: the model's struct, its table of variables, and what the two versions of FMI print."""
+"""View model of the C templates: the model's struct, its table of variables, and its start values."""
 
 from __future__ import annotations
 
@@ -82,33 +82,6 @@ class Row:
     offset: str
     low: str
     high: str
-
-
-@dataclass(frozen=True)
-class Access:
-    """A type of values that FMI functions get and set: the variable type `of`, and how a value becomes a double and back."""
-
-    name: str
-    of: str
-    value: str
-    got: str = ""
-
-
-ACCESS: dict[Version, tuple[Access, ...]] = {
-    "2": (
-        Access("Real", "TYPE_REAL", "value[k]"),
-        Access("Integer", "TYPE_INTEGER", "(double)value[k]"),
-        Access("Boolean", "TYPE_BOOLEAN", "(value[k] != fmi2False) ? 1.0 : 0.0"),
-    ),
-    "3": (
-        Access("Float64", "TYPE_REAL", "values[k]", "got"),
-        Access("Int32", "TYPE_INTEGER", "(double)values[k]", "(fmi3Int32)got"),
-        Access("Int64", "TYPE_ENUMERATION", "(double)values[k]", "(fmi3Int64)got"),
-        Access("Boolean", "TYPE_BOOLEAN", "values[k] ? 1.0 : 0.0", "(got > 0.0)"),
-    ),
-}
-ABSENT_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "UInt64", "String")
-"""Of FMI 3.0, with the same signature."""
 
 
 def step_size(what: What, config: Config) -> float:

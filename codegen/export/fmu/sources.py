@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
 from codegen.configuration import Config
-from codegen.emit.render import render
+from codegen.emit.render import render, verbatim
 from codegen.emit.text import Precision
-from codegen.export.fmu.model_view import ABSENT_TYPES, ACCESS, context, rows
+from codegen.export.fmu.model_view import context, rows
 from codegen.export.fmu.standard import Version
 from codegen.export.fmu.variables import Variable, What
 from codegen.sil.plant import plant_sources
@@ -42,19 +42,22 @@ def model_sources(
         **context(what, config, prefix, precision, variables),
         "variables": rows(variables, version),
         "token": token,
-        "types": ACCESS[version],
-        "absent_types": ABSENT_TYPES,
     }
+    model = "plant_model.c" if what == "plant" else f"{what}_model.c.j2"
     templates = {
-        "model.h": "model.h",
-        "model.c": f"{what}_model.c",
+        "fmu_config.h": "fmu_config.h.j2",
+        "model.h": "model.h.j2",
+        "model.c": model,
         "variables.h": "variables.h",
-        "variables.c": "variables.c",
+        "variables.c": "variables.c.j2",
         "instance.h": "instance.h",
         "instance.c": "instance.c",
         f"fmi{version}.c": f"fmi{version}.c",
     }
     if version == "3":
         templates["fmi3_unsupported.c"] = "fmi3_unsupported.c"
-    made = {name: render(f"fmu/{template}.j2", seen) for name, template in templates.items()}
+    made = {
+        name: render(f"fmu/{source}", seen) if source.endswith(".j2") else verbatim(f"fmu/{source}")
+        for name, source in templates.items()
+    }
     return {**made, **(plant_sources(config) if what != "controller" else {})}

@@ -18,8 +18,8 @@ FAST_FLAGS = ("-ffast-math", "-ffinite-math-only")
 REFUSES_FAST = "fast-math"
 FUNCTION = re.compile(r"\)\s*\{")
 
-WITHOUT_IDENTITY = "sections"
-"""The header whose macros are empty, and the same in every build."""
+WITHOUT_IDENTITY = ("include/{prefix}_sections.h", "linux/ars_xcp.h")
+"""Headers that are the same in every build."""
 
 HOSTED = ("-target", "x86_64-linux-musl")
 """For clang: a target whose system headers come with it, so that the Linux program compiles everywhere."""
@@ -44,10 +44,10 @@ def text_of(subject: Subject, path: str) -> str:
 
 def mixtures(subject: Subject) -> tuple[Mixture, ...]:
     """Every source that goes into an ECU or the Linux program with every header of the build that it sees."""
-    exempt = f"include/{subject.prefix}_{WITHOUT_IDENTITY}.h"
+    exempt = [path.format(prefix=subject.prefix) for path in WITHOUT_IDENTITY]
     sources = sorted(path for path in subject.sources("src", "linux") if path.endswith(".c"))
     return tuple(
-        Mixture(source, header) for source in sources for header in sorted(_headers_of(subject, source)) if header != exempt
+        Mixture(source, header) for source in sources for header in sorted(_headers_of(subject, source)) if header not in exempt
     )
 
 

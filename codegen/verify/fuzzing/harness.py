@@ -19,7 +19,7 @@ from codegen.configuration.signals import CARRIED, MEASURED
 from codegen.emit.can_view import task_view
 from codegen.emit.controller_view import REFERENCE_OVERSHOOT
 from codegen.emit.laws import LAWS
-from codegen.emit.render import render
+from codegen.emit.render import render, verbatim
 from codegen.emit.text import c_type, literal, numpy_type
 from codegen.verify.check import Subject
 from codegen.verify.suites import Recording, recordings
@@ -68,7 +68,7 @@ def source(subject: Subject, name: Name) -> bytes:
 
 def driver() -> bytes:
     """The C that runs a harness with a fixed number of inputs."""
-    return render("verify/fuzz_main.c.j2", {})
+    return verbatim("verify/fuzz_main.c")
 
 
 def seeds(subject: Subject) -> dict[Name, tuple[bytes, ...]]:

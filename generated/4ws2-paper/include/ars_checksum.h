@@ -1,8 +1,8 @@
 /*
- * Checksum of the calibration: CRC-32 (IEEE 802.3), number by number.
+ * Checksum of the calibration: CRC-32 (IEEE 802.3) over its numbers.
  *
- * Each number counts by its bits, least significant byte first, so that neither byte order nor padding matters. A checksum starts
- * with 0xFFFFFFFF; its bits are inverted at the end.
+ * Each number enters with its bits, least significant byte first, so that the result depends neither on the byte order of the machine
+ * nor on padding. Start with 0xFFFFFFFF and invert all bits of the last result.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -18,10 +18,10 @@ extern "C" {
 
 #define ARS_CHECKSUM_BUILD 0x4E569E35u
 
-/* Return the checksum so far with one more number, of 4 bytes. */
+/* Return crc, the checksum so far, continued with one number of 4 bytes. NaN and infinity enter with their bits. */
 uint32_t ars_checksum_real(uint32_t crc, float value);
 
-/* Return the checksum so far with one more whole number, of two bytes. */
+/* Return crc, the checksum so far, continued with one whole number of two bytes. */
 uint32_t ars_checksum_whole(uint32_t crc, uint16_t value);
 
 #ifdef __cplusplus

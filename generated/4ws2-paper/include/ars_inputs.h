@@ -1,14 +1,15 @@
 /*
- * Monitoring of the inputs: which measurement is believed, and what stands for one that is not.
+ * Plausibility checks of the measurements, and estimates that replace implausible ones.
  *
- * Speed, front angle and yaw rate are judged one by one: is it there and in its range, could the car move so far in a sample, is the
- * yaw rate one that the road can give, and does it still change? What is not believed is replaced from the others: the front angle from
- * the yaw rate by the steady turn of the linear car; the yaw rate from the lateral acceleration, or from the front angle by that turn.
- * The speed falls slowly from the last one. The lateral acceleration is optional. It is used once it has agreed with the yaw rate in a turn,
- * and tells a front angle that froze, a yaw rate of the wrong sign and, in a turn, a speed that froze or drifted.
+ * Speed, front angle and yaw rate are checked separately: availability, range, largest change in a sample, the largest yaw rate that
+ * the grip of the road allows, and frozen values. An implausible signal is replaced by an estimate. The front angle follows from the yaw
+ * rate by the steady turn of the linear vehicle. The yaw rate follows from the lateral acceleration, or from the front angle by that
+ * steady turn. The speed decays slowly from its last plausible value. The lateral acceleration is optional. It is used once it has
+ * agreed with the yaw rate in a turn, and then detects a frozen front angle, a yaw rate of the wrong sign and, in a turn, a speed
+ * that is frozen or drifts.
  *
- * On a straight the offset of the yaw rate is learned, with a time constant and up to a bound, and subtracted from then on. A steady side
- * wind looks like an offset where there is no lateral acceleration.
+ * While the car drives straight, the offset of the yaw rate is learned with a time constant, up to a bound, and subtracted. Without a
+ * lateral acceleration, a steady side wind cannot be told from an offset.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -27,7 +28,7 @@ extern "C" {
 
 #define ARS_INPUTS_BUILD 0x4E569E35u
 
-/* One sample of what the vehicle measures. */
+/* Measurements of one sample. A value that is not available is NaN. */
 typedef struct {
     float speed;                /* m/s, negative in reverse */
     float front_angle;          /* rad, at the road wheel */
@@ -38,7 +39,7 @@ typedef struct {
     bool inhibit;               /* ESC or ABS is acting: the integrator holds */
 } ars_measurement_t;
 
-/* Everything that calibration may change. Ask ars_inputs_parameters_valid() after each change. */
+/* Calibration parameters. Call ars_inputs_parameters_valid() after each change. */
 typedef struct {
     float speed_max;                    /* m/s, range */
     float front_angle_max;              /* rad, range */
@@ -65,55 +66,60 @@ typedef struct {
     uint16_t recovery_samples;          /* in a row that end it */
 } ars_inputs_parameters_t;
 
-/* Where the value of a signal comes from. */
+/* Source of the value of a signal. */
 typedef enum {
     ARS_SIGNAL_MEASURED = 0,
-    ARS_SIGNAL_LOST = 1,    /* absent, out of range or impossible too often: replaced until it has been there for a while */
-    ARS_SIGNAL_WRONG = 2    /* it jumped or froze: replaced until it has agreed with the others in a turn for a while */
+    ARS_SIGNAL_LOST = 1,    /* missing or out of range for too long: replaced until it has been available for a while */
+    ARS_SIGNAL_WRONG = 2    /* jumped, frozen or contradicted: replaced until it has agreed with the others in a turn for a while */
 } ars_signal_source_t;
 
-/* One signal. */
+/* State of one signal. */
 typedef struct {
-    float value;         /* last measurement that was believed, or what stands for it */
-    uint16_t missing;    /* samples without it less samples in which no signal is missing, at most one above the limit */
-    uint16_t good;       /* samples in a row that speak for it while it is replaced, against it while it is measured */
+    float value;         /* last plausible measurement, or the estimate that replaces it */
+    uint16_t missing;    /* samples without it, less samples in which no signal is missing; at most one above the limit */
+    uint16_t good;       /* consecutive samples that confirm it while it is replaced, or contradict it while it is measured */
     ars_signal_source_t source;
 } ars_signal_t;
 
-/* What a sample is worth. */
+/* Quality of a sample. */
 typedef enum {
     ARS_QUALITY_GOOD = 0,
-    ARS_QUALITY_REPLACED = 1, /* a signal stands for another */
+    ARS_QUALITY_REPLACED = 1, /* a signal is replaced by an estimate */
     ARS_QUALITY_MISSING = 2,  /* a signal is missing, for a short time so far */
-    ARS_QUALITY_UNUSABLE = 3  /* neither front angle nor yaw rate is believed */
+    ARS_QUALITY_UNUSABLE = 3  /* neither front angle nor yaw rate is plausible */
 } ars_quality_t;
 
-/* Memory between two steps. Private. */
+/* State between two steps. Private. */
 typedef struct {
     ars_signal_t speed;
     ars_signal_t front_angle;
     ars_signal_t yaw_rate;
-    float expected_yaw_rate; /* rad/s, of the linear car with these angles */
-    float least;             /* rad/s, the least difference between yaw rate and expected_yaw_rate since the yaw rate changed last */
-    float least_of_front;    /* rad/s, the same since the front angle changed last */
+    float expected_yaw_rate; /* rad/s, of the linear vehicle with these steering angles */
+    float least;             /* rad/s, smallest difference between yaw rate and expected_yaw_rate since the yaw rate last changed */
+    float least_of_front;    /* rad/s, the same since the front angle last changed */
     float yaw_rate_offset;   /* rad/s, learned on straights */
-    float beyond_linear;     /* rad/s, of the lateral acceleration's turn beyond that of the linear car, while that stands for a yaw rate */
-    float friction;          /* last estimate, on its way to none since there was one */
-    bool lateral_is_known;   /* a lateral acceleration has been measured */
+    float beyond_linear;     /* rad/s, correction of expected_yaw_rate by the lateral acceleration while both replace the yaw rate */
+    float friction;          /* last estimate; without a new one it moves to that of an unknown road */
+    bool lateral_is_known;   /* a lateral acceleration was measured at least once */
     bool lateral_is_proven;  /* the lateral acceleration agreed with the yaw rate in the last turn */
 } ars_inputs_t;
 
-/* Whether every parameter is finite, in range and consistent with the others. ars_inputs_step() relies on it. */
+/* Return whether every parameter is finite, in range and consistent with the others; false for NaN. */
 bool ars_inputs_parameters_valid(const ars_inputs_parameters_t *parameters);
 
-/* Start. is_trusted: the first sample is believed at once; false: not before as many as end a loss. */
+/*
+ * Initialise. is_trusted: true accepts the first available sample at once; false requires recovery_samples good ones, as after a loss.
+ */
 void ars_inputs_init(ars_inputs_t *self, bool is_trusted);
 
 /*
- * One sample: what is believed of it.
+ * Check one sample. No pointer may be null, and parameters must be valid.
  *
- * measured: may hold any number. rear_angle: rad, last command; it stands for the rear angle where that is not measured.
- * believed: every field is finite, speed, angles and yaw rate lie in their ranges, and friction is beyond any map's where unknown.
+ * measured:   may contain any number, NaN and infinity too.
+ * rear_angle: rad, the last command, finite. It replaces a rear angle that is not measured.
+ * believed:   receives the checked sample. Every field is finite; speed, angles and yaw rate are within their ranges, and an
+ *             unknown friction is above that of every map.
+ * Returns the quality of the sample.
  */
 ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,

@@ -1,11 +1,11 @@
 /*
- * Safety limiter of the rear angle: last in the chain, whatever computed the demand.
+ * Safety limiter of the rear angle: the last stage before the command, independent of the controller.
  *
- * Bounds the angle, its rate, and over speed the angle against the front wheels (opposite phase), which makes the car turn more.
- * Knows nothing of the controller: use it in front of any other one. Call ars_limiter_step() every 10 ms.
+ * Limits the angle, its rate and, depending on speed, the angle opposite to the front wheels (opposite phase), which makes the car turn
+ * more. It uses nothing of the controller and also works with another one. Call ars_limiter_step() every 10 ms.
  *
- * What it guarantees: the result is finite, within +-rear_angle_max, and moves by at most rear_rate_max times 10 ms in a step
- * (more only where it would be outside +-rear_angle_max). Where the bounds over speed close in, it returns at that rate.
+ * Guarantee: the result is finite, within +-rear_angle_max, and changes by at most rear_rate_max times 10 ms in a step
+ * (by more only to return into +-rear_angle_max). Where the bound falls with speed, the angle returns to it at that rate.
  *
  * Units are SI (m/s, rad). Signs follow ISO 8855: angles are positive to the left.
  *
@@ -26,7 +26,7 @@ extern "C" {
 
 enum { ARS_LIMITER_POINTS = 6 };
 
-/* Everything that calibration may change. Ask ars_limiter_parameters_valid() after each change. */
+/* Calibration parameters. Call ars_limiter_parameters_valid() after each change. */
 typedef struct {
     float rear_angle_max;                                   /* rad, of the demand in any case */
     float rear_rate_max;                                    /* rad/s (off) */
@@ -37,28 +37,31 @@ typedef struct {
     float front_angle_max;                                  /* rad, beyond it a front angle is none */
 } ars_limiter_parameters_t;
 
-/* One sample. What is no number, or out of range, counts as not available. */
+/* Inputs of one sample. NaN, and a value out of range, count as not available. */
 typedef struct {
-    float speed;       /* m/s, negative in reverse; not available: the last one */
-    float front_angle; /* rad, at the road wheel; not available: the last one */
-    float demand;      /* rad, asked for at the rear wheels; not available: the last result */
+    float speed;       /* m/s, negative in reverse; not available: last value */
+    float front_angle; /* rad, at the road wheel; not available: last value */
+    float demand;      /* rad, demanded rear angle; not available: last result */
 } ars_limiter_input_t;
 
-/* Memory between two steps. Private. */
+/* State between two steps. Private. */
 typedef struct {
     float rear_angle;  /* rad, last result */
-    float speed;       /* m/s, magnitude of the last one available */
-    float front_angle; /* rad, last one available */
-    bool speed_known;  /* whether there ever was one; before, the angle is held */
+    float speed;       /* m/s, magnitude of the last available one */
+    float front_angle; /* rad, last available one */
+    bool speed_known;  /* a speed was available at least once; until then the angle is held */
 } ars_limiter_t;
 
-/* Whether every parameter is finite, in range and consistent with the others. ars_limiter_step() relies on it. */
+/* Return whether every parameter is finite, in range and consistent with the others; false for NaN. */
 bool ars_limiter_parameters_valid(const ars_limiter_parameters_t *parameters);
 
-/* Start from the angle that the actuator holds now. rear_angle: rad; NaN, and what is beyond +-1 rad, counts as 0. */
+/* Start from the angle that the actuator holds now. rear_angle: rad, any number; NaN, and values beyond +-1 rad, count as 0. */
 void ars_limiter_init(ars_limiter_t *self, float rear_angle);
 
-/* One sample: the angle to command, rad. */
+/*
+ * Return the angle to command in one sample, in rad. No pointer may be null, and parameters must be valid; the inputs may be any
+ * numbers.
+ */
 float ars_limiter_step(
     ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input);
 

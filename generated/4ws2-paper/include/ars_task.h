@@ -1,14 +1,14 @@
 /*
- * The cyclic task: receive, check, control, pack, send.
+ * The cyclic task: receive and check frames, run the controller, pack the command.
  *
- * Give ars_task_on_can_frame() every frame that the CAN driver receives, call ars_task_10ms() every 10 ms and send what it
- * returns. The two must not interrupt each other on one ars_task_t: call both from one task, or hand frames over through a queue.
- * There is no clock in here: time is the number of calls.
+ * Pass every frame that the CAN driver receives to ars_task_on_can_frame(). Call ars_task_10ms() every 10 ms and send the frame that it
+ * writes. The two functions must not interrupt each other on one ars_task_t: call both from one task, or pass frames through a
+ * queue. The code reads no clock; it measures time in calls.
  *
- * A sample needs a good frame of both VehicleMotion and VehicleConditions, and both messages must be valid by the last
- * 6 cycles (ars_e2e.h); else its signals are missing: the controller predicts for a few samples, then replaces them or, without front angle
- * and yaw rate, goes to the fail-safe. Until the first good sample with a measured rear angle the command is sent as "not available";
- * then the controller starts from the angle that the actuator holds.
+ * A sample is good if a good frame of both VehicleMotion and VehicleConditions was received and both messages are valid over the last
+ * 6 cycles (ars_e2e.h). Otherwise its signals are missing: the controller predicts for a few samples, then replaces them or, without front
+ * angle and yaw rate, enters the fail-safe. Until the first good sample with a measured rear angle the command is sent as "not
+ * available"; then the controller starts from the angle that the actuator holds.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -39,8 +39,8 @@ extern "C" {
 
 #define ARS_TASK_BUILD 0x4E569E35u
 
-/* Bits of the signal "Diagnostics": what was seen since the call before. Both messages MISSING: the task
- * came early, or the bus is silent. */
+/* Bits of the signal "Diagnostics": events since the previous call. Both messages MISSING: the task
+ * ran early, or the bus is silent. */
 enum {
     ARS_DIAGNOSTICS_MOTION_MISSING = 0x0001u, /* VehicleMotion: no frame in this cycle */
     ARS_DIAGNOSTICS_MOTION_WRONG_CRC = 0x0002u, /* VehicleMotion: a frame with a wrong CRC, or without eight bytes */
@@ -57,18 +57,18 @@ enum {
     ARS_DIAGNOSTICS_ACTUATOR_STUCK = 0x1000u  /* the measured rear angle does not follow the command */
 };
 
-/* One received message. Private. */
+/* State of one received message. Private. */
 typedef struct {
     ars_e2e_receiver_t receiver;
     ars_e2e_supervision_t supervision;
-    uint16_t causes;                    /* diagnostics of this message, from bit 0, since the last call */
-    uint8_t frames;                     /* that came since the last call */
-    uint8_t advance;                    /* steps of the sender's counter since the last call, by good frames; 0: none is good */
-    bool disturbed;                     /* something was wrong or lost since the last good frame */
-    bool usable;                        /* in this sample: a good frame came, and the message is valid */
+    uint16_t causes;                    /* diagnostics of this message since the last call, from bit 0 */
+    uint8_t frames;                     /* received since the last call */
+    uint8_t advance;                    /* steps of the sender's counter in good frames since the last call; 0: none */
+    bool disturbed;                     /* an error or a loss since the last good frame */
+    bool usable;                        /* in this sample: a good frame was received, and the message is valid */
 } ars_task_input_t;
 
-/* One task. The counters at the end are for the caller to read; the rest is private. */
+/* State of one task. The caller may read the counters at the end; the rest is private. */
 typedef struct {
     const ars_parameters_t *parameters;
     ars_controller_t controller;
@@ -77,36 +77,39 @@ typedef struct {
     ars_vehicle_motion_t motion;            /* last good one */
     ars_vehicle_conditions_t conditions;    /* last good one */
     uint8_t counter;                            /* of the next command */
-    uint8_t backlog;                            /* periods by which the calls stay behind the sender */
-    uint8_t disturbance;                        /* of the bus, lately */
-    uint16_t actuator_samples;                  /* in which the actuator did not follow, less ones in which it did */
+    uint8_t backlog;                            /* periods by which the calls are behind the sender */
+    uint8_t disturbance;                        /* level of recent disturbances of the bus */
+    uint16_t actuator_samples;                  /* in which the actuator did not follow, less those in which it did */
     float expected_angle;                       /* rad, of an actuator that follows the command */
-    bool conditions_close;                      /* a frame of the conditions came after one of the motion: a set is complete */
-    bool started;                               /* a good sample with a rear angle to start from was seen */
-    uint16_t samples_without_angle;             /* good ones before that, in which it was not available */
-    uint32_t cycles;                            /* calls; wraps around, as the others do */
-    uint32_t late_cycles;                       /* calls that found a message more than once: the task came late */
-    uint32_t early_cycles;                      /* calls that found no message: the task came twice, or the bus is silent */
+    bool conditions_close;                      /* conditions were received after the motion: the set is complete */
+    bool started;                               /* the controller has been started from a good sample */
+    uint16_t samples_without_angle;             /* good samples before the start without a rear angle */
+    uint32_t cycles;                            /* calls; wraps around, as the other counters do */
+    uint32_t late_cycles;                       /* calls with more than one frame of a message: the task ran late */
+    uint32_t early_cycles;                      /* calls without a frame: the task ran early, or the bus is silent */
     uint32_t lost_samples;                      /* calls without a good sample */
 } ars_task_t;
 
-/* Before the first call; zeroed memory starts with ars_parameters_default. parameters stay the caller's and must be valid for as
- * long as the task runs. */
+/*
+ * Initialise a task. Without this call, memory that is all zero starts with ars_parameters_default.
+ *
+ * parameters: owned by the caller; must be valid, and stay so while the task runs.
+ */
 void ars_task_init(ars_task_t *self, const ars_parameters_t *parameters);
 
 /*
- * A frame came from the bus. Only classical data frames with 11-bit identifiers may be given; foreign identifiers are ignored.
+ * Process a received frame. Pass only classical data frames with 11-bit identifiers; other nodes' identifiers are ignored.
  *
- * data: length bytes; not read where the length is wrong.
+ * data: length bytes; not read if the length is wrong.
  */
 void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length);
 
-/* Whether both messages of the car came since the last call, good or not, VehicleConditions last: what triggers a call where
- * there is no timer. */
+/* Return whether both messages of the car were received since the last call, good or not, VehicleConditions last. A program
+ * without a timer runs the task then. */
 bool ars_task_is_complete(const ars_task_t *self);
 
 /*
- * One sample. Writes the eight bytes of the frame to send and returns its identifier.
+ * Run one sample. Writes the eight bytes of the frame to send into data and returns its CAN identifier.
  */
 uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8]);
 

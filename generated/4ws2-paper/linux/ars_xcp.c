@@ -2,19 +2,14 @@
  * The XCP slave. See ars_xcp.h.
  *
  * Names of commands, fields and errors are those of ASAM MCD-1 XCP, protocol layer 1. Numbers of more than one byte have the
- * byte order of this machine, of which CONNECT tells.
+ * byte order of this machine, which CONNECT reports.
  *
- * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
- * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
  */
 #include "ars_xcp.h"
 
 #include <stddef.h>
 #include <string.h>
-
-#if ARS_XCP_BUILD != 0x4E569E35u
-#error "ars_xcp.h and this source come from different builds"
-#endif
 
 /* First byte of an answer. */
 enum { POSITIVE = 0xFF, NEGATIVE = 0xFE };
@@ -51,17 +46,15 @@ enum { MODE_SELECTED = 0x01, MODE_TIMESTAMP = 0x10, MODE_RUNNING = 0x40 };
 enum { EVENT_DAQ = 0x04, EVENT_CONSISTENT = 0x80 };
 enum { TIMESTAMP_BYTES = 2 };
 
-/* What the transfer address points into. */
+/* Address space of the transfer address. */
 enum { SPACE_NONE, SPACE_MEMORY, SPACE_BUILD, SPACE_A2L, SPACE_EVENT };
 
-/* How far the lists of measurements are allocated. */
+/* Progress of the allocation of lists. */
 enum { ALLOCATION_NONE, ALLOCATION_FREED, ALLOCATION_DAQ, ALLOCATION_ODT, ALLOCATION_ENTRY };
 
-static const uint32_t ticks_of_a_run = 10u; /* timestamps, 1 ms each */
-
-static const uint8_t build_name[] = "4ws2-paper";
-static const uint8_t a2l_name[] = "ars"; /* of the file ars.a2l */
-static const uint8_t event_name[] = "task_10ms";
+static const uint8_t build_name[] = ARS_XCP_BUILD_NAME;
+static const uint8_t a2l_name[] = ARS_XCP_A2L_NAME;
+static const uint8_t event_name[] = ARS_XCP_EVENT_NAME;
 
 /* --- numbers in packets ------------------------------------------------------------------------------------------- */
 
@@ -117,7 +110,7 @@ static bool is_measurement(const ars_xcp_t *self, uint32_t address, uint32_t siz
     return is_inside(address, size, self->setup.measurements_address, self->setup.measurements_size);
 }
 
-/* A page of the calibration, wherever it is kept now. */
+/* Present location of a page of the calibration. */
 static uint8_t *page_of(const ars_xcp_t *self, uint8_t page)
 {
     uint8_t *result = self->setup.reference;
@@ -128,7 +121,7 @@ static uint8_t *page_of(const ars_xcp_t *self, uint8_t page)
     return result;
 }
 
-/* What a master reads there, or NULL. */
+/* Memory that a master reads at an address, or NULL. */
 static const uint8_t *readable(const ars_xcp_t *self, uint32_t address, uint32_t size)
 {
     const uint8_t *result = NULL;
@@ -143,7 +136,7 @@ static const uint8_t *readable(const ars_xcp_t *self, uint32_t address, uint32_t
     return result;
 }
 
-/* What the transfer address points to, or NULL. */
+/* Memory at the transfer address, or NULL. */
 static const uint8_t *transferred(const ars_xcp_t *self, uint32_t size)
 {
     const uint8_t *result = NULL;
@@ -175,7 +168,7 @@ static bool is_any_running(const ars_xcp_t *self)
     return running;
 }
 
-static void forget_lists(ars_xcp_t *self)
+static void clear_lists(ars_xcp_t *self)
 {
     (void)memset(self->daqs, 0, sizeof self->daqs);
     (void)memset(self->odts, 0, sizeof self->odts);
@@ -187,12 +180,12 @@ static void forget_lists(ars_xcp_t *self)
 
 static uint8_t on_connect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    if (in->data[1] != 0u) { /* no mode of the user's */
+    if (in->data[1] != 0u) { /* user-defined modes are not supported */
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     self->connected = true;
     self->space = (uint8_t)SPACE_NONE;
-    forget_lists(self);
+    clear_lists(self);
     answer->data[1] = (uint8_t)RESOURCE_CAL_PAG | (uint8_t)RESOURCE_DAQ;
     answer->data[2] = byte_order() | (uint8_t)COMM_MODE_OPTIONAL;
     answer->data[3] = (uint8_t)ARS_XCP_LENGTH_MAX;
@@ -203,13 +196,13 @@ static uint8_t on_connect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_p
     return (uint8_t)DONE;
 }
 
-/* The calibration stays as it is. */
+/* The calibration is not changed. */
 static uint8_t on_disconnect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     (void)answer;
     self->connected = false;
-    forget_lists(self);
+    clear_lists(self);
     return (uint8_t)DONE;
 }
 
@@ -233,7 +226,7 @@ static uint8_t on_get_comm_mode_info(ars_xcp_t *self, const ars_xcp_packet_t *in
 {
     (void)self;
     (void)in;
-    answer->data[7] = 0x10u; /* version 1.0 of the driver; no block mode, nothing interleaved */
+    answer->data[7] = 0x10u; /* driver version 1.0; no block or interleaved mode */
     answer->length = 8u;
     return (uint8_t)DONE;
 }
@@ -278,7 +271,7 @@ static uint8_t on_set_mta(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_p
     return set_address(self, in->data[3], &in->data[4]);
 }
 
-/* From the transfer address, which moves on. */
+/* Upload from the transfer address and advance it. */
 static uint8_t upload(ars_xcp_t *self, uint8_t size, ars_xcp_packet_t *answer)
 {
     const uint8_t *const from = transferred(self, size);
@@ -310,7 +303,7 @@ static uint8_t on_short_upload(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_
     return (result == (uint8_t)DONE) ? upload(self, in->data[1], answer) : result;
 }
 
-/* IEEE 802.3, four bits at a time: the whole calibration in well under a millisecond. */
+/* CRC-32 of IEEE 802.3, four bits at a time. The whole calibration takes well under a millisecond. */
 static uint32_t crc_of(const uint8_t *from, uint32_t size)
 {
     static const uint32_t of_four_bits[16] = {
@@ -349,7 +342,7 @@ static uint8_t on_build_checksum(ars_xcp_t *self, const ars_xcp_packet_t *in, ar
     return (uint8_t)DONE;
 }
 
-/* Into the working page. Where the controller runs on it: judged at once, and taken back. */
+/* Write to the working page. If it is active, an invalid result is reverted. */
 static uint8_t write_working(ars_xcp_t *self, uint32_t offset, const uint8_t *from, uint8_t size)
 {
     uint8_t *const to = &page_of(self, (uint8_t)ARS_XCP_PAGE_WORKING)[offset];
@@ -365,7 +358,7 @@ static uint8_t write_working(ars_xcp_t *self, uint32_t offset, const uint8_t *fr
     return result;
 }
 
-/* To the transfer address, which moves on where something was written. */
+/* Write at the transfer address; advance it after success. */
 static uint8_t on_download(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t size = in->data[1];
@@ -396,7 +389,7 @@ static uint8_t on_download(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_
 
 /* --- pages of the calibration ------------------------------------------------------------------------------------- */
 
-/* The controller runs on a page from now on, or on the old one as before. */
+/* Activate a page for the controller. If it is invalid, the old page stays active. */
 static uint8_t set_ecu_page(ars_xcp_t *self, uint8_t page)
 {
     const ars_xcp_setup_t *const setup = &self->setup;
@@ -474,13 +467,13 @@ static uint8_t on_get_segment_info(ars_xcp_t *self, const ars_xcp_packet_t *in, 
     if (in->data[2] != 0u) {
         return (uint8_t)ERR_SEGMENT_NOT_VALID;
     }
-    if ((mode == 0u) && (in->data[3] <= 1u)) { /* where it is */
+    if ((mode == 0u) && (in->data[3] <= 1u)) { /* address or size */
         put_dword(&answer->data[4], (in->data[3] == 0u) ? self->setup.calibration_address : self->setup.calibration_size);
         answer->length = 8u;
-    } else if (mode == 1u) { /* what it is; no address extension, mapping, compression or encryption */
+    } else if (mode == 1u) { /* properties; no address extension, mapping, compression or encryption */
         answer->data[1] = (uint8_t)PAGES;
         answer->length = 6u;
-    } else { /* a mapping of its addresses: there is none */
+    } else { /* address mapping is not supported */
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     return (uint8_t)DONE;
@@ -503,7 +496,7 @@ static uint8_t on_get_page_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars
     return (uint8_t)DONE;
 }
 
-/* Into the working page, which then is the build's own. */
+/* Copy the reference page to the working page. */
 static uint8_t on_copy_cal_page(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     uint8_t *const to = page_of(self, (uint8_t)ARS_XCP_PAGE_WORKING);
@@ -526,7 +519,7 @@ static uint8_t on_copy_cal_page(ars_xcp_t *self, const ars_xcp_packet_t *in, ars
 
 /* --- lists of measurements ---------------------------------------------------------------------------------------- */
 
-/* A list by its number in a command, or NULL. */
+/* List with the number at this place of a command, or NULL. */
 static ars_xcp_daq_t *daq_at(ars_xcp_t *self, const uint8_t *number)
 {
     const uint16_t index = word_at(number);
@@ -538,7 +531,7 @@ static uint8_t on_free_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_
 {
     (void)in;
     (void)answer;
-    forget_lists(self);
+    clear_lists(self);
     self->allocation = (uint8_t)ALLOCATION_FREED;
     return (uint8_t)DONE;
 }
@@ -562,7 +555,7 @@ static uint8_t on_alloc_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp
     return (uint8_t)DONE;
 }
 
-/* The packets of a list, once. */
+/* Allocate the packets of a list; once for each list. */
 static uint8_t on_alloc_odt(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
@@ -588,7 +581,7 @@ static uint8_t on_alloc_odt(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp
     return (uint8_t)DONE;
 }
 
-/* The entries of a packet, once. None: one that holds the timestamp alone. */
+/* Allocate the entries of a packet; once for each packet. Zero entries: the packet contains the timestamp alone. */
 static uint8_t on_alloc_odt_entry(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
@@ -634,7 +627,7 @@ static uint8_t on_set_daq_ptr(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_x
     return (uint8_t)DONE;
 }
 
-/* Bytes that the entries of a packet take. */
+/* Size of the entries of a packet, in bytes. */
 static uint32_t size_of(const ars_xcp_odt_t *odt)
 {
     uint32_t size = 0u;
@@ -646,7 +639,7 @@ static uint32_t size_of(const ars_xcp_odt_t *odt)
     return size;
 }
 
-/* What the controller runs on is measured, whichever page the master looks at. */
+/* Memory of a measurement: that of the controller, whichever page the master reads. */
 static const uint8_t *measurable(const ars_xcp_t *self, uint32_t address, uint8_t size)
 {
     const uint8_t *result = readable(self, address, size);
@@ -670,7 +663,7 @@ static bool is_running_odt(const ars_xcp_t *self, uint8_t odt)
     return running;
 }
 
-/* The pointer moves on to the next entry of the packet; behind the last it points nowhere. */
+/* Write an entry and advance the pointer to the next entry of the packet; after the last one it is unset. */
 static uint8_t on_write_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t size = in->data[2];
@@ -738,7 +731,7 @@ static uint8_t on_get_daq_list_mode(ars_xcp_t *self, const ars_xcp_packet_t *in,
     return (uint8_t)DONE;
 }
 
-/* Whether it has entries, each of them is written, and there is room for the timestamp. */
+/* Return whether a list has packets, all their entries are written, and the timestamp fits. */
 static bool is_complete(const ars_xcp_t *self, const ars_xcp_daq_t *daq)
 {
     bool complete = daq->has_event;
@@ -793,7 +786,7 @@ static uint8_t on_start_stop_daq_list(ars_xcp_t *self, const ars_xcp_packet_t *i
     return (uint8_t)DONE;
 }
 
-/* A list that was selected may have been changed since: all of them start, or none. */
+/* Check again before the start, because a selected list may have been changed since. All lists start, or none. */
 static bool are_selected_complete(const ars_xcp_t *self)
 {
     bool complete = true;
@@ -840,7 +833,7 @@ static uint8_t on_get_daq_processor_info(ars_xcp_t *self, const ars_xcp_packet_t
     answer->data[1] = (uint8_t)DAQ_DYNAMIC | (uint8_t)DAQ_PRESCALER | (uint8_t)DAQ_TIMESTAMP;
     put_word(&answer->data[2], self->daq_count);
     put_word(&answer->data[4], 1u); /* event */
-    answer->length = 8u; /* no predefined list; a packet is identified by its number among all */
+    answer->length = 8u; /* no predefined list; packets have absolute identifiers */
     return (uint8_t)DONE;
 }
 
@@ -850,8 +843,8 @@ static uint8_t on_get_daq_resolution_info(ars_xcp_t *self, const ars_xcp_packet_
     (void)in;
     answer->data[1] = 1u; /* granularity of an entry's size */
     answer->data[2] = (uint8_t)ARS_XCP_ENTRY_MAX;
-    answer->data[3] = 1u; /* the same of stimulation, of which there is none */
-    answer->data[5] = 0x62u; /* 1 ms, two bytes */
+    answer->data[3] = 1u; /* the same for stimulation, which is not supported */
+    answer->data[5] = ARS_XCP_TIMESTAMP_MODE;
     put_word(&answer->data[6], 1u); /* tick in each unit */
     answer->length = 8u;
     return (uint8_t)DONE;
@@ -868,8 +861,8 @@ static uint8_t on_get_daq_event_info(ars_xcp_t *self, const ars_xcp_packet_t *in
     answer->data[1] = (uint8_t)EVENT_DAQ | (uint8_t)EVENT_CONSISTENT;
     answer->data[2] = (uint8_t)ARS_XCP_DAQ_MAX;
     answer->data[3] = (uint8_t)(sizeof event_name - 1u);
-    answer->data[4] = 10u; /* times 1 ms */
-    answer->data[5] = 6u;
+    answer->data[4] = ARS_XCP_EVENT_CYCLE;
+    answer->data[5] = ARS_XCP_EVENT_UNIT;
     answer->length = 7u; /* priority 0 */
     return (uint8_t)DONE;
 }
@@ -882,7 +875,7 @@ static uint8_t on_get_daq_clock(ars_xcp_t *self, const ars_xcp_packet_t *in, ars
     return (uint8_t)DONE;
 }
 
-/* The packets of a list as they are now; returns how many. */
+/* Sample the packets of a list. Returns their number. */
 static uint8_t sample(const ars_xcp_t *self, const ars_xcp_daq_t *daq, ars_xcp_packet_t *packets)
 {
     uint8_t k;
@@ -911,7 +904,7 @@ uint8_t ars_xcp_event(ars_xcp_t *self, ars_xcp_packet_t packets[ARS_XCP_ODT_MAX]
     uint8_t count = 0u;
     uint8_t k;
 
-    self->clock += ticks_of_a_run;
+    self->clock += ARS_XCP_TICKS_PER_RUN;
     for (k = 0u; k < self->daq_count; k++) {
         ars_xcp_daq_t *const daq = &self->daqs[k];
 
@@ -930,8 +923,8 @@ uint8_t ars_xcp_event(ars_xcp_t *self, ars_xcp_packet_t packets[ARS_XCP_ODT_MAX]
 
 typedef struct {
     uint8_t code;
-    uint8_t length; /* bytes that it needs */
-    /* in: zeros behind its length. answer: a positive one, without data so far and zeros behind. Returns an error, or DONE. */
+    uint8_t length; /* smallest number of bytes */
+    /* in: zero beyond its length. answer: positive, without data, zero beyond its length. Returns an error or DONE. */
     uint8_t (*run)(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer);
 } command_t;
 

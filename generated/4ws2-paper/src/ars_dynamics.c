@@ -1,8 +1,8 @@
 /*
  * Single-track vehicle dynamics. See ars_dynamics.h.
  *
- * The straight-line functions are CasADi expression graphs printed one operation a line; the typed functions below them check
- * and arrange. Arrays hold x = [sideslip angle, yaw rate] and u = [speed, front angle, rear angle, friction].
+ * The straight-line functions are CasADi expression graphs with one operation a line; the typed functions below them call these.
+ * Arrays hold x = [sideslip angle, yaw rate] and u = [speed, front angle, rear angle, friction].
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.

@@ -1,7 +1,8 @@
 /*
- * Monitoring of the inputs. See ars_inputs.h.
+ * Plausibility checks of the inputs. See ars_inputs.h.
  *
- * Order of a step: speed, front angle, the yaw rate that they make, yaw rate; then what is not believed is replaced.
+ * Order of a step: check speed and front angle, compute the yaw rate expected from them, check the yaw rate, then replace implausible
+ * signals.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -19,16 +20,16 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* More than any road's, and so that of a car which knows nothing of its road. */
+/* Friction coefficient above that of every road: the value while it is unknown. */
 ARS_SECTION_CONST static const float friction_unknown = 2.0f;
 
-/* m/s: slower, a front angle makes as good as no yaw rate to find it by. */
+/* m/s. At lower speeds the yaw rate is too small to compute the front angle from it. */
 ARS_SECTION_CONST static const float speed_least = 1.0f;
 
-/* m/s: slower, the noise of a lateral acceleration is that of a turn. */
+/* m/s. At lower speeds the noise of the lateral acceleration looks like a turn. */
 ARS_SECTION_CONST static const float lateral_speed_least = 5.0f;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -40,19 +41,19 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* False for NaN. */
+/* Return whether the value is within +-largest; false for NaN. */
 ARS_SECTION_CODE static bool is_within(float value, float largest)
 {
     return magnitude(value) <= largest;
 }
 
-/* False for NaN. */
+/* Return whether the value is between low and high; false for NaN. */
 ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -67,6 +68,7 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
+/* Return the value moved towards zero by step, which is not negative; 0 for NaN. */
 ARS_SECTION_CODE static float toward_zero(float value, float step)
 {
     float result = 0.0f;
@@ -81,29 +83,29 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* A signal that was measured so far: it is missing, for a short time or for too long, or wrong where it moves by more than `step` in a
- * sample. Returns whether it is missing, for a short time so far. */
+/* Check a signal that was measured so far. It is lost after too many samples without it, and wrong if it changes by more than step_max
+ * in a sample. Returns true while it is missing for a tolerated time. */
 ARS_SECTION_CODE static bool follow(
-    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, float step)
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, float step_max)
 {
-    bool is_gap = false;
+    bool is_missing = false;
 
-    if (!is_there) {
+    if (!is_available) {
         self->missing++;
-        is_gap = self->missing <= parameters->missing_samples_max;
-        if (!is_gap) {
+        is_missing = self->missing <= parameters->missing_samples_max;
+        if (!is_missing) {
             self->source = ARS_SIGNAL_LOST;
         }
-    } else if (is_within(measured - self->value, step * ((float)self->missing + 1.0f))) {
+    } else if (is_within(measured - self->value, step_max * ((float)self->missing + 1.0f))) {
         self->value = measured;
     } else {
         self->source = ARS_SIGNAL_WRONG;
     }
-    return is_gap;
+    return is_missing;
 }
 
-/* After a sample in which no signal is missing: were each count to fall alone, signals that are missing in turn would be predicted for
- * good. */
+/* Reduce the count of missing samples. To be called only if no signal is missing: if each count fell on its own, signals that are
+ * missing alternately would be predicted forever. */
 ARS_SECTION_CODE static void forget(ars_signal_t *self)
 {
     if ((self->source == ARS_SIGNAL_MEASURED) && (self->missing > 0u)) {
@@ -111,11 +113,12 @@ ARS_SECTION_CODE static void forget(ars_signal_t *self)
     }
 }
 
-/* A signal that is replaced: it has to be there and, where it was wrong, to be confirmed by the others, for so many samples in a row. */
+/* Check a replaced signal. It must be available for recovery_samples consecutive samples and, if it was wrong, be confirmed by the
+ * other signals. */
 ARS_SECTION_CODE static void prove(
-    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_there, bool is_confirmed)
+    ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, bool is_available, bool is_confirmed)
 {
-    if (is_there && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
+    if (is_available && (is_confirmed || (self->source == ARS_SIGNAL_LOST))) {
         self->good++;
     } else {
         self->good = 0u;
@@ -128,26 +131,27 @@ ARS_SECTION_CODE static void prove(
     }
 }
 
-/* A signal that stays to the bit while the yaw rate and that of the angles move apart. `least` is how near they were since it changed. */
+/* Return whether a signal is frozen: its value stays identical while measured and expected yaw rate diverge. *least_deviation is
+ * their smallest deviation since the signal last changed. */
 ARS_SECTION_CODE static bool is_frozen(
-    const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float apart, float *least)
+    const ars_signal_t *self, const ars_inputs_parameters_t *parameters, float measured, float deviation, float *least_deviation)
 {
-    if ((apart < *least) || (measured > self->value) || (measured < self->value)) {
-        *least = apart;
+    if ((deviation < *least_deviation) || (measured > self->value) || (measured < self->value)) {
+        *least_deviation = deviation;
     }
-    return (apart - *least) > parameters->yaw_rate_frozen;
+    return (deviation - *least_deviation) > parameters->yaw_rate_frozen;
 }
 
-/* An estimate that is lost goes slowly to that of a road nobody knows. */
+/* Update the friction estimate. A lost estimate moves slowly to that of an unknown road. */
 ARS_SECTION_CODE static void take_friction(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
     if (is_between(measured, 0.0f, parameters->friction_max)) {
         self->friction = measured;
     } else {
-        const float recovered = self->friction + parameters->friction_recovery;
+        const float recovered_friction = self->friction + parameters->friction_recovery;
 
-        self->friction = (recovered < friction_unknown) ? recovered : friction_unknown;
+        self->friction = (recovered_friction < friction_unknown) ? recovered_friction : friction_unknown;
     }
 }
 
@@ -202,7 +206,7 @@ ARS_SECTION_CODE void ars_inputs_init(ars_inputs_t *self, bool is_trusted)
     self->lateral_is_proven = false;
 }
 
-ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_gap)
+ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool has_missing)
 {
     ars_quality_t quality = ARS_QUALITY_GOOD;
 
@@ -213,31 +217,31 @@ ARS_SECTION_CODE static ars_quality_t quality_of(const ars_inputs_t *self, bool 
     } else {
         /* good */
     }
-    return (has_gap && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
+    return (has_missing && (quality != ARS_QUALITY_UNUSABLE)) ? ARS_QUALITY_MISSING : quality;
 }
 
-/* rad/s of the linear car for each rad between front and rear wheels; that of a car beyond its critical speed is bounded. */
+/* Yaw rate of the linear vehicle per net steering angle, in 1/s. Bounded for an oversteering vehicle near its critical speed. */
 ARS_SECTION_CODE static float yaw_gain(const ars_inputs_parameters_t *parameters, float speed)
 {
-    const float least = 0.25f * parameters->wheelbase;
-    const float length = parameters->wheelbase + ((parameters->understeer_coefficient * speed) * speed);
+    const float length_min = 0.25f * parameters->wheelbase;
+    const float effective_length = parameters->wheelbase + ((parameters->understeer_coefficient * speed) * speed);
 
-    return speed / ((length > least) ? length : least);
+    return speed / ((effective_length > length_min) ? effective_length : length_min);
 }
 
-/* Whether a yaw rate agrees with a turn that is one: that zero agrees with zero proves nothing. */
-ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn)
+/* Return whether a yaw rate agrees with that of a turn. Near zero it does not count: agreement on a straight proves nothing. */
+ARS_SECTION_CODE static bool agrees(const ars_inputs_parameters_t *parameters, float yaw_rate, float turn_yaw_rate)
 {
     const float agreement = parameters->yaw_rate_agreement;
 
-    return !is_within(turn, agreement + agreement) && is_within(yaw_rate - turn, agreement);
+    return !is_within(turn_yaw_rate, agreement + agreement) && is_within(yaw_rate - turn_yaw_rate, agreement);
 }
 
-/* The turn that the lateral acceleration shows. */
+/* Turn that follows from the lateral acceleration. */
 typedef struct {
     float yaw_rate; /* rad/s */
     bool is_there;
-    bool is_evidence; /* there, and it agreed with the yaw rate in the last turn */
+    bool is_evidence; /* available, and it agreed with the yaw rate in the last turn */
 } lateral_t;
 
 ARS_SECTION_CODE static lateral_t turn_of_lateral(
@@ -253,26 +257,26 @@ ARS_SECTION_CODE static lateral_t turn_of_lateral(
     return lateral;
 }
 
-/* Lateral acceleration over yaw rate is a speed, if the front angle makes that yaw rate at it: a tilted road moves the acceleration
- * alone. A measured speed is wrong where it is another one for five times as many samples as a wrong one has to be right; one that is
- * replaced slowly goes there. angle: rad, of front less rear wheels. */
+/* Check the speed against lateral acceleration over yaw rate. That speed counts only if the steering angles give the same yaw rate at
+ * it, because a banked road changes the acceleration alone. A measured speed is wrong after deviating from it for five times
+ * recovery_samples; a replaced speed moves slowly to it. net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static void check_speed(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->speed;
     const float yaw_rate = self->yaw_rate.value;
-    const float shown = (lateral->yaw_rate * signal->value) / yaw_rate;
+    const float implied_speed = (lateral->yaw_rate * signal->value) / yaw_rate;
 
-    if (is_within((yaw_gain(parameters, shown) * angle) - yaw_rate, parameters->yaw_rate_agreement)) {
-        const float apart = shown - signal->value;
+    if (is_within((yaw_gain(parameters, implied_speed) * net_steering_angle) - yaw_rate, parameters->yaw_rate_agreement)) {
+        const float speed_deviation = implied_speed - signal->value;
 
         if (signal->source != ARS_SIGNAL_MEASURED) {
-            signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * apart), parameters->speed_max);
-        } else if (!is_within(apart, parameters->speed_agreement)) {
+            signal->value = bounded(signal->value + (parameters->yaw_rate_correction_share * speed_deviation), parameters->speed_max);
+        } else if (!is_within(speed_deviation, parameters->speed_agreement)) {
             signal->good++;
             if (signal->good >= (5u * parameters->recovery_samples)) {
                 signal->source = ARS_SIGNAL_WRONG;
-                signal->value = bounded(shown, parameters->speed_max);
+                signal->value = bounded(implied_speed, parameters->speed_max);
                 signal->good = 0u;
             }
         } else {
@@ -281,162 +285,166 @@ ARS_SECTION_CODE static void check_speed(
     }
 }
 
-/* In a turn. The lateral acceleration is proven where the yaw rate agrees with it, and refuted where that agrees with the front angle
- * and not with it; where the yaw rate agrees with none of them, the speed may be wrong. */
+/* Compare yaw rate and lateral acceleration in a turn. Agreement proves the lateral acceleration. It is refuted if the yaw rate agrees
+ * with the front angle instead. If the yaw rate agrees with neither, the speed may be wrong. */
 ARS_SECTION_CODE static void compare_with_lateral(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float net_steering_angle, const lateral_t *lateral)
 {
     const float agreement = parameters->yaw_rate_agreement;
     const float yaw_rate = self->yaw_rate.value;
-    const float apart = lateral->yaw_rate - yaw_rate;
+    const float yaw_rate_deviation = lateral->yaw_rate - yaw_rate;
 
     if (is_within(yaw_rate, agreement + agreement)) {
         /* no turn */
-    } else if (is_within(apart, agreement)) {
+    } else if (is_within(yaw_rate_deviation, agreement)) {
         self->lateral_is_proven = true;
     } else if (!is_within(self->expected_yaw_rate - yaw_rate, agreement)) {
         if (lateral->is_evidence) {
-            check_speed(self, parameters, angle, lateral);
+            check_speed(self, parameters, net_steering_angle, lateral);
         }
-    } else if (!is_within(apart, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
+    } else if (!is_within(yaw_rate_deviation, agreement + agreement) && (self->speed.source == ARS_SIGNAL_MEASURED)) {
         self->lateral_is_proven = false;
     } else {
-        /* it shows nothing */
+        /* not conclusive */
     }
 }
 
-/* A speed that was wrong is right again near what stands for it. That is held or falls slowly while the car may change its speed, so
- * near is a quarter of it more; and it says nothing once it is that of a car that stands. */
-ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replaced)
+/* Return whether a speed that was wrong is plausible again, that is, close to its replacement. The tolerance grows by a quarter of the
+ * replacement, which cannot follow changes of the true speed. A replacement near standstill confirms every speed. */
+ARS_SECTION_CODE static bool is_right_again(const ars_inputs_parameters_t *parameters, float measured, float replacement)
 {
-    const float held = magnitude(replaced);
+    const float replacement_speed = magnitude(replacement);
 
-    return (held < speed_least) || is_within(measured - replaced, parameters->speed_agreement + (0.25f * held));
+    return (replacement_speed < speed_least)
+        || is_within(measured - replacement, parameters->speed_agreement + (0.25f * replacement_speed));
 }
 
-/* Each takes one signal. Returns whether it is missing, for a short time so far. */
+/* Check the speed. Returns true while it is missing for a tolerated time, as the next two functions do. */
 ARS_SECTION_CODE static bool take_speed(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured)
 {
     ars_signal_t *const signal = &self->speed;
-    const bool is_there = is_within(measured, parameters->speed_max);
-    bool is_gap = false;
+    const bool is_available = is_within(measured, parameters->speed_max);
+    bool is_missing = false;
 
     if (signal->source == ARS_SIGNAL_MEASURED) {
-        is_gap = follow(signal, parameters, measured, is_there, parameters->speed_step);
+        is_missing = follow(signal, parameters, measured, is_available, parameters->speed_step);
         signal->good = (signal->source == ARS_SIGNAL_MEASURED) ? signal->good : 0u;
     } else {
-        prove(signal, parameters, measured, is_there, is_right_again(parameters, measured, signal->value));
+        prove(signal, parameters, measured, is_available, is_right_again(parameters, measured, signal->value));
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
         signal->value = toward_zero(signal->value, parameters->speed_fall);
     }
-    return is_gap;
+    return is_missing;
 }
 
-/* turn: rad/s that the front angle would make in the linear car. A car that leaves the linear range moves away from a front angle
- * that is held still, so yaw rate and lateral acceleration have to agree that it turns by less than half of that. */
+/* Check the front angle. front_yaw_rate: rad/s, of the linear vehicle with the measured front angle. A vehicle beyond its linear range
+ * also deviates while the driver holds the wheel still. A frozen angle is therefore wrong only if yaw rate and lateral acceleration
+ * agree on less than half of the expected yaw rate. */
 ARS_SECTION_CODE static bool take_front_angle(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float turn, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float front_yaw_rate, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->front_angle;
     const float yaw_rate = self->yaw_rate.value;
-    const float expected = self->expected_yaw_rate;
-    const bool is_there = is_within(measured, parameters->front_angle_max);
-    bool is_still = false;
-    bool is_gap = false;
+    const float expected_yaw_rate = self->expected_yaw_rate;
+    const bool is_available = is_within(measured, parameters->front_angle_max);
+    bool has_frozen = false;
+    bool is_missing = false;
 
     if ((signal->source == ARS_SIGNAL_MEASURED) && (self->yaw_rate.source == ARS_SIGNAL_MEASURED)) {
-        is_still = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected), &self->least_of_front);
+        has_frozen = is_frozen(signal, parameters, measured, magnitude(yaw_rate - expected_yaw_rate), &self->least_of_front);
     } else {
-        self->least_of_front = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
+        self->least_of_front = 2.0f * parameters->yaw_rate_max; /* above every deviation */
     }
     if (signal->source != ARS_SIGNAL_MEASURED) {
-        prove(signal, parameters, measured, is_there, agrees(parameters, turn, yaw_rate));
+        prove(signal, parameters, measured, is_available, agrees(parameters, front_yaw_rate, yaw_rate));
     } else {
-        is_gap = follow(signal, parameters, measured, is_there, parameters->front_angle_step);
-        if (is_there && is_still && lateral->is_evidence && ((yaw_rate * expected) < (0.5f * (expected * expected)))
+        is_missing = follow(signal, parameters, measured, is_available, parameters->front_angle_step);
+        if (is_available && has_frozen && lateral->is_evidence
+            && ((yaw_rate * expected_yaw_rate) < (0.5f * (expected_yaw_rate * expected_yaw_rate)))
             && is_within(lateral->yaw_rate - yaw_rate, parameters->yaw_rate_agreement)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
     }
-    return is_gap;
+    return is_missing;
 }
 
-/* A yaw rate may be as large as the road's grip lets it, and by a tolerance larger, for a car that spins. It is wrong where it froze,
- * or shows a turn to the other side than both angles and lateral acceleration, for as many samples as a wrong one has to be right.
- * angle: rad, of front less rear wheels. */
+/* Check the yaw rate. It may exceed what the grip of the road allows by a tolerance, for a spinning car. It is wrong if it is frozen, or
+ * if for recovery_samples it has the opposite sign to both the steering angles and the lateral acceleration.
+ * net_steering_angle: rad, front minus rear angle. */
 ARS_SECTION_CODE static bool take_yaw_rate(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float angle, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float measured, float net_steering_angle, const lateral_t *lateral)
 {
     ars_signal_t *const signal = &self->yaw_rate;
     const float speed = magnitude(self->speed.value);
-    const float expected = self->expected_yaw_rate;
-    const float turn = 2.0f * parameters->yaw_rate_agreement;
-    const bool is_there = is_within(measured, parameters->yaw_rate_max)
+    const float expected_yaw_rate = self->expected_yaw_rate;
+    const float turn_yaw_rate_min = 2.0f * parameters->yaw_rate_agreement;
+    const bool is_available = is_within(measured, parameters->yaw_rate_max)
         && is_within(speed * measured, parameters->lateral_acceleration_max + (speed * parameters->yaw_rate_tolerance));
-    bool is_gap = false;
+    bool is_missing = false;
 
     if (signal->source != ARS_SIGNAL_MEASURED) {
-        self->least = 2.0f * parameters->yaw_rate_max; /* that none is apart by */
-        prove(signal, parameters, measured, is_there, agrees(parameters, measured, signal->value));
-    } else if (is_there) {
-        const bool is_still = is_frozen(signal, parameters, measured, magnitude(measured - expected), &self->least);
+        self->least = 2.0f * parameters->yaw_rate_max; /* above every deviation */
+        prove(signal, parameters, measured, is_available, agrees(parameters, measured, signal->value));
+    } else if (is_available) {
+        const bool has_frozen = is_frozen(signal, parameters, measured, magnitude(measured - expected_yaw_rate), &self->least);
 
-        if (((measured * expected) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn)
-            && !is_within(lateral->yaw_rate, turn)) {
+        if (((measured * expected_yaw_rate) < 0.0f) && ((measured * lateral->yaw_rate) < 0.0f) && !is_within(measured, turn_yaw_rate_min)
+            && !is_within(lateral->yaw_rate, turn_yaw_rate_min)) {
             signal->good++;
         } else {
             signal->good = 0u;
         }
-        is_gap = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
-        if (is_still || (signal->good >= parameters->recovery_samples)) {
+        is_missing = follow(signal, parameters, measured, true, parameters->yaw_rate_step);
+        if (has_frozen || (signal->good >= parameters->recovery_samples)) {
             signal->source = ARS_SIGNAL_WRONG;
         }
         if (signal->source != ARS_SIGNAL_MEASURED) {
             signal->good = 0u;
         } else if (lateral->is_there) {
-            compare_with_lateral(self, parameters, angle, lateral);
+            compare_with_lateral(self, parameters, net_steering_angle, lateral);
         } else {
-            /* nothing more to ask */
+            /* no lateral acceleration to compare with */
         }
     } else {
         signal->good = 0u;
-        is_gap = follow(signal, parameters, measured, false, parameters->yaw_rate_step);
+        is_missing = follow(signal, parameters, measured, false, parameters->yaw_rate_step);
     }
-    return is_gap;
+    return is_missing;
 }
 
-/* While the front wheels are straight, what the sensor shows beyond the linear car's turn is learned as its offset; of a turn that the
- * lateral acceleration shows too no more than is beyond that. */
+/* Return the yaw rate without its offset. While the front wheels are straight, the difference to the expected yaw rate is learned as the
+ * offset. The part of it that the lateral acceleration confirms is a real turn and is not learned. */
 ARS_SECTION_CODE static float without_offset(
-    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_turn, const lateral_t *lateral)
+    ars_inputs_t *self, const ars_inputs_parameters_t *parameters, float front_yaw_rate, const lateral_t *lateral)
 {
-    if (is_within(front_turn, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
+    if (is_within(front_yaw_rate, parameters->straight_yaw_rate) && (self->speed.value >= lateral_speed_least)
         && (lateral->is_there || !self->lateral_is_known)) {
-        float shown = self->yaw_rate.value - self->expected_yaw_rate;
+        float offset_estimate = self->yaw_rate.value - self->expected_yaw_rate;
 
         if (lateral->is_there) {
-            const float largest = magnitude(self->yaw_rate.value - lateral->yaw_rate);
+            const float offset_bound = magnitude(self->yaw_rate.value - lateral->yaw_rate);
 
-            shown = bounded(shown, largest);
+            offset_estimate = bounded(offset_estimate, offset_bound);
         }
-        shown = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (shown - self->yaw_rate_offset));
-        self->yaw_rate_offset = bounded(shown, parameters->yaw_rate_offset_max);
+        offset_estimate = self->yaw_rate_offset + (parameters->yaw_rate_correction_share * (offset_estimate - self->yaw_rate_offset));
+        self->yaw_rate_offset = bounded(offset_estimate, parameters->yaw_rate_offset_max);
     }
     return bounded(self->yaw_rate.value - self->yaw_rate_offset, parameters->yaw_rate_max);
 }
 
-/* For the yaw rate: fast the linear car's, slowly that of a lateral acceleration. Fed back at once, that one swings. */
+/* Replace the yaw rate by the expected one and a slow correction from the lateral acceleration. A fast correction would oscillate,
+ * because the lateral acceleration depends on the yaw rate through the rear angle. */
 ARS_SECTION_CODE static void stand_in(ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const lateral_t *lateral)
 {
-    float beyond = 0.0f;
+    float correction = 0.0f;
 
     if (lateral->is_evidence) {
-        beyond = lateral->yaw_rate - self->expected_yaw_rate;
+        correction = lateral->yaw_rate - self->expected_yaw_rate;
     }
-    beyond = self->beyond_linear + (parameters->yaw_rate_correction_share * (beyond - self->beyond_linear));
-    self->beyond_linear = bounded(beyond, parameters->yaw_rate_max);
+    correction = self->beyond_linear + (parameters->yaw_rate_correction_share * (correction - self->beyond_linear));
+    self->beyond_linear = bounded(correction, parameters->yaw_rate_max);
     self->yaw_rate.value = bounded(self->expected_yaw_rate + self->beyond_linear, parameters->yaw_rate_max);
 }
 
@@ -444,32 +452,32 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
     ars_inputs_t *self, const ars_inputs_parameters_t *parameters, const ars_measurement_t *measured, float rear_angle,
     ars_measurement_t *believed)
 {
-    const float rear
+    const float believed_rear_angle
         = is_within(measured->rear_angle, parameters->rear_angle_max) ? measured->rear_angle : rear_angle;
-    bool has_gap = take_speed(self, parameters, measured->speed);
+    bool has_missing = take_speed(self, parameters, measured->speed);
     const float gain = yaw_gain(parameters, self->speed.value);
     const lateral_t lateral = turn_of_lateral(self, parameters, measured->lateral_acceleration);
-    float turn = gain * (measured->front_angle - rear);
-    float angle;
+    float linear_yaw_rate = gain * (measured->front_angle - believed_rear_angle);
+    float net_steering_angle;
 
     self->lateral_is_known = self->lateral_is_known || lateral.is_there;
-    has_gap = take_front_angle(self, parameters, measured->front_angle, turn, &lateral) || has_gap;
-    angle = self->front_angle.value - rear;
-    turn = self->expected_yaw_rate + (parameters->expected_share * ((gain * angle) - self->expected_yaw_rate));
-    self->expected_yaw_rate = bounded(turn, parameters->yaw_rate_max);
-    has_gap = take_yaw_rate(self, parameters, measured->yaw_rate, angle, &lateral) || has_gap;
+    has_missing = take_front_angle(self, parameters, measured->front_angle, linear_yaw_rate, &lateral) || has_missing;
+    net_steering_angle = self->front_angle.value - believed_rear_angle;
+    linear_yaw_rate = self->expected_yaw_rate + (parameters->expected_share * ((gain * net_steering_angle) - self->expected_yaw_rate));
+    self->expected_yaw_rate = bounded(linear_yaw_rate, parameters->yaw_rate_max);
+    has_missing = take_yaw_rate(self, parameters, measured->yaw_rate, net_steering_angle, &lateral) || has_missing;
     if ((self->front_angle.source == ARS_SIGNAL_WRONG) && (self->yaw_rate.source == ARS_SIGNAL_WRONG)) {
-        self->front_angle.source = ARS_SIGNAL_LOST; /* none is left to confirm the other */
+        self->front_angle.source = ARS_SIGNAL_LOST; /* neither can confirm the other */
         self->yaw_rate.source = ARS_SIGNAL_LOST;
     }
     if (self->yaw_rate.source != ARS_SIGNAL_MEASURED) {
         stand_in(self, parameters, &lateral);
     } else if ((self->front_angle.source != ARS_SIGNAL_MEASURED) && (self->speed.value >= speed_least)) {
-        self->front_angle.value = bounded(rear + (self->yaw_rate.value / gain), parameters->front_angle_max);
+        self->front_angle.value = bounded(believed_rear_angle + (self->yaw_rate.value / gain), parameters->front_angle_max);
     } else {
-        /* both are measured, or the car stands */
+        /* both are measured, or the car is too slow */
     }
-    if (!has_gap) {
+    if (!has_missing) {
         forget(&self->speed);
         forget(&self->front_angle);
         forget(&self->yaw_rate);
@@ -482,9 +490,9 @@ ARS_SECTION_CODE ars_quality_t ars_inputs_step(
         self->beyond_linear = 0.0f;
         believed->yaw_rate = without_offset(self, parameters, gain * self->front_angle.value, &lateral);
     }
-    believed->rear_angle = rear;
+    believed->rear_angle = believed_rear_angle;
     believed->friction = self->friction;
     believed->lateral_acceleration = believed->speed * (lateral.is_there ? lateral.yaw_rate : believed->yaw_rate);
     believed->inhibit = measured->inhibit;
-    return quality_of(self, has_gap);
+    return quality_of(self, has_missing);
 }

@@ -23,6 +23,7 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -37,7 +38,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -49,7 +50,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -64,17 +65,17 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
-/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
- * did not know of it would run away from the command. */
+/* Largest change of the command in a sample, in rad. It includes the rate of the safety limiter: otherwise the integral would run away
+ * from the command where that is the lower one. */
 ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 {
-    const float own = parameters->rear_rate_max;
-    const float behind = parameters->limiter.rear_rate_max;
+    const float law_rate_max = parameters->rear_rate_max;
+    const float limiter_rate_max = parameters->limiter.rear_rate_max;
 
-    return ((own < behind) ? own : behind) * sampling_time;
+    return ((law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max) * sampling_time;
 }
 
-/* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is kept in rad of rear angle, sign included. */
+/* Control law "pi": rear_angle = -(Kp error + Ki integral of error). The integral is stored as a rear angle in rad, with its sign. */
 
 ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
 {
@@ -82,14 +83,15 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
     self->is_limited = false;
 }
 
-/* What the angle limit and the distance to the actuator let through: one that is stuck or slow must not wind the integral up. */
+/* Demand within the angle limit and the allowed distance to the measured angle: a stuck or slow actuator must not wind up the
+ * integral. */
 ARS_SECTION_CODE static float allowed(
     const ars_parameters_t *parameters, const ars_measurement_t *sample, float demand)
 {
-    const float ahead = parameters->rear_angle_error_max;
-    const float near = clamp(demand, sample->rear_angle - ahead, sample->rear_angle + ahead);
+    const float lead_max = parameters->rear_angle_error_max;
+    const float reachable_demand = clamp(demand, sample->rear_angle - lead_max, sample->rear_angle + lead_max);
 
-    return bounded(near, parameters->rear_angle_max);
+    return bounded(reachable_demand, parameters->rear_angle_max);
 }
 
 ARS_SECTION_CODE ars_law_output_t ars_law_step(
@@ -99,37 +101,37 @@ ARS_SECTION_CODE ars_law_output_t ars_law_step(
     const float reference = ars_map_yaw_rate_on_road(sample->speed, sample->front_angle, friction);
     const float error = reference - sample->yaw_rate;
     const float proportional = parameters->proportional_gain * error;
-    const float step = command_step(parameters);
-    /* Bumpless: with this integral the first demand is the angle that is commanded now. */
-    const float before = (phase == ARS_LAW_STARTS) ? (rear_angle + proportional) : self->integral;
-    float integral = before;
-    float wanted;
-    float demand;
+    const float command_step_max = command_step(parameters);
+    /* Bumpless start: with this integral the first demand is the present command. */
+    const float previous_integral = (phase == ARS_LAW_STARTS) ? (rear_angle + proportional) : self->integral;
+    float integral = previous_integral;
+    float rear_angle_demand;
+    float bounded_demand;
     ars_law_output_t output;
     bool limited;
 
-    (void)yaw_rate_error; /* the integral keeps what it needs */
+    (void)yaw_rate_error; /* the state of the integral is enough for a prediction */
     output.yaw_rate_reference = reference;
     if (!sample->inhibit) {
         integral -= (parameters->integral_gain * sampling_time) * error;
     }
-    wanted = integral - proportional;
-    demand = allowed(parameters, sample, wanted);
-    limited = (demand > wanted) || (demand < wanted);
+    rear_angle_demand = integral - proportional;
+    bounded_demand = allowed(parameters, sample, rear_angle_demand);
+    limited = (bounded_demand > rear_angle_demand) || (bounded_demand < rear_angle_demand);
     if (limited && !sample->inhibit) {
-        integral = demand + proportional; /* the integral that gives just the limit: it leaves it in one sample */
+        integral = bounded_demand + proportional; /* anti-windup: the integral that gives exactly the limit */
     }
-    /* Where the rate limit acts: let the integral not move further ahead of the command. */
-    if (demand > (rear_angle + step)) {
-        output.rear_angle = rear_angle + step;
+    /* Anti-windup: at the rate limit the integral must not move further ahead of the command. */
+    if (bounded_demand > (rear_angle + command_step_max)) {
+        output.rear_angle = rear_angle + command_step_max;
         limited = true;
-        integral = (integral > before) ? before : integral;
-    } else if (demand < (rear_angle - step)) {
-        output.rear_angle = rear_angle - step;
+        integral = (integral > previous_integral) ? previous_integral : integral;
+    } else if (bounded_demand < (rear_angle - command_step_max)) {
+        output.rear_angle = rear_angle - command_step_max;
         limited = true;
-        integral = (integral < before) ? before : integral;
+        integral = (integral < previous_integral) ? previous_integral : integral;
     } else {
-        output.rear_angle = demand;
+        output.rear_angle = bounded_demand;
     }
     self->integral = integral;
     self->is_limited = limited;

@@ -1,7 +1,7 @@
 /*
  * Safety limiter of the rear angle. See ars_limiter.h.
  *
- * Order of a step: take the inputs that are available, find the range, move towards the demand at the rate limit, bound.
+ * Order of a step: take the available inputs, find the range of the angle, limit demand and rate, bound the angle.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -21,6 +21,7 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -35,7 +36,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -47,7 +48,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -62,31 +63,31 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
-/* False for NaN. */
+/* Return whether the value is within +-largest; false for NaN. */
 ARS_SECTION_CODE static bool is_within(float value, float largest)
 {
     return magnitude(value) <= largest;
 }
 
-/* False for NaN. */
+/* Return whether the value is between low and high; false for NaN. */
 ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);
 }
 
-/* Between the breakpoints linear, beyond them held. */
+/* Bound of the opposite-phase angle: linear between the breakpoints, constant beyond them. */
 ARS_SECTION_CODE static float opposite_phase_bound(const ars_limiter_parameters_t *parameters, float speed)
 {
-    const float *const at = parameters->opposite_phase_speed;
+    const float *const breakpoints = parameters->opposite_phase_speed;
     float bound = parameters->opposite_phase_max[0];
     uint32_t k;
 
     for (k = 1u; k < (uint32_t)ARS_LIMITER_POINTS; k++) {
         const float next = parameters->opposite_phase_max[k];
 
-        if (speed < at[k]) {
-            if (speed > at[k - 1u]) {
-                bound += ((speed - at[k - 1u]) / (at[k] - at[k - 1u])) * (next - bound);
+        if (speed < breakpoints[k]) {
+            if (speed > breakpoints[k - 1u]) {
+                bound += ((speed - breakpoints[k - 1u]) / (breakpoints[k] - breakpoints[k - 1u])) * (next - bound);
             }
             break;
         }
@@ -124,9 +125,9 @@ ARS_SECTION_CODE void ars_limiter_init(ars_limiter_t *self, float rear_angle)
 ARS_SECTION_CODE float ars_limiter_step(
     ars_limiter_t *self, const ars_limiter_parameters_t *parameters, const ars_limiter_input_t *input)
 {
-    const float step = parameters->rear_rate_max * sampling_time;
+    const float angle_step_max = parameters->rear_rate_max * sampling_time;
     const float demand = input->demand;
-    float target = self->rear_angle;
+    float limited_demand = self->rear_angle;
 
     if (is_within(input->speed, parameters->speed_max)) {
         self->speed = magnitude(input->speed);
@@ -136,24 +137,24 @@ ARS_SECTION_CODE float ars_limiter_step(
         self->front_angle = input->front_angle;
     }
     if (self->speed_known) {
-        const float bound = opposite_phase_bound(parameters, self->speed);
-        const float turned = magnitude(self->front_angle) / parameters->in_phase_from_front_angle;
-        const float share = (turned < 1.0f) ? turned : 1.0f;
-        const float in_phase = bound + (share * (parameters->rear_angle_max - bound));
-        const float low = (self->front_angle < 0.0f) ? -in_phase : -bound;
-        const float high = (self->front_angle > 0.0f) ? in_phase : bound;
+        const float opposite_phase_max = opposite_phase_bound(parameters, self->speed);
+        const float front_angle_ratio = magnitude(self->front_angle) / parameters->in_phase_from_front_angle;
+        const float in_phase_share = (front_angle_ratio < 1.0f) ? front_angle_ratio : 1.0f;
+        const float in_phase_max = opposite_phase_max + (in_phase_share * (parameters->rear_angle_max - opposite_phase_max));
+        const float low = (self->front_angle < 0.0f) ? -in_phase_max : -opposite_phase_max;
+        const float high = (self->front_angle > 0.0f) ? in_phase_max : opposite_phase_max;
 
         if (demand > high) {
-            target = high;
+            limited_demand = high;
         } else if (demand >= low) {
-            target = demand;
+            limited_demand = demand;
         } else if (demand < low) {
-            target = low;
+            limited_demand = low;
         } else {
-            target = clamp(target, low, high); /* NaN: the last angle */
+            limited_demand = clamp(limited_demand, low, high); /* NaN: the last angle */
         }
     }
-    target = clamp(target, self->rear_angle - step, self->rear_angle + step);
-    self->rear_angle = bounded(target, parameters->rear_angle_max);
+    limited_demand = clamp(limited_demand, self->rear_angle - angle_step_max, self->rear_angle + angle_step_max);
+    self->rear_angle = bounded(limited_demand, parameters->rear_angle_max);
     return self->rear_angle;
 }

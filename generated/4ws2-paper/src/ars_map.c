@@ -1,7 +1,7 @@
 /*
  * Yaw-rate reference map: bilinear lookup. See ars_map.h.
  *
- * The numbers are in ars_calibration.c. Nothing here takes one of them for a constant: calibration may change it.
+ * The numbers are in ars_calibration.c. None of them is a constant here, because calibration may change it.
  *
  * Map 4ws2-paper: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -23,31 +23,30 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* Where a value lies on an axis: the breakpoint below it, and 0 to 1 from there to the next. */
+/* Position on an axis: index of the breakpoint below, and fraction (0 to 1) of the way to the next one. */
 typedef struct {
     uint32_t lower;
     float fraction;
 } position_t;
 
-/* m/s^2. The largest steady lateral acceleration that the constraints allow, and the same for each unit of friction.
- * Rounded down, so that rounding never lets more through. No calibration: the bound of the car on its road, whatever the table
- * asks for. */
+/* Largest steady lateral acceleration that the constraints allow, in m/s^2, and the same per unit of friction. Rounded down, so that
+ * rounding never exceeds the bound. No calibration: this bound of the vehicle holds whatever the table contains. */
 ARS_SECTION_CONST static const float lateral_acceleration_cap = 5.6112237f;
 ARS_SECTION_CONST static const float lateral_acceleration_cap_per_friction = 6.234693f;
 ARS_SECTION_CONST static const float map_friction = 0.9f;
 
-/* Where to look. */
+/* Position in the table. */
 typedef struct {
     position_t row;
     position_t column;
 } place_t;
 
-/* What the road allows. */
+/* Limits of the road. */
 typedef struct {
     float lateral_acceleration_max; /* m/s^2 */
 } road_t;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -62,20 +61,20 @@ ARS_SECTION_CODE static float magnitude(float value)
 /* Speed: even but for the first cell. NaN and what is below zero count as zero; beyond the last breakpoint the last one holds. */
 ARS_SECTION_CODE static position_t locate_speed(float speed)
 {
-    const float *const at = ars_map_speed_breakpoints;
-    const float steps = ((speed - at[1]) / (at[101] - at[1])) * 100.0f;
+    const float *const breakpoints = ars_map_speed_breakpoints;
+    const float steps = ((speed - breakpoints[1]) / (breakpoints[101] - breakpoints[1])) * 100.0f;
     position_t position = { 0u, 0.0f };
 
     if (steps >= 100.0f) {
         position.lower = 100u;
         position.fraction = 1.0f;
-    } else if (speed >= at[1]) {
+    } else if (speed >= breakpoints[1]) {
         const uint32_t whole = (uint32_t)steps;
 
         position.lower = whole + 1u;
         position.fraction = steps - (float)whole;
     } else if (speed > 0.0f) {
-        position.fraction = speed / at[1];
+        position.fraction = speed / breakpoints[1];
     } else {
         /* zero, below it, or NaN */
     }
@@ -83,19 +82,19 @@ ARS_SECTION_CODE static position_t locate_speed(float speed)
 }
 
 /* Front angle: even but for the last cell. Not negative; NaN counts as zero; beyond the last breakpoint the last one holds. */
-ARS_SECTION_CODE static position_t locate_front_angle(float turned)
+ARS_SECTION_CODE static position_t locate_front_angle(float front_angle_magnitude)
 {
-    const float *const at = ars_map_front_angle_breakpoints;
+    const float *const breakpoints = ars_map_front_angle_breakpoints;
     position_t position = { 0u, 0.0f };
 
-    if (turned < at[100]) {
-        const float steps = (turned / at[100]) * 100.0f;
+    if (front_angle_magnitude < breakpoints[100]) {
+        const float steps = (front_angle_magnitude / breakpoints[100]) * 100.0f;
         const uint32_t whole = (uint32_t)steps;
 
         position.lower = whole;
         position.fraction = steps - (float)whole;
-    } else if (turned >= at[100]) {
-        const float fraction = (turned - at[100]) / (at[101] - at[100]);
+    } else if (front_angle_magnitude >= breakpoints[100]) {
+        const float fraction = (front_angle_magnitude - breakpoints[100]) / (breakpoints[101] - breakpoints[100]);
 
         position.lower = 100u;
         position.fraction = (fraction < 1.0f) ? fraction : 1.0f;
@@ -105,10 +104,10 @@ ARS_SECTION_CODE static position_t locate_front_angle(float turned)
     return position;
 }
 
-/* Every table is for positive front angles: one search serves all of them. */
-ARS_SECTION_CODE static place_t place_of(float speed, float turned)
+/* All tables are for positive front angles and share this search. */
+ARS_SECTION_CODE static place_t place_of(float speed, float front_angle_magnitude)
 {
-    const place_t place = { locate_speed(speed), locate_front_angle(turned) };
+    const place_t place = { locate_speed(speed), locate_front_angle(front_angle_magnitude) };
 
     return place;
 }
@@ -154,14 +153,14 @@ ARS_SECTION_CODE static float capped(float yaw_rate, float speed, const road_t *
     return result;
 }
 
-ARS_SECTION_CODE static float yaw_rate_at(float speed, float turned, const road_t *road)
+ARS_SECTION_CODE static float yaw_rate_at(float speed, float front_angle_magnitude, const road_t *road)
 {
-    const place_t place = place_of(speed, turned);
+    const place_t place = place_of(speed, front_angle_magnitude);
 
     return capped(uncapped_yaw_rate(&place), speed, road);
 }
 
-/* The map is odd in the front angle. */
+/* The map is an odd function of the front angle. */
 ARS_SECTION_CODE float ars_map_yaw_rate_on_road(
     float speed, float front_angle, float friction)
 {
@@ -176,19 +175,19 @@ ARS_SECTION_CODE float ars_map_yaw_rate(float speed, float front_angle)
     return ars_map_yaw_rate_on_road(speed, front_angle, map_friction);
 }
 
-/* False for NaN. */
+/* Return whether all numbers are between low and high; false for NaN. */
 ARS_SECTION_CODE static bool are_between(const float *numbers, uint32_t count, float low, float high)
 {
-    bool inside = true;
+    bool all_between = true;
     uint32_t k;
 
     for (k = 0u; k < count; k++) {
-        inside = inside && (numbers[k] >= low) && (numbers[k] <= high);
+        all_between = all_between && (numbers[k] >= low) && (numbers[k] <= high);
     }
-    return inside;
+    return all_between;
 }
 
-/* From zero or below, each above the one before. */
+/* Return whether breakpoints start at zero or below and increase strictly. */
 ARS_SECTION_CODE static bool are_increasing(const float *breakpoints, uint32_t count)
 {
     bool increasing = breakpoints[0] <= 0.0f;
@@ -200,7 +199,7 @@ ARS_SECTION_CODE static bool are_increasing(const float *breakpoints, uint32_t c
     return increasing;
 }
 
-/* Whether they lie where the search, which only looks at the ends, takes them to be: within a share of a step. */
+/* Return whether breakpoints have equal steps within a tolerance. The search relies on it: it uses the first and last one only. */
 ARS_SECTION_CODE static bool are_even(const float *breakpoints, uint32_t cells)
 {
     const float step = (breakpoints[cells] - breakpoints[0]) / (float)cells;

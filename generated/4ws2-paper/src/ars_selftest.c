@@ -26,28 +26,28 @@
 
 ARS_SECTION_CONST static const uint32_t crc_start = 0xFFFFFFFFu;
 
-/* The examples of AUTOSAR PRS_E2EProtocol, section 6.3.5: data id 0x123, eight bytes of zero, counters 0 and 1. Then a sum that
- * takes in every entry of the table once, each with a weight of its own. */
+/* Check the CRC with the examples of AUTOSAR PRS_E2EProtocol, section 6.3.5 (data id 0x123, eight bytes of zero, counters 0 and 1), and
+ * with a weighted sum that uses every entry of the table once. */
 ARS_SECTION_CODE static bool crc_is_right(void)
 {
     uint8_t data[8] = { 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u };
-    bool right = ars_e2e_crc(0x123u, data) == 0xCCu;
+    bool is_right = ars_e2e_crc(0x123u, data) == 0xCCu;
     uint32_t sum = 0u;
     uint32_t value;
 
     data[1] = 1u;
-    right = right && (ars_e2e_crc(0x123u, data) == 0x91u);
+    is_right = is_right && (ars_e2e_crc(0x123u, data) == 0x91u);
     for (value = 0u; value < 256u; value++) {
         data[7] = (uint8_t)value;
         sum += (value + 1u) * ars_e2e_crc(0x123u, data);
     }
-    return right && (sum == 4194240u);
+    return is_right && (sum == 4194240u);
 }
 
-/* The checksum of the calibration, from what the map, which comes first, has made of it. */
-ARS_SECTION_CODE static uint32_t with_the_rest(uint32_t of_map)
+/* Checksum of the calibration, continued from that of the map, which comes first. */
+ARS_SECTION_CODE static uint32_t with_the_rest(uint32_t map_crc)
 {
-    return ~ars_parameters_crc(of_map);
+    return ~ars_parameters_crc(map_crc);
 }
 
 ARS_SECTION_CODE uint32_t ars_calibration_checksum(void)
@@ -58,7 +58,7 @@ ARS_SECTION_CODE uint32_t ars_calibration_checksum(void)
 ARS_SECTION_CODE bool ars_selftest(void)
 {
     /* speed, front angle, friction, and the yaw rate that the lookup gave at build */
-    ARS_SECTION_CONST static const float known[14][4] = {
+    ARS_SECTION_CONST static const float examples[14][4] = {
         { 0.0f, 0.0f, 0.9f, 0.0f },
         { 0.0f, 0.61086524f, 0.9f, 0.0f },
         { 33.333332f, 0.0f, 0.9f, 0.0f },
@@ -75,17 +75,17 @@ ARS_SECTION_CODE bool ars_selftest(void)
         { 33.333332f, 0.61086524f, 0.36f, 0.06733469f }
     };
     const float tolerance = 1.0e-05f; /* rad/s: a compiler may fuse multiply and add */
-    const uint32_t of_map = ars_map_crc(crc_start);
+    const uint32_t map_crc = ars_map_crc(crc_start);
     bool passed = crc_is_right()
-        && (with_the_rest(of_map) == ars_calibration_expected_checksum)
+        && (with_the_rest(map_crc) == ars_calibration_expected_checksum)
         && ars_parameters_valid(&ars_parameters_default);
 
-    if (~of_map == 0x49737B91u) { /* the map that was made at build, not another calibration of it */
+    if (~map_crc == 0x49737B91u) { /* the map of the build, not changed by calibration */
         uint32_t index;
 
         for (index = 0u; index < 14u; index++) {
-            const float yaw_rate = ars_map_yaw_rate_on_road(known[index][0], known[index][1], known[index][2]);
-            passed = passed && (yaw_rate >= (known[index][3] - tolerance)) && (yaw_rate <= (known[index][3] + tolerance));
+            const float yaw_rate = ars_map_yaw_rate_on_road(examples[index][0], examples[index][1], examples[index][2]);
+            passed = passed && (yaw_rate >= (examples[index][3] - tolerance)) && (yaw_rate <= (examples[index][3] + tolerance));
         }
     }
     return passed;

@@ -1,9 +1,9 @@
 /*
- * CAN frames: packing and unpacking, the same layout as ars.dbc.
+ * Packing and unpacking of the CAN frames that ars.dbc describes.
  *
- * Classical CAN, 11-bit identifiers, eight bytes, each message every 10 ms. A value out of range saturates, NaN is sent as
- * "not available" and comes back as NaN. Packing leaves CRC and counter zero: ars_e2e.h writes them. Bytes are made by shifts, so
- * that the layout is the same on every machine.
+ * Classical CAN with 11-bit identifiers and eight data bytes; every message is sent every 10 ms. A value out of range
+ * saturates. NaN is sent as "not available", which unpacking returns as NaN. Packing sets CRC and counter to zero; ars_e2e_protect()
+ * writes them. The byte order of the machine does not matter.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -53,6 +53,10 @@ typedef struct {
     uint16_t diagnostics;       /* one bit for each cause of trouble */
 } ars_rear_steer_command_t;
 
+/*
+ * Pack and unpack each message. No argument may be null. Packing accepts every number; it keeps the low bits of a whole number
+ * that is too large for its signal. Unpacking accepts every frame and checks neither CRC nor counter.
+ */
 void ars_can_pack_vehicle_motion(const ars_vehicle_motion_t *signals, uint8_t data[8]);
 void ars_can_unpack_vehicle_motion(const uint8_t data[8], ars_vehicle_motion_t *signals);
 
@@ -62,7 +66,7 @@ void ars_can_unpack_vehicle_conditions(const uint8_t data[8], ars_vehicle_condit
 void ars_can_pack_rear_steer_command(const ars_rear_steer_command_t *signals, uint8_t data[8]);
 void ars_can_unpack_rear_steer_command(const uint8_t data[8], ars_rear_steer_command_t *signals);
 
-/* NaN, which stands for "not available". */
+/* Return a quiet NaN, the value of a signal that is not available. */
 float ars_can_not_available(void);
 
 #ifdef __cplusplus

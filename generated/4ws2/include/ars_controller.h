@@ -1,9 +1,9 @@
 /*
  * Yaw-rate controller for active rear steering, kind "tracking".
  *
- * Call ars_controller_init() once, then ars_controller_step() every 10 ms. All memory is the caller's: one
- * ars_controller_t for each controlled axle. Nothing here allocates, blocks, reads a clock or calls a library; instances are
- * independent of each other and may run in different tasks.
+ * Call ars_controller_init() once, then ars_controller_step() every 10 ms. The caller owns all memory: one
+ * ars_controller_t for each controlled axle. The functions do not allocate, block, read a clock or call a library. Instances
+ * are independent of each other and may run in different tasks.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left, and a positive
  * rear angle points the same way as a positive front angle.
@@ -45,7 +45,7 @@ extern "C" {
 
 #define ARS_CONTROLLER_BUILD 0x3CA513E9u
 
-/* What the last step did. In every state the command is finite and within its limits. */
+/* Status of the last step. The command is finite and within its limits in every status. */
 typedef enum {
     ARS_STATUS_TRACKING = 0, /* following the reference */
     ARS_STATUS_LIMITED = 1,  /* following, with the command at a limit: angle, rate, distance to the measured angle, or the limiter's */
@@ -54,14 +54,14 @@ typedef enum {
     ARS_STATUS_FAIL_SAFE = 4 /* neither front angle nor yaw rate is believed: the rear angle goes to zero */
 } ars_status_t;
 
-/* What the controller asks for, and why. */
+/* Result of a step. */
 typedef struct {
     float rear_angle;           /* rad, within +-rear_angle_max */
-    float yaw_rate_reference;   /* rad/s, what is followed; predicted while degraded, 0 in standby and fail-safe */
-    ars_status_t status;        /* what the step did */
+    float yaw_rate_reference;   /* rad/s, reference that is followed; predicted while degraded, 0 in standby and fail-safe */
+    ars_status_t status;        /* status of the step */
 } ars_command_t;
 
-/* Memory between two steps. Private: read it in a debugger, write it only through the functions below. */
+/* State between two steps. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
     ars_law_t law;                      /* the control law */
     ars_grip_t grip;                    /* of the road */
@@ -78,36 +78,39 @@ typedef struct {
 } ars_controller_t;
 
 /*
- * Start from the angle that the actuator holds now, without a jump.
+ * Start from the angle that the actuator holds now, so that the command does not jump.
  *
- * rear_angle: rad; NaN counts as 0, and beyond the actuator's limit as the limit.
+ * rear_angle: rad, any number. NaN counts as 0; a value beyond the actuator's limit counts as that limit.
  */
 void ars_controller_init(ars_controller_t *self, float rear_angle);
 
 /*
- * One sample: find what is believed of the measurement (ars_inputs.h), look the reference up, control, limit (ars_limiter.h
- * has the last word).
+ * Compute the command of one sample: check the measurement (ars_inputs.h), look up the reference, run the control law and
+ * apply the safety limiter (ars_limiter.h).
  *
- * For a short time without a sample the law goes on with the last one and the last yaw-rate error. Memory that was never initialised, or
- * that holds NaN or infinity, starts afresh from the measured rear angle, in the fail-safe.
+ * For a short time without a sample, the law continues with the last sample and the last yaw-rate error. A state that was never
+ * initialised, or that contains NaN or infinity, is initialised from the measured rear angle and starts in the fail-safe.
  *
- * None of the pointers may be null; parameters must be valid; measurement may hold any number,
- * and inhibit must be true or false.
+ * self, parameters, measurement: must not be null.
+ * parameters:  must be valid, see ars_parameters_valid().
+ * measurement: may contain any number, NaN and infinity too; inhibit must be true or false.
  * Returns a command that is finite and within +-parameters->rear_angle_max in every case.
  */
 ars_command_t ars_controller_step(
     ars_controller_t *self, const ars_parameters_t *parameters, const ars_measurement_t *measurement);
 
 /*
- * Return the CRC-32 over the map, ars_parameters_default and the tyre curves of the reference model in memory. Takes about
- * 170196 table look-ups of four bits.
+ * Return the CRC-32 over the map, ars_parameters_default and the tyre curves of the reference model in memory. The run
+ * time is that of about 170196 table look-ups of four bits each.
  */
 uint32_t ars_calibration_checksum(void);
 
 /*
- * Whether the calibration in memory has the checksum ars_calibration_expected_checksum, map and default parameters are valid, and
- * the CRC of the CAN frames has its known values; and, unless the map was calibrated, whether the lookup gives the values that it
- * had at build. For power-up; takes little more than ars_calibration_checksum().
+ * Test code and calibration, for use at power-up. The run time is little more than that of ars_calibration_checksum().
+ *
+ * Returns true if the calibration in memory has the checksum ars_calibration_expected_checksum, map and default parameters
+ * are valid, and the CRC of the CAN frames gives its known values. Unless the map was changed by calibration, the lookup must also
+ * return the values that it returned at build.
  */
 bool ars_selftest(void);
 

@@ -1,8 +1,8 @@
 /*
- * Grip of the road: the lateral acceleration that the car is known to reach.
+ * Estimate of the grip: the lateral acceleration that the car can reach on the present road.
  *
- * The control law asks for no more than this grip allows. It falls when the car reaches less than the reference asks for, and rises
- * again slowly. It survives the fail-safe.
+ * The control law demands no more than this grip allows. The estimate falls when the car reaches less lateral acceleration than the
+ * reference demands, and recovers slowly. The fail-safe keeps it.
  *
  * Units are SI (m/s, rad/s, m/s^2). Signs follow ISO 8855: the yaw rate is positive to the left.
  *
@@ -24,33 +24,33 @@ extern "C" {
 
 #define ARS_GRIP_BUILD 0x3CA513E9u
 
-/* Memory between two samples. Private: read it in a debugger, write it only through the functions below. */
+/* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
     float reached;              /* m/s^2 of lateral acceleration, lately */
     float available;            /* m/s^2 of lateral acceleration that the road has not yet refused */
 } ars_grip_t;
 
-/* Start from the full grip of the map's road. */
+/* Initialise with the full grip of the road that the map assumes. */
 void ars_grip_init(ars_grip_t *self);
 
 /*
- * Return the friction of the road: the estimate, but at least parameters->friction_min, or the friction of the grip if that is
- * lower.
+ * Return the friction coefficient for the control law: the lower of the given estimate, raised to parameters->friction_min where it
+ * is less, and the friction that corresponds to the grip.
  *
- * estimate: peak friction, any number; NaN means that none is known.
+ * estimate: peak friction coefficient, any number; with NaN the grip alone decides.
  */
 float ars_grip_friction(const ars_grip_t *self, const ars_parameters_t *parameters, float estimate);
 
 /*
- * Learn from a sample that the law has controlled. The grip falls while the lateral acceleration in the commanded turn is short
- * of the reference by more than parameters->grip_shortfall, but never below what the car reached lately.
+ * Update the estimate with a sample under control. The grip falls while the lateral acceleration towards the reference is below the
+ * demanded one by more than parameters->grip_shortfall, but not below the largest one reached lately. Otherwise it recovers.
  *
- * speed: m/s, yaw_rate_reference and yaw_rate: rad/s, all finite and within the ranges of ars_inputs.h.
+ * speed: m/s; yaw_rate_reference, yaw_rate: rad/s. All must be finite and within the ranges of ars_inputs_step().
  */
 void ars_grip_update(
     ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate);
 
-/* Let the grip recover in a sample of standby: nothing is learned there, and what is known of the road grows old. */
+/* Let the estimate recover in a sample in standby, in which there is no turn to learn from. */
 void ars_grip_recover(ars_grip_t *self, const ars_parameters_t *parameters);
 
 #ifdef __cplusplus

@@ -1,7 +1,7 @@
 /*
  * Control law, kind "tracking": feedforward of the optimum, reference model, scheduled feedback.
  *
- * One part of the controller (ars_controller.h), which decides when the law runs and what happens otherwise.
+ * Part of the controller (ars_controller.h), which decides when the law runs.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
  *
@@ -34,14 +34,14 @@ extern "C" {
 
 #define ARS_LAW_BUILD 0x3CA513E9u
 
-/* What the law does in a sample. */
+/* Phase of the law in a sample. */
 typedef enum {
-    ARS_LAW_STARTS = 0,    /* it did not run before: start without a jump of the command */
-    ARS_LAW_CONTINUES = 1, /* it ran in the sample before */
-    ARS_LAW_PREDICTS = 2   /* there is no new sample: go on with the last one and its yaw-rate error */
+    ARS_LAW_STARTS = 0,    /* first sample under control: start without a jump of the command */
+    ARS_LAW_CONTINUES = 1, /* the law ran in the previous sample */
+    ARS_LAW_PREDICTS = 2   /* no new sample: continue with the last one and its yaw-rate error */
 } ars_law_phase_t;
 
-/* Memory between two samples. Private: read it in a debugger, write it only through the functions below. */
+/* State between two samples. Private: read it in a debugger, change it only through the functions below. */
 typedef struct {
     ars_reference_model_t model;        /* of the car */
     float trim;                         /* rad/s, towards the map's yaw rate */
@@ -54,23 +54,24 @@ typedef struct {
     bool is_limited;                    /* a limit acted in the last sample */
 } ars_law_t;
 
-/* What the law asks for. */
+/* Result of the law. */
 typedef struct {
-    float rear_angle;           /* rad, from the last command by at most the rates of controller and limiter */
-    float yaw_rate_reference;   /* rad/s, that is followed */
+    float rear_angle;           /* rad, demand; changes by at most the lower rate of controller and limiter */
+    float yaw_rate_reference;   /* rad/s, reference that is followed */
 } ars_law_output_t;
 
-/* Start from a commanded rear angle in rad, within +-1. */
+/* Initialise. rear_angle: rad, commanded now, within +-1; must not be NaN. */
 void ars_law_init(ars_law_t *self, float rear_angle);
 
 /*
- * One sample of the law. self->is_limited then holds whether a limit acted.
+ * Compute one sample of the law and set self->is_limited if a limit was active. No pointer may be null, and parameters must be valid.
+ * With arguments in these ranges the result is finite.
  *
- * sample:         what ars_inputs_step() believes: speed from 0.01 to 200 m/s, front angle within +-1.5 rad,
+ * sample:         as ars_inputs_step() returns it: speed from 0.01 to 200 m/s, front angle within +-1.5 rad,
  *                 yaw rate within +-20 rad/s, and any rear angle.
- * friction:       peak friction of the road, above zero.
+ * friction:       peak friction coefficient of the road, above zero.
  * rear_angle:     rad, the last command, within +-1.
- * yaw_rate_error: rad/s, of the last sample that was not predicted: the reference less the yaw rate, within +-1000.
+ * yaw_rate_error: rad/s, reference minus yaw rate in the last sample that was not predicted, within +-1000.
  */
 ars_law_output_t ars_law_step(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,

@@ -1,5 +1,5 @@
 /*
- * Parameters of the controller, kind "tracking": all that calibration may change beside the map.
+ * Parameters of the controller, kind "tracking". Together with the map they are the calibration.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: steering angles and yaw rate are positive to the left.
  *
@@ -30,7 +30,7 @@ extern "C" {
 
 enum { ARS_SCHEDULE_POINTS = 14 };
 
-/* Everything that calibration may change beside the map. Ask ars_parameters_valid() after each change. */
+/* Calibration parameters. Call ars_parameters_valid() after each change. */
 typedef struct {
     float schedule_speed[ARS_SCHEDULE_POINTS];/* m/s, breakpoints of the gains, increasing */
     float proportional_gain[ARS_SCHEDULE_POINTS];/* s: rad of rear angle for each rad/s of error */
@@ -59,29 +59,29 @@ typedef struct {
     float actuator_share;               /* of the way to the command that the actuator goes in a sample */
     float actuator_error_max;           /* rad off, beside twice the way to go, that is tolerated */
     uint16_t actuator_samples_max;      /* samples off, less others, then it is stuck */
-    ars_inputs_parameters_t inputs;     /* of the monitoring in front of it */
-    ars_limiter_parameters_t limiter;   /* of the safety limiter behind it */
+    ars_inputs_parameters_t inputs;     /* of the plausibility checks */
+    ars_limiter_parameters_t limiter;   /* of the safety limiter */
 } ars_parameters_t;
 
-/* The parameters that this build was made with. */
+/* Parameters of this build. */
 extern const ars_parameters_t ars_parameters_default;
 
-/* The build as text, by which a calibration tool knows that its A2L is the right one (EPK). */
+/* Identifier of the build (EPK), by which a calibration tool checks that its A2L file matches. */
 extern const char ars_epk[9];
 
 /*
- * What ars_calibration_checksum() has to be for the self-test to pass (ars_controller.h). Whoever freezes a calibration gives
- * it what that function returns then.
+ * Checksum that the self-test expects (ars_controller.h). When a calibration is frozen, store here what
+ * ars_calibration_checksum() returns then.
  */
 extern const uint32_t ars_calibration_expected_checksum;
 
 /*
- * Whether every parameter is finite, in range and consistent with the others, and ars_map_valid() too: to be asked after any
- * change of calibration, outside the 10 ms task. ars_controller_step() relies on it.
+ * Return whether every parameter is finite, in range and consistent with the others, and the map is valid (ars_map_valid()).
+ * Call it after each change of the calibration, outside the 10 ms task. ars_controller_step() requires valid parameters.
  */
 bool ars_parameters_valid(const ars_parameters_t *parameters);
 
-/* Return the checksum so far (ars_checksum.h) with ars_parameters_default, field by field in the order of the structs. */
+/* Return start, the checksum so far (ars_checksum.h), continued with ars_parameters_default, field by field in struct order. */
 uint32_t ars_parameters_crc(uint32_t start);
 
 #ifdef __cplusplus

@@ -1,10 +1,10 @@
 /*
- * Reference model: the yaw rate that the car can have now.
+ * Reference model: the yaw rate that the car can reach now.
  *
- * The single-track car with Magic Formula tyres at static wheel loads, driven by the front angle and by what a first-order actuator
- * makes of the rear angle. One step is 10 ms by the linearly implicit midpoint rule, which is stable at every speed.
+ * Single-track vehicle with Magic Formula tyres at static wheel loads. Its inputs are the front angle and the rear angle behind a
+ * first-order actuator. A step is 10 ms of the linearly implicit midpoint rule, which is stable at every speed.
  *
- * Calls no library: each tyre's curve sin(C atan(x - E (x - atan x))), whose peak is at most 1, is a table,
+ * The functions call no library. The curve sin(C atan(x - E (x - atan x))) of each tyre, with a peak of at most 1, is a table that is
  * off by at most 2.7e-04 in front and 2.7e-04 at the rear.
  *
  * Units are SI (m/s, rad, rad/s). Signs follow ISO 8855: angles and yaw rate are positive to the left.
@@ -23,31 +23,30 @@ extern "C" {
 
 #define ARS_REFERENCE_MODEL_BUILD 0x3CA513E9u
 
-/* Where the model is. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
+/* State of the model. Always finite: at most 0.349 rad of sideslip and 2.62 rad/s. */
 typedef struct {
     float sideslip_angle; /* rad */
     float yaw_rate;       /* rad/s */
     float rear_angle;     /* rad, achieved by the model's actuator */
 } ars_reference_model_t;
 
-/* What drives it over one step, in the ranges of ars_law_step(). With other numbers, NaN among them, the model means nothing, but
- * stays finite. */
+/* Inputs of one step, in the ranges of ars_law_step(). With other numbers and NaN, the state has no meaning but stays finite. */
 typedef struct {
-    float speed;       /* m/s; below 1 m/s it counts as that */
+    float speed;       /* m/s; less than 1 m/s counts as that */
     float front_angle; /* rad, at the road wheel */
     float rear_angle;  /* rad, commanded */
-    float friction;    /* peak friction of the road */
+    float friction;    /* peak friction coefficient of the road */
 } ars_reference_model_input_t;
 
 /*
- * Start in a steady turn: the sideslip is that of the linear car at this speed (m/s), yaw rate (rad/s) and rear angle (rad).
+ * Start in the steady turn of the linear vehicle at a speed (m/s), yaw rate (rad/s) and rear angle (rad), which gives the sideslip.
  */
 void ars_reference_model_start(ars_reference_model_t *self, float speed, float yaw_rate, float rear_angle);
 
-/* One step of 10 ms. */
+/* Advance the model by one step of 10 ms. */
 void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input);
 
-/* Return the checksum so far (ars_checksum.h) with both tyre curves. */
+/* Return start, the checksum so far (ars_checksum.h), continued with both tyre curves. */
 uint32_t ars_reference_model_crc(uint32_t start);
 
 #ifdef __cplusplus

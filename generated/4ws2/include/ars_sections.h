@@ -1,8 +1,8 @@
 /*
  * Linker sections of the generated code.
  *
- * Each macro stands before the definitions of its kind and is empty by default. To place them, define the macros on the
- * compiler's command line, for example
+ * Each macro precedes the definitions of its kind and is empty by default. To place these definitions, define the macros on the command
+ * line of the compiler, for example
  *   -D'ARS_SECTION_CALIBRATION=__attribute__((section(".calibration")))'
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
@@ -16,7 +16,7 @@
 #define ARS_SECTION_CODE
 #endif
 
-/* Constants that never change: the checksum table and the like. */
+/* Constants that calibration does not change, such as the checksum table. */
 #ifndef ARS_SECTION_CONST
 #define ARS_SECTION_CONST
 #endif
@@ -26,7 +26,7 @@
 #define ARS_SECTION_CALIBRATION
 #endif
 
-/* Controller states. All of them are the caller's; the example shows the use. */
+/* Controller states. The caller defines them; see the example. */
 #ifndef ARS_SECTION_STATE
 #define ARS_SECTION_STATE
 #endif

@@ -1,13 +1,14 @@
 /*
- * All that calibration may change: the parameters, and the map with its axes.
+ * Calibration: the parameters, and the map with its axes.
  *
- * Read-only for the code, in the section ARS_SECTION_CALIBRATION, in a file of their own: no compiler sees these numbers where
- * they are used, so that none of them becomes part of an instruction. Keep this file out of link-time optimisation (-fno-lto),
- * as the build files beside it do.
+ * Read-only for the code, in the section ARS_SECTION_CALIBRATION. The numbers have a file of their own so that the compiler cannot
+ * see them where they are used and put them into instructions. Keep this file out of link-time optimisation (-fno-lto), as the
+ * build files of this folder do.
  *
  * Rows are speeds, columns are front angles.
- * How many breakpoints there are, and whether an axis is even, is fixed at build. Ask ars_parameters_valid() after each change,
- * before the code runs with it, and give ars_calibration_expected_checksum what ars_calibration_checksum() returns.
+ * The number of breakpoints, and whether an axis has equal steps, are fixed at build. After each change, call
+ * ars_parameters_valid() before the code runs with it, and set ars_calibration_expected_checksum to the result of
+ * ars_calibration_checksum().
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.

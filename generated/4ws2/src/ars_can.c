@@ -1,7 +1,7 @@
 /*
  * CAN frames. See ars_can.h.
  *
- * A signal is first turned into its code, a whole number; the code is then cut into the bytes that it lies in.
+ * A signal is converted to its code, a whole number, whose bits are then placed in the bytes of the frame.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -19,13 +19,13 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* A number by its bits. */
+/* A number and its bits. */
 typedef union {
     uint32_t bits;
     float value;
 } can_number_t;
 
-/* A quiet NaN; the macro of math.h may not be there. */
+/* A quiet NaN, because a bare target need not have math.h. */
 ARS_SECTION_CONST static const can_number_t quiet_nan = { .bits = 0x7FC00000u };
 
 ARS_SECTION_CODE float ars_can_not_available(void)
@@ -33,7 +33,7 @@ ARS_SECTION_CODE float ars_can_not_available(void)
     return quiet_nan.value;
 }
 
-/* The leading half of a number's digits. */
+/* Leading half of the digits of a number. */
 ARS_SECTION_CODE static float leading_part(float value)
 {
     const float spread = value * 4097.0f;
@@ -42,7 +42,7 @@ ARS_SECTION_CODE static float leading_part(float value)
 }
 
 /* value * steps = product + error, exactly (T. J. Dekker, A floating-point technique for extending the available precision, 1971):
- * products of halves need no rounding. */
+ * products of halves are exact. */
 ARS_SECTION_CODE static float error_of(float product, float value, float steps)
 {
     const float value_high = leading_part(value);
@@ -54,8 +54,8 @@ ARS_SECTION_CODE static float error_of(float product, float value, float steps)
         + (value_low * steps_low);
 }
 
-/* Whether value * steps, which lies just between two codes as far as its rounded product tells, goes to the one
- * farther from zero: the exact product decides, and between equals the even code. */
+/* Return whether value * steps rounds away from zero. To be called if its rounded product lies midway between two codes: the
+ * exact product decides, and for an exact tie the even code. */
 ARS_SECTION_CODE static bool goes_outward(float scaled, float value, float steps, int32_t whole)
 {
     const bool odd = (whole % 2) != 0;
@@ -65,7 +65,7 @@ ARS_SECTION_CODE static bool goes_outward(float scaled, float value, float steps
     return (outward > 0.0f) || ((outward >= 0.0f) && odd);
 }
 
-/* The code nearest to value * steps, the even one of two that are equally near; beyond low and high the limit. */
+/* Code nearest to value * steps, limited to low and high; ties go to the even code. NaN gives not_available. */
 ARS_SECTION_CODE static int32_t to_code(float value, float steps, int32_t low, int32_t high, int32_t not_available)
 {
     const float scaled = value * steps;

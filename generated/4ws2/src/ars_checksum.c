@@ -23,7 +23,7 @@ typedef union {
     uint32_t bits;
 } number_t;
 
-/* Reflected polynomial 0x04C11DB7; the lowest four of `bits` go in. */
+/* Continue a CRC with the lowest four of bits. Polynomial 0x04C11DB7, reflected. */
 ARS_SECTION_CODE static uint32_t crc_step(uint32_t crc, uint32_t bits)
 {
     ARS_SECTION_CONST static const uint32_t table[16] = {

@@ -1,7 +1,7 @@
 /*
  * Yaw-rate controller for active rear steering. See ars_controller.h.
  *
- * Order of a step: what is believed of the sample, the status, then control, predict or ramp; the limiter comes last.
+ * Order of a step: check the inputs, find the status, then control, predict or ramp, and finally limit.
  *
  * Map 4ws2: road friction 0.9, 0 to 120 km/h, 0 to 35 deg at the front wheels.
  * Made by codegen 0.1.0; do not edit, build again. Inputs and hashes are in manifest.json.
@@ -22,13 +22,13 @@
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 ARS_SECTION_CONST static const float actuator_angle_max = 0.061086524f; /* rad */
 
-/* Of memory that ars_controller_init() has been at; not zero, which is what memory holds before. */
+/* Mark of a state that ars_controller_init() has initialised. Not zero, so that cleared memory does not look initialised. */
 ARS_SECTION_CONST static const uint32_t initialised = 0x41525331u;
 
-/* The squares of the state's numbers never add up to so much. */
+/* Above every sum of squares of a valid state. */
 ARS_SECTION_CONST static const float squares_max = 1.0e+12f;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -40,7 +40,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -55,6 +55,7 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
+/* Return the value moved towards zero by step, which is not negative; 0 for NaN. */
 ARS_SECTION_CODE static float toward_zero(float value, float step)
 {
     float result = 0.0f;
@@ -69,7 +70,7 @@ ARS_SECTION_CODE static float toward_zero(float value, float step)
     return result;
 }
 
-/* Control starts at the enabling speed and ends below the disabling one. */
+/* Enable control from the enabling speed and disable it below the disabling speed. */
 ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_parameters_t *parameters, float speed)
 {
     if (speed >= parameters->enable_speed) {
@@ -77,14 +78,14 @@ ARS_SECTION_CODE static void choose_by_speed(ars_controller_t *self, const ars_p
     } else if (speed < parameters->disable_speed) {
         self->enabled = false;
     } else {
-        /* between the two speeds nothing changes */
+        /* hysteresis */
     }
     if (!self->enabled) {
         self->status = ARS_STATUS_STANDBY;
     }
 }
 
-/* One sample of the control law, from what is believed of the measurement. */
+/* Run the control law for one checked sample. */
 ARS_SECTION_CODE static void control(
     ars_controller_t *self, const ars_parameters_t *parameters, ars_law_phase_t phase)
 {
@@ -108,8 +109,8 @@ ARS_SECTION_CODE static void control(
     }
 }
 
-/* A sample without control. In standby and fail-safe the rear angle returns to zero, at a rate each: at speed, taking it away at
- * once can spin the car, and holding it spins a car whose driver steers back. */
+/* Move the rear angle in a sample without control. In standby and fail-safe it returns to zero at a limited rate: at speed, a sudden
+ * return can spin the car, and so can a held angle when the driver steers back. */
 ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t *parameters)
 {
     self->yaw_rate_reference = 0.0f;
@@ -120,37 +121,37 @@ ARS_SECTION_CODE static void rest(ars_controller_t *self, const ars_parameters_t
     } else if (self->status == ARS_STATUS_FAIL_SAFE) {
         self->rear_angle = toward_zero(self->rear_angle, parameters->fail_safe_rate * sampling_time);
     } else {
-        /* degraded: the angle is held */
+        /* degraded before control was enabled: hold the angle */
     }
 }
 
-/* The last word on the command. */
+/* Apply the safety limiter. */
 ARS_SECTION_CODE static void limit(
     ars_controller_t *self, const ars_parameters_t *parameters)
 {
     const ars_limiter_input_t input = { self->sample.speed, self->sample.front_angle, self->rear_angle };
-    const float limited = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
+    const float limited_angle = ars_limiter_step(&self->limiter, &parameters->limiter, &input);
 
-    if ((self->status == ARS_STATUS_TRACKING) && ((limited > self->rear_angle) || (limited < self->rear_angle))) {
+    if ((self->status == ARS_STATUS_TRACKING) && ((limited_angle > self->rear_angle) || (limited_angle < self->rear_angle))) {
         self->status = ARS_STATUS_LIMITED;
     }
-    self->rear_angle = limited;
+    self->rear_angle = limited_angle;
 }
 
 ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_angle)
 {
-    float start = 0.0f;
+    float initial_angle = 0.0f;
 
     if ((rear_angle > 0.0f) || (rear_angle < 0.0f)) { /* false for NaN */
-        start = bounded(rear_angle, actuator_angle_max);
+        initial_angle = bounded(rear_angle, actuator_angle_max);
     }
-    self->rear_angle = start;
+    self->rear_angle = initial_angle;
     self->yaw_rate_reference = 0.0f;
     self->yaw_rate_error = 0.0f;
     self->sample.speed = 0.0f;
     self->sample.front_angle = 0.0f;
     self->sample.yaw_rate = 0.0f;
-    self->sample.rear_angle = start;
+    self->sample.rear_angle = initial_angle;
     self->sample.friction = 0.0f;
     self->sample.lateral_acceleration = 0.0f;
     self->sample.inhibit = true;
@@ -159,12 +160,12 @@ ARS_SECTION_CODE void ars_controller_init(ars_controller_t *self, float rear_ang
     self->status = ARS_STATUS_STANDBY;
     self->initialised = initialised;
     ars_inputs_init(&self->inputs, true);
-    ars_limiter_init(&self->limiter, start);
-    ars_law_init(&self->law, start);
+    ars_limiter_init(&self->limiter, initial_angle);
+    ars_law_init(&self->law, initial_angle);
     ars_grip_init(&self->grip);
 }
 
-/* False for memory that was never initialised, and where a number of the state is none or far too large. */
+/* Return false for a state that was never initialised, or in which a number is NaN, infinite or far too large. */
 ARS_SECTION_CODE static bool is_sound(const ars_controller_t *self)
 {
     float squares = 0.0f;
@@ -204,7 +205,7 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
     ars_law_phase_t phase;
     ars_command_t command;
 
-    if (!is_sound(self)) { /* afresh, from where the rear wheels stand, and not before good samples */
+    if (!is_sound(self)) { /* restart from the measured rear angle; inputs are used only after enough good samples */
         ars_controller_init(self, measurement->rear_angle);
         ars_inputs_init(&self->inputs, false);
     }
@@ -220,7 +221,7 @@ ARS_SECTION_CODE ars_command_t ars_controller_step(
         if (self->sample.speed < parameters->disable_speed) {
             self->enabled = false;
         }
-        phase = ARS_LAW_PREDICTS; /* what was measured last stands for what is missing */
+        phase = ARS_LAW_PREDICTS; /* the last measurement replaces the missing one */
     } else {
         choose_by_speed(self, parameters, self->sample.speed);
     }

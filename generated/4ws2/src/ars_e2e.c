@@ -24,7 +24,7 @@ ARS_SECTION_CONST static const uint32_t max_error_state_valid = 3u;
 ARS_SECTION_CONST static const uint32_t min_ok_state_invalid = 3u;
 ARS_SECTION_CONST static const uint32_t max_error_state_invalid = 2u;
 
-/* The cycles before the new one that stay in the window, in both halves: 5 bits from bit 1. */
+/* Previous cycles that remain in the window, in both halves: 5 bits from bit 1. */
 ARS_SECTION_CONST static const uint32_t window_mask = 0x003E003Eu;
 
 /* CRC-8 of each byte, polynomial 0x1D. */
@@ -68,7 +68,7 @@ ARS_SECTION_CODE uint8_t ars_e2e_crc(uint16_t data_id, const uint8_t data[8])
     uint32_t crc = crc_table[data_id & 0xFFu];
 
     crc = crc_table[crc ^ ((uint32_t)data_id >> 8u)];
-    /* Without a loop, whose own instructions would be two fifths of the work. */
+    /* Unrolled: the instructions of a loop would be two fifths of the run time. */
     crc = crc_table[crc ^ data[1]];
     crc = crc_table[crc ^ data[2]];
     crc = crc_table[crc ^ data[3]];
@@ -100,7 +100,7 @@ ARS_SECTION_CODE static uint8_t increased(uint8_t counter)
     return (counter < counter_max) ? (uint8_t)(counter + 1u) : counter;
 }
 
-/* The counter is within its window; after a long silence or a jump it must prove itself first. */
+/* Handle a counter within its window. After a long silence or a jump it must be synchronised first. */
 ARS_SECTION_CODE static ars_e2e_status_t accepted(ars_e2e_receiver_t *self, ars_e2e_status_t status)
 {
     ars_e2e_status_t result = status;
@@ -112,7 +112,7 @@ ARS_SECTION_CODE static ars_e2e_status_t accepted(ars_e2e_receiver_t *self, ars_
         self->sync_counter--;
         result = ARS_E2E_SYNC;
     } else {
-        /* as it is */
+        /* synchronised */
     }
     self->no_new_or_repeated_data_counter = 0u;
     return result;
@@ -173,8 +173,8 @@ ARS_SECTION_CODE void ars_e2e_supervision_init(ars_e2e_supervision_t *self)
     self->state = ARS_E2E_STATE_NO_DATA;
 }
 
-/* The number of ones in either half of a window, in the same half: pairs of bits are added up, then pairs of those. Counted anew
- * each time, so that a flipped bit leaves with the window. */
+/* Count the ones in each half of a window, by adding neighbouring groups of bits. Counted anew in each cycle, so that the effect of a
+ * flipped bit ends with the window. */
 ARS_SECTION_CODE static uint32_t ones_of_halves(uint32_t window)
 {
     uint32_t sums = window - ((window >> 1u) & 0x55555555u);
@@ -188,7 +188,7 @@ ARS_SECTION_CODE ars_e2e_state_t ars_e2e_supervise(ars_e2e_supervision_t *self, 
     const uint32_t found = (is_good ? 1u : 0u) | (is_damaged ? 0x10000u : 0u);
 
     if (self->state == ARS_E2E_STATE_NO_DATA) {
-        /* The first right frame is good (INITIAL); it does not count yet. */
+        /* The first correct frame (INITIAL) is good, but does not count yet. */
         self->state = is_good ? ARS_E2E_STATE_INIT : ARS_E2E_STATE_NO_DATA;
     } else {
         uint32_t min_ok = min_ok_state_invalid;

@@ -18,9 +18,10 @@
 #endif
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
-ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2: what the map allows on its road */
+ARS_SECTION_CONST static const float grip_max = 5.0727925f; /* m/s^2, that the map allows on its road */
 ARS_SECTION_CONST static const float friction_per_grip = 0.17741716f; /* s^2/m */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -35,7 +36,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -56,29 +57,29 @@ ARS_SECTION_CODE void ars_grip_init(ars_grip_t *self)
 ARS_SECTION_CODE float ars_grip_friction(
     const ars_grip_t *self, const ars_parameters_t *parameters, float estimate)
 {
-    const float estimated = (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
-    const float seen = self->available * friction_per_grip;
+    const float bounded_estimate = (estimate < parameters->friction_min) ? parameters->friction_min : estimate;
+    const float grip_friction = self->available * friction_per_grip;
 
-    return (estimated < seen) ? estimated : seen;
+    return (bounded_estimate < grip_friction) ? bounded_estimate : grip_friction;
 }
 
 ARS_SECTION_CODE void ars_grip_update(
     ars_grip_t *self, const ars_parameters_t *parameters, float speed, float yaw_rate_reference, float yaw_rate)
 {
-    const float asked = magnitude(yaw_rate_reference) * speed;
-    const float turning = ((yaw_rate_reference > 0.0f) ? yaw_rate : -yaw_rate) * speed;
-    const float reached = magnitude(turning);
-    const float shortfall = asked - turning;
-    const float remembered = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
+    const float demanded_acceleration = magnitude(yaw_rate_reference) * speed;
+    const float achieved_acceleration = ((yaw_rate_reference > 0.0f) ? yaw_rate : -yaw_rate) * speed;
+    const float achieved_magnitude = magnitude(achieved_acceleration);
+    const float shortfall = demanded_acceleration - achieved_acceleration;
+    const float decayed_maximum = self->reached - ((parameters->grip_forgetting * sampling_time) * self->reached);
     float available = self->available;
 
-    self->reached = (reached > remembered) ? reached : remembered;
-    if ((turning > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* one that comes from another turn does not slip */
+    self->reached = (achieved_magnitude > decayed_maximum) ? achieved_magnitude : decayed_maximum;
+    if ((achieved_acceleration > 0.0f) && (shortfall > parameters->grip_shortfall)) { /* not in a change of direction */
         available -= (parameters->grip_loss_rate * sampling_time) * (shortfall - parameters->grip_shortfall);
     } else {
-        /* A turn that asks for little says nothing of the road: what was found out in the last one is then forgotten sooner. */
+        /* A gentle turn gives no information on the road: recover from the last finding faster. */
         const float recovery
-            = (asked < (0.5f * available)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
+            = (demanded_acceleration < (0.5f * available)) ? parameters->grip_recovery_idle : parameters->grip_recovery;
 
         available += recovery * sampling_time;
     }

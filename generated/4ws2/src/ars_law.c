@@ -23,6 +23,7 @@
 
 ARS_SECTION_CONST static const float sampling_time = 0.01f; /* s */
 
+/* Return the value within low and high; low for NaN. */
 ARS_SECTION_CODE static float clamp(float value, float low, float high)
 {
     float result = low; /* NaN too */
@@ -37,7 +38,7 @@ ARS_SECTION_CODE static float clamp(float value, float low, float high)
     return result;
 }
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -49,7 +50,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -64,21 +65,21 @@ ARS_SECTION_CODE static float bounded(float value, float largest)
     return result;
 }
 
-/* rad that the command may move in a sample. The law goes by the limiter's rate too where that is the lower one: an integral that
- * did not know of it would run away from the command. */
+/* Largest change of the command in a sample, in rad. It includes the rate of the safety limiter: otherwise the integral would run away
+ * from the command where that is the lower one. */
 ARS_SECTION_CODE static float command_step(const ars_parameters_t *parameters)
 {
-    const float own = parameters->rear_rate_max;
-    const float behind = parameters->limiter.rear_rate_max;
+    const float law_rate_max = parameters->rear_rate_max;
+    const float limiter_rate_max = parameters->limiter.rear_rate_max;
 
-    return ((own < behind) ? own : behind) * sampling_time;
+    return ((law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max) * sampling_time;
 }
 
-/* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the map's own rear
- * angle, a little ahead of the front wheels; the error is taken to what the car can do with it, by the reference model. The
- * integral is kept in rad of rear angle, sign included. */
+/* Control law "tracking": rear_angle = feedforward - (Kp error + Ki integral of error). The feedforward is the rear angle of the map
+ * with lead on the front angle. The error is the difference to the yaw rate that the reference model reaches with it. The integral
+ * is stored as a rear angle in rad, with its sign. */
 
-/* A model follows its map a little above what the road is taken to allow: the margin of its transients. */
+/* Factor by which the reference may exceed the lateral acceleration that the road allows, for transients of the model. */
 ARS_SECTION_CONST static const float reference_overshoot = 1.15f;
 
 typedef struct {
@@ -88,43 +89,43 @@ typedef struct {
     float response;
 } gains_t;
 
-/* Where demand and feedback may move. */
+/* Range of the demand or of the feedback, in rad. */
 typedef struct {
     float low;
     float high;
 } range_t;
 
-ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float share)
+ARS_SECTION_CODE static float interpolated(const float values[], uint32_t lower, float fraction)
 {
-    return values[lower] + (share * (values[lower + 1u] - values[lower]));
+    return values[lower] + (fraction * (values[lower + 1u] - values[lower]));
 }
 
-/* Between the breakpoints linear, beyond them held. */
+/* Gains at a speed: linear between the breakpoints, constant beyond them. */
 ARS_SECTION_CODE static gains_t gains_at(const ars_parameters_t *parameters, float speed)
 {
-    const float *const at = parameters->schedule_speed;
+    const float *const breakpoints = parameters->schedule_speed;
     uint32_t lower = 0u;
-    float share;
+    float fraction;
     gains_t gains;
 
-    /* Each stride halves what is left of the cells; all together reach the last one. */
-    if (speed >= at[lower + 6u]) {
+    /* Binary search without a loop: each stride halves the remaining cells. */
+    if (speed >= breakpoints[lower + 6u]) {
         lower += 6u;
     }
-    if (speed >= at[lower + 3u]) {
+    if (speed >= breakpoints[lower + 3u]) {
         lower += 3u;
     }
-    if (speed >= at[lower + 2u]) {
+    if (speed >= breakpoints[lower + 2u]) {
         lower += 2u;
     }
-    if (speed >= at[lower + 1u]) {
+    if (speed >= breakpoints[lower + 1u]) {
         lower += 1u;
     }
-    share = clamp((speed - at[lower]) / (at[lower + 1u] - at[lower]), 0.0f, 1.0f);
-    gains.proportional = interpolated(parameters->proportional_gain, lower, share);
-    gains.integral = interpolated(parameters->integral_gain, lower, share);
-    gains.lead_time = interpolated(parameters->lead_time, lower, share);
-    gains.response = interpolated(parameters->response_gain, lower, share);
+    fraction = clamp((speed - breakpoints[lower]) / (breakpoints[lower + 1u] - breakpoints[lower]), 0.0f, 1.0f);
+    gains.proportional = interpolated(parameters->proportional_gain, lower, fraction);
+    gains.integral = interpolated(parameters->integral_gain, lower, fraction);
+    gains.lead_time = interpolated(parameters->lead_time, lower, fraction);
+    gains.response = interpolated(parameters->response_gain, lower, fraction);
     return gains;
 }
 
@@ -141,9 +142,9 @@ ARS_SECTION_CODE void ars_law_init(ars_law_t *self, float rear_angle)
     self->previous_model_yaw_rate = 0.0f;
 }
 
-/* The map a little ahead of the front wheels, by their rate, which is smoothed: a difference of two samples is mostly noise.
- * Its rear angle is that of the steady turn. On the way there it steers against what the model will still lack in yaw rate
- * when the rear wheels act. */
+/* Look up the map with lead: the front angle is extrapolated by its rate, which is smoothed because the difference of two samples is
+ * mostly noise. The map's rear angle is that of the steady turn. In transients it is corrected by the yaw rate that the model will
+ * still lack when the actuator has responded. */
 ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, const gains_t *gains,
     float friction, ars_law_phase_t phase)
@@ -171,7 +172,7 @@ ARS_SECTION_CODE static ars_map_reference_t reference_ahead(
     return reference;
 }
 
-/* Bumpless: the model starts from the measured motion. */
+/* Start the model from the measured motion, so that the command does not jump. */
 ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t *sample, float rear_angle)
 {
     self->front_angle = sample->front_angle;
@@ -182,24 +183,24 @@ ARS_SECTION_CODE static void start_law(ars_law_t *self, const ars_measurement_t 
     self->previous_model_yaw_rate = self->model.yaw_rate;
 }
 
-/* The yaw rate that the car can have now: the model's, drawn slowly towards the map's by a bounded trim. */
+/* Yaw rate that the car can reach now: that of the model plus a bounded trim, which moves slowly towards the map. */
 ARS_SECTION_CODE static float reachable_yaw_rate(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_map_reference_t *map, float speed)
 {
-    const float bound = parameters->trim_share * magnitude(map->yaw_rate);
-    const float missing = bounded(map->yaw_rate - self->model.yaw_rate, bound);
-    const float limit = reference_overshoot * (map->lateral_acceleration_max / speed);
+    const float trim_max = parameters->trim_share * magnitude(map->yaw_rate);
+    const float trim_demand = bounded(map->yaw_rate - self->model.yaw_rate, trim_max);
+    const float yaw_rate_max = reference_overshoot * (map->lateral_acceleration_max / speed);
 
-    self->trim += (parameters->trim_rate * sampling_time) * (missing - self->trim);
-    return bounded(self->model.yaw_rate + self->trim, limit);
+    self->trim += (parameters->trim_rate * sampling_time) * (trim_demand - self->trim);
+    return bounded(self->model.yaw_rate + self->trim, yaw_rate_max);
 }
 
-/* Feedback may add a little where it makes the car turn more; against the turn it is free. Which way it turns is asked of two
- * samples, so that one wrong sign opens neither side. */
+/* Range of the feedback. It may increase the turn by a small angle only; against the turn it is free. The direction of the turn is
+ * taken from two samples, so that a single wrong sign releases neither side. */
 ARS_SECTION_CODE static range_t feedback_range(
     const ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, float feedforward)
 {
-    /* The demand may run ahead of the actuator by so much and no more: one that is stuck or slow must not wind the integral up. */
+    /* Limit the distance between demand and measured angle: a stuck or slow actuator must not wind up the integral. */
     range_t range = {
         bounded(sample->rear_angle - parameters->rear_angle_error_max, parameters->rear_angle_max),
         bounded(sample->rear_angle + parameters->rear_angle_error_max, parameters->rear_angle_max)
@@ -216,7 +217,7 @@ ARS_SECTION_CODE static range_t feedback_range(
     return range;
 }
 
-/* One sample of the running law. */
+/* Compute one sample of the running law. */
 ARS_SECTION_CODE static ars_law_output_t track(
     ars_law_t *self, const ars_parameters_t *parameters, const ars_measurement_t *sample, ars_law_phase_t phase,
     float friction, float rear_angle, float yaw_rate_error)
@@ -225,20 +226,20 @@ ARS_SECTION_CODE static ars_law_output_t track(
     const ars_map_reference_t map = reference_ahead(self, parameters, sample, &gains, friction, phase);
     const ars_reference_model_input_t input = { sample->speed, sample->front_angle, map.rear_angle, friction };
     const float reference = reachable_yaw_rate(self, parameters, &map, sample->speed);
-    /* Between two good samples the error is the last one: the model moves on, and the car is taken to move with it. */
+    /* Without a new sample the last error is kept: the car is assumed to move with the model. */
     const float error = (phase == ARS_LAW_PREDICTS) ? yaw_rate_error : (reference - sample->yaw_rate);
     const range_t range = feedback_range(self, parameters, sample, map.rear_angle);
     const float proportional = gains.proportional * error;
-    const float step = command_step(parameters);
+    const float command_step_max = command_step(parameters);
     float integral;
     float feedback;
-    float demand;
+    float rear_angle_demand;
     ars_law_output_t output;
     bool limited = false;
 
     output.yaw_rate_reference = reference;
     if (phase == ARS_LAW_STARTS) {
-        self->integral = rear_angle - map.rear_angle; /* the first demand is the angle that is commanded now */
+        self->integral = rear_angle - map.rear_angle; /* bumpless: the first demand is the present command */
     }
     integral = self->integral;
     if (!sample->inhibit) {
@@ -255,23 +256,23 @@ ARS_SECTION_CODE static ars_law_output_t track(
         /* within the range */
     }
     if (limited && !sample->inhibit) {
-        /* The integral stays, held within the limit: where its step would lead back, it starts so far outside that it ends at
-         * the limit too. What is proportional to one sample's error is not kept. */
+        /* Keep the integral, held within the range, without the step of this sample: even a step that leads back into the range
+         * starts so far outside that it ends at the limit. The proportional part is not stored. */
         integral = clamp(self->integral, range.low, range.high);
     }
 
-    demand = map.rear_angle + feedback;
-    /* Where the rate limit acts: let the integral not move further ahead of the command. */
-    if (demand > (rear_angle + step)) {
-        output.rear_angle = rear_angle + step;
+    rear_angle_demand = map.rear_angle + feedback;
+    /* Anti-windup: at the rate limit the integral must not move further ahead of the command. */
+    if (rear_angle_demand > (rear_angle + command_step_max)) {
+        output.rear_angle = rear_angle + command_step_max;
         limited = true;
         integral = (integral > self->integral) ? self->integral : integral;
-    } else if (demand < (rear_angle - step)) {
-        output.rear_angle = rear_angle - step;
+    } else if (rear_angle_demand < (rear_angle - command_step_max)) {
+        output.rear_angle = rear_angle - command_step_max;
         limited = true;
         integral = (integral < self->integral) ? self->integral : integral;
     } else {
-        output.rear_angle = demand;
+        output.rear_angle = rear_angle_demand;
     }
     self->integral = integral;
     self->yaw_rate = sample->yaw_rate;

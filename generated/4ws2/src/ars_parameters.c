@@ -27,7 +27,7 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-/* False for NaN. */
+/* Return whether the value is between low and high; false for NaN. */
 ARS_SECTION_CODE static bool is_between(float value, float low, float high)
 {
     return (value >= low) && (value <= high);

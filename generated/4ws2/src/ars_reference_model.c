@@ -24,12 +24,12 @@
 #error "do not compile this file with -ffast-math or -ffinite-math-only"
 #endif
 
-ARS_SECTION_CONST static const float model_speed_min = 1.0f; /* m/s, above zero: the step divides by the speed */
+ARS_SECTION_CONST static const float model_speed_min = 1.0f; /* m/s, above zero because the step divides by the speed */
 ARS_SECTION_CONST static const float model_rear_angle_max = 0.061086524f; /* rad */
 ARS_SECTION_CONST static const float model_sideslip_max = 0.34906584f; /* rad */
 ARS_SECTION_CONST static const float model_yaw_rate_max = 2.6179938f; /* rad/s */
 
-/* Front tyre: the curve, and the compression of its argument. No calibration; the checksum takes them in. */
+/* Front tyre: the curve, and the compression of its argument. No calibration; the checksum covers them. */
 enum { FRONT_CELLS = 64 };
 ARS_SECTION_CONST static const float front_compression = 1.0f;
 ARS_SECTION_CONST static const float front_values[FRONT_CELLS + 1] = {
@@ -44,7 +44,7 @@ ARS_SECTION_CONST static const float front_values[FRONT_CELLS + 1] = {
     0.8910065f
 };
 
-/* Rear tyre: the curve, and the compression of its argument. No calibration; the checksum takes them in. */
+/* Rear tyre: the curve, and the compression of its argument. No calibration; the checksum covers them. */
 enum { REAR_CELLS = 64 };
 ARS_SECTION_CONST static const float rear_compression = 1.0f;
 ARS_SECTION_CONST static const float rear_values[REAR_CELLS + 1] = {
@@ -59,7 +59,7 @@ ARS_SECTION_CONST static const float rear_values[REAR_CELLS + 1] = {
     0.8910065f
 };
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -71,7 +71,7 @@ ARS_SECTION_CODE static float magnitude(float value)
     return number.value;
 }
 
-/* The value within +-largest. NaN counts as the bound: none stays in the state. */
+/* Return the value within +-largest. NaN gives +largest, so that it cannot enter the state. */
 ARS_SECTION_CODE static float bounded(float value, float largest)
 {
     float result = largest;
@@ -92,28 +92,28 @@ typedef struct {
     float slope;
 } curve_t;
 
-/* The curve is odd. Its table holds the half for positive x, in even steps of x / (x + compression). The slope is that of the
- * table, but zero where the curve falls, because the step below is stable for slopes that are not negative. */
+/* Value and slope of a tyre curve. The curve is odd; its table covers positive x in equal steps of x / (x + compression). The slope is
+ * that of the table, but zero where the curve falls, because the time step is stable only for slopes that are not negative. */
 ARS_SECTION_CODE static curve_t curve_at(const float curve[], uint32_t cells, float compression, float x)
 {
-    const float size = magnitude(x);
-    const float inverse = 1.0f / (size + compression);
-    const float position = (size * inverse) * (float)cells;
+    const float x_magnitude = magnitude(x);
+    const float inverse = 1.0f / (x_magnitude + compression);
+    const float position = (x_magnitude * inverse) * (float)cells;
     uint32_t index = cells - 1u; /* for NaN too */
-    const float *corner;
-    float rise;
+    const float *cell_values;
+    float cell_rise;
     curve_t result;
 
     if (position < (float)cells) {
         index = (uint32_t)position;
     }
-    corner = &curve[index];
-    rise = corner[1] - corner[0];
-    result.value = corner[0] + ((position - (float)index) * rise);
+    cell_values = &curve[index];
+    cell_rise = cell_values[1] - cell_values[0];
+    result.value = cell_values[0] + ((position - (float)index) * cell_rise);
     if (x < 0.0f) {
         result.value = -result.value;
     }
-    result.slope = (rise > 0.0f) ? (rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
+    result.slope = (cell_rise > 0.0f) ? (cell_rise * ((compression * (float)cells) * (inverse * inverse))) : 0.0f;
     return result;
 }
 
@@ -127,7 +127,7 @@ ARS_SECTION_CODE static curve_t rear_curve(float x)
     return curve_at(rear_values, (uint32_t)REAR_CELLS, rear_compression, x);
 }
 
-/* Arguments of both curves. */
+/* Arguments of both tyre curves. */
 ARS_SECTION_CODE static void arguments_of(const float x[2], const float u[4], float argument[2])
 {
     const float t0 = x[1] * u[0];
@@ -143,7 +143,7 @@ ARS_SECTION_CODE static void arguments_of(const float x[2], const float u[4], fl
     argument[1] = t8;
 }
 
-/* Change of the state over a step, from the values and slopes of both curves. */
+/* Change of the state over a step, from the values and slopes of both tyre curves. */
 ARS_SECTION_CODE static void change_of(
     const float x[2], const float u[4], const float curve[2], const float slope[2], float change[2])
 {
@@ -201,7 +201,8 @@ ARS_SECTION_CODE static void change_of(
     change[1] = t49;
 }
 
-/* NaN stays NaN: as a maximum of two numbers, a signalling one would be another result on some cores. */
+/* Speed, at least model_speed_min. NaN stays NaN: as a maximum of two numbers, a signalling NaN would give different results on some
+ * cores. */
 ARS_SECTION_CODE static float at_least_slow(float speed)
 {
     return (speed < model_speed_min) ? model_speed_min : speed;
@@ -213,26 +214,26 @@ ARS_SECTION_CODE void ars_reference_model_start(
     /* Steady sideslip of the linear car: rear angle + yaw rate (rear_arm / speed - rear_slip speed). */
     const float rear_arm = 1.566f; /* m */
     const float rear_slip = 0.0048840423f; /* rad s^2/m */
-    const float forward = at_least_slow(speed);
+    const float bounded_speed = at_least_slow(speed);
 
     self->yaw_rate = bounded(yaw_rate, model_yaw_rate_max);
     self->rear_angle = bounded(rear_angle, model_rear_angle_max);
     self->sideslip_angle = bounded(
-        self->rear_angle + (self->yaw_rate * ((rear_arm / forward) - (rear_slip * forward))), model_sideslip_max);
+        self->rear_angle + (self->yaw_rate * ((rear_arm / bounded_speed) - (rear_slip * bounded_speed))), model_sideslip_max);
 }
 
 ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, const ars_reference_model_input_t *input)
 {
-    /* The actuator with the computation's delay as one first-order lag: the share of the way that it goes in a step, and rad at most. */
+    /* Actuator and computation delay as one first-order lag: fraction of the remaining angle in a step, and largest step in rad. */
     const float actuator_share = 0.15351827f;
     const float actuator_step_max = 0.0052359877f;
     const float x[2] = { self->sideslip_angle, self->yaw_rate };
-    const float way = input->rear_angle - self->rear_angle;
-    const float moved = bounded(actuator_share * way, actuator_step_max);
+    const float rear_angle_error = input->rear_angle - self->rear_angle;
+    const float rear_angle_change = bounded(actuator_share * rear_angle_error, actuator_step_max);
     const float u[4] = {
         1.0f / at_least_slow(input->speed),
         input->front_angle,
-        self->rear_angle + (0.5f * moved), /* in the middle of the step */
+        self->rear_angle + (0.5f * rear_angle_change), /* in the middle of the step */
         input->friction
     };
     float argument[2];
@@ -251,7 +252,7 @@ ARS_SECTION_CODE void ars_reference_model_step(ars_reference_model_t *self, cons
     }
     self->sideslip_angle = bounded(x[0] + change[0], model_sideslip_max);
     self->yaw_rate = bounded(x[1] + change[1], model_yaw_rate_max);
-    self->rear_angle = bounded(self->rear_angle + moved, model_rear_angle_max);
+    self->rear_angle = bounded(self->rear_angle + rear_angle_change, model_rear_angle_max);
 }
 
 ARS_SECTION_CODE uint32_t ars_reference_model_crc(uint32_t start)

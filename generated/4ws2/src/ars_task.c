@@ -29,18 +29,18 @@
 /* Diagnostics of the second message lie so many bits above those of the first. */
 ARS_SECTION_CONST static const uint32_t conditions_shift = 3u;
 
-/* Periods that the calls may stay behind the sender: two clocks and their jitter take up to two. One is forgiven in every 64 calls;
- * the drift of two quartz clocks takes thousands of calls for one. So many steps at once fill the backlog. */
+/* Periods that the calls may be behind the sender; drift and jitter of the two clocks explain up to two. One is forgiven every 64
+ * calls: the drift of two quartz clocks takes thousands of calls for one period. advance_max steps at once fill the backlog. */
 ARS_SECTION_CONST static const uint32_t backlog_max = 3u;
 ARS_SECTION_CONST static const uint32_t forgiven_every = 64u;
 ARS_SECTION_CONST static const uint8_t advance_max = 6u;
 
-/* Each return from a disturbance adds the weight, each call without one takes one away, and above the limit the bus is intermittent.
- * It stays so as long as a disturbance comes in every ten calls. */
+/* Each recovery from a disturbance adds the weight, each call without one subtracts one. Above the limit the bus is intermittent; it
+ * remains so while there is a disturbance in every ten calls. */
 ARS_SECTION_CONST static const uint32_t disturbance_weight = 10u;
 ARS_SECTION_CONST static const uint32_t disturbance_max = 40u;
 
-/* The number without its sign bit: one instruction, where a comparison takes five. */
+/* Return the number without its sign bit. Faster than a comparison: one instruction. */
 ARS_SECTION_CODE static float magnitude(float value)
 {
     union {
@@ -69,7 +69,7 @@ ARS_SECTION_CODE static void input_disturb(ars_task_input_t *self, uint32_t caus
     self->disturbed = true;
 }
 
-/* Returns whether the frame is good. */
+/* Check a received frame. Returns whether its data may be used. */
 ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data_id, const uint8_t *data)
 {
     uint8_t advance = 0u;
@@ -92,7 +92,7 @@ ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data
     case ARS_E2E_REPEATED:
     case ARS_E2E_SYNC:
     case ARS_E2E_WRONG_SEQUENCE:
-    case ARS_E2E_NO_NEW_DATA: /* never of a frame that came */
+    case ARS_E2E_NO_NEW_DATA: /* not returned for a received frame */
     default:
         input_disturb(self, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER);
         break;
@@ -103,29 +103,29 @@ ARS_SECTION_CODE static bool input_receive(ars_task_input_t *self, uint16_t data
     return advance > 0u;
 }
 
-/* A good frame came, and something was wrong or lost before it. */
+/* Return whether a good frame was received after an error or a loss. */
 ARS_SECTION_CODE static bool input_returned(const ars_task_input_t *self)
 {
     return self->disturbed && (self->advance > 0u);
 }
 
-/* The end of a cycle for one message: its diagnostics; ready for the next cycle. */
+/* End a cycle of one message: return its diagnostics and prepare the next cycle. */
 ARS_SECTION_CODE static uint32_t input_close(ars_task_input_t *self)
 {
-    const bool good = self->advance > 0u;
-    const bool damaged = (self->causes & (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC) != 0u;
-    const bool valid = ars_e2e_supervise(&self->supervision, good, damaged) == ARS_E2E_STATE_VALID;
+    const bool is_good = self->advance > 0u;
+    const bool is_damaged = (self->causes & (uint16_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC) != 0u;
+    const bool is_valid = ars_e2e_supervise(&self->supervision, is_good, is_damaged) == ARS_E2E_STATE_VALID;
     uint32_t causes = self->causes;
 
     if (self->frames == 0u) {
         (void)ars_e2e_no_new_data(&self->receiver);
         causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_MISSING;
     }
-    if (good && !valid) {
+    if (is_good && !is_valid) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_COUNTER;
     }
-    self->usable = good && valid;
-    self->disturbed = self->disturbed && !good;
+    self->usable = is_good && is_valid;
+    self->disturbed = self->disturbed && !is_good;
     self->causes = 0u;
     self->frames = 0u;
     self->advance = 0u;
@@ -161,27 +161,27 @@ ARS_SECTION_CODE void ars_task_init(ars_task_t *self, const ars_parameters_t *pa
 
 ARS_SECTION_CODE void ars_task_on_can_frame(ars_task_t *self, uint32_t id, const uint8_t *data, uint8_t length)
 {
-    const bool motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
-    const bool conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
+    const bool is_motion = id == (uint32_t)ARS_CAN_ID_VEHICLE_MOTION;
+    const bool is_conditions = id == (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS;
 
-    if ((motion || conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
-        /* Its data are not read: damaged, and no frame as far as its counter goes. */
-        if (motion) {
+    if ((is_motion || is_conditions) && (length != (uint8_t)ARS_CAN_LENGTH)) {
+        /* The data are not read: the frame counts as damaged and does not update the counter check. */
+        if (is_motion) {
             input_disturb(&self->motion_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
         } else {
             input_disturb(&self->conditions_input, (uint32_t)ARS_DIAGNOSTICS_MOTION_WRONG_CRC);
         }
-    } else if (motion) {
+    } else if (is_motion) {
         if (input_receive(&self->motion_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_MOTION, data)) {
             ars_can_unpack_vehicle_motion(data, &self->motion);
         }
-    } else if (conditions) {
+    } else if (is_conditions) {
         self->conditions_close = self->motion_input.frames > 0u;
         if (input_receive(&self->conditions_input, (uint16_t)ARS_CAN_DATA_ID_VEHICLE_CONDITIONS, data)) {
             ars_can_unpack_vehicle_conditions(data, &self->conditions);
         }
     } else {
-        /* another node's */
+        /* a frame of another node */
     }
 }
 
@@ -190,8 +190,8 @@ ARS_SECTION_CODE bool ars_task_is_complete(const ars_task_t *self)
     return self->conditions_close;
 }
 
-/* How often the task comes compared with the frames. One late call is the rule where clocks run freely; a task is late where its
- * calls stay behind the counter of the first message more and more. */
+/* Compare the rate of the calls with that of the frames. Single late calls are normal with independent clocks. The task is late if its
+ * calls fall further and further behind the counter of the first message. */
 ARS_SECTION_CODE static uint32_t check_rhythm(ars_task_t *self)
 {
     uint32_t backlog = (uint32_t)self->backlog + self->motion_input.advance;
@@ -204,20 +204,20 @@ ARS_SECTION_CODE static uint32_t check_rhythm(ars_task_t *self)
     } else {
         /* one frame of each, or one is missing */
     }
-    if (backlog > 0u) { /* this call makes up for one step */
+    if (backlog > 0u) { /* this call processes one step */
         backlog--;
     }
     if ((backlog > 0u) && ((self->cycles % forgiven_every) == 0u)) {
         backlog--;
     }
-    if (backlog > (backlog_max + 2u)) { /* one that is forgiven does not end the event */
+    if (backlog > (backlog_max + 2u)) { /* a margin of two: a forgiven step does not end the event */
         backlog = backlog_max + 2u;
     }
     self->backlog = (uint8_t)backlog;
     return (backlog > backlog_max) ? (uint32_t)ARS_DIAGNOSTICS_TASK_LATE : 0u;
 }
 
-/* How often the bus is disturbed and comes back. A fault that stays is none of this. */
+/* Detect a bus that is disturbed and recovers repeatedly. A permanent fault does not count. */
 ARS_SECTION_CODE static uint32_t check_bus(ars_task_t *self)
 {
     uint32_t disturbance = self->disturbance;
@@ -230,52 +230,52 @@ ARS_SECTION_CODE static uint32_t check_bus(ars_task_t *self)
     } else if (disturbance > 0u) {
         disturbance--;
     } else {
-        /* calm */
+        /* undisturbed */
     }
     self->disturbance = (uint8_t)disturbance;
     return (disturbance > disturbance_max) ? (uint32_t)ARS_DIAGNOSTICS_INTERMITTENT : 0u;
 }
 
-/* Whether the rear wheels follow the commands before this sample, as an actuator with its lag does. While it has a way to go, it may
- * be off by twice that way more: a lag of twice the size and two samples of delay take less. An angle that is not measured (NaN) is
- * no difference. */
-ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool good)
+/* Check that the measured rear angle follows the previous commands with the lag of the actuator. The tolerance grows by twice the
+ * remaining angle, which covers twice the nominal lag and two samples of delay. An angle that is not measured (NaN) counts as no
+ * difference. */
+ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
 {
     const ars_parameters_t *parameters = self->parameters;
     const float command = self->controller.rear_angle;
-    const float moved = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
-    const float largest = parameters->inputs.rear_angle_max;
-    /* False for NaN too, which would stay. */
-    const float expected = (magnitude(moved) <= largest) ? moved : command;
-    const float way = magnitude(command - expected);
-    const float tolerance = parameters->actuator_error_max + (way + way);
-    const float difference = magnitude(self->conditions.rear_angle - expected);
+    const float lagged_angle = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
+    const float rear_angle_max = parameters->inputs.rear_angle_max;
+    /* NaN is replaced by the command: it would persist in the filter. */
+    const float expected = (magnitude(lagged_angle) <= rear_angle_max) ? lagged_angle : command;
+    const float remaining_angle = magnitude(command - expected);
+    const float tolerance = parameters->actuator_error_max + (remaining_angle + remaining_angle);
+    const float angle_error = magnitude(self->conditions.rear_angle - expected);
     uint32_t samples = self->actuator_samples;
 
     self->expected_angle = expected;
-    if (good) {
-        if (difference > tolerance) {
+    if (is_good) {
+        if (angle_error > tolerance) {
             samples = (samples <= parameters->actuator_samples_max) ? (samples + 1u) : samples;
         } else if (samples > 0u) {
             samples--;
         } else {
-            /* it follows */
+            /* the actuator follows */
         }
         self->actuator_samples = (uint16_t)samples;
     }
     return (samples > parameters->actuator_samples_max) ? (uint32_t)ARS_DIAGNOSTICS_ACTUATOR_STUCK : 0u;
 }
 
-/* Control starts from the angle that the actuator holds. An angle that cannot be is waited out; one that is not available is
- * taken for a car that does not measure it, and for zero, only after as many samples as a recovery takes. */
+/* Start control from the angle that the actuator holds. Wait while the angle is out of range. An angle that is not available for
+ * recovery_samples samples means a car that does not measure it; control then starts from zero. */
 ARS_SECTION_CODE static void start(ars_task_t *self)
 {
     const float rear_angle = self->conditions.rear_angle;
-    const float largest = self->parameters->inputs.rear_angle_max;
+    const float rear_angle_max = self->parameters->inputs.rear_angle_max;
 
-    if (magnitude(rear_angle) <= largest) {
+    if (magnitude(rear_angle) <= rear_angle_max) {
         self->started = true;
-    } else if (magnitude(rear_angle) > largest) {
+    } else if (magnitude(rear_angle) > rear_angle_max) {
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
@@ -287,8 +287,8 @@ ARS_SECTION_CODE static void start(ars_task_t *self)
     }
 }
 
-/* What did not come is told to the controller by signals that are not available. An inhibit holds over single frames that are lost. */
-ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
+/* Run the controller. Signals of a missing message are passed as not available. The inhibit is held over single lost frames. */
+ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool is_good)
 {
     const bool motion_usable = self->motion_input.usable;
     const bool conditions_usable = self->conditions_input.usable;
@@ -303,23 +303,23 @@ ARS_SECTION_CODE static ars_command_t step(ars_task_t *self, bool good)
         .inhibit = self->conditions.inhibit && (self->conditions_input.supervision.state == ARS_E2E_STATE_VALID)
     };
 
-    if (!good) {
+    if (!is_good) {
         self->lost_samples++;
     } else if (!self->started) {
         start(self);
     } else {
-        /* control goes on */
+        /* control is running */
     }
     return ars_controller_step(&self->controller, self->parameters, &measurement);
 }
 
-/* Which signals the controller does not believe, and whether one that came is missing. */
-ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool good)
+/* Diagnostics of the controller: replaced signals, and a signal that is not available in a good sample. */
+ARS_SECTION_CODE static uint32_t causes_of_controller(const ars_task_t *self, bool is_good)
 {
     const ars_inputs_t *inputs = &self->controller.inputs;
     uint32_t causes = 0u;
 
-    if (good && (self->controller.quality == ARS_QUALITY_MISSING)) {
+    if (is_good && (self->controller.quality == ARS_QUALITY_MISSING)) {
         causes |= (uint32_t)ARS_DIAGNOSTICS_UNAVAILABLE;
     }
     if (inputs->speed.source != ARS_SIGNAL_MEASURED) {
@@ -339,9 +339,9 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     uint32_t diagnostics;
     ars_rear_steer_command_t signals;
     ars_command_t command;
-    bool good;
+    bool is_good;
 
-    if (self->controller.initialised == 0u) { /* memory that ars_task_init() has never been at */
+    if (self->controller.initialised == 0u) { /* not initialised by ars_task_init() */
         ars_task_init(self, &ars_parameters_default);
     }
     diagnostics = check_rhythm(self);
@@ -349,13 +349,13 @@ ARS_SECTION_CODE uint32_t ars_task_10ms(ars_task_t *self, uint8_t data[8])
     diagnostics |= input_close(&self->motion_input);
     diagnostics |= input_close(&self->conditions_input) << conditions_shift;
     self->conditions_close = false;
-    good = self->motion_input.usable && self->conditions_input.usable;
+    is_good = self->motion_input.usable && self->conditions_input.usable;
     if (self->started) {
-        diagnostics |= check_actuator(self, good);
+        diagnostics |= check_actuator(self, is_good);
     }
-    command = step(self, good);
-    diagnostics |= causes_of_controller(self, good);
-    /* Before the first good sample nobody knows where the rear wheels stand: no angle is better than a wrong one. */
+    command = step(self, is_good);
+    diagnostics |= causes_of_controller(self, is_good);
+    /* Before the first good sample the rear angle is unknown: no command is better than a wrong one. */
     signals.rear_angle = self->started ? command.rear_angle : ars_can_not_available();
     signals.yaw_rate_reference = self->started ? command.yaw_rate_reference : ars_can_not_available();
     signals.status = (uint8_t)command.status;

@@ -86,7 +86,7 @@ RARE = {
         True,
     ),
     "a recovery ends": ("inputs", "        self->source = ARS_SIGNAL_MEASURED;", "true", True),
-    "there again": ("inputs", "            self->missing--;", "true", True),
+    "there again": ("inputs", "        self->missing--;", "true", True),
     "lost for long": ("inputs", "            self->source = ARS_SIGNAL_LOST;", "true", False),
 }
 
@@ -252,16 +252,21 @@ CLAIMS = [
     ("limiter", "rear_rate_max * sampling_time", "rear_rate_max * 0.02f", "it rises by at most rear_rate_max"),
     ("limiter", "self->speed = magnitude(input->speed);", "self->speed = input->speed;", "speed is the one given"),
     ("limiter", "-1.0f, 1.0f) ? rear_angle : 0.0f", "-1.0f, 0.5f) ? rear_angle : 0.0f", "it starts from the angle given"),
-    ("limiter", "    target = input->demand;", "    target = 1.5f * input->demand;", "it is not above its last value"),
+    ("limiter", "limited_demand = demand;", "limited_demand = 1.5f * demand;", "it is not above its last value"),
     (
         "limiter",
-        "clamp(target, -parameters->rear_angle_max, parameters->rear_angle_max);",
-        "target;",
+        "bounded(limited_demand, parameters->rear_angle_max);",
+        "limited_demand;",
         "|rear angle| is at most ",
     ),
     ("controller", "fail_safe_rate * sampling_time", "fail_safe_rate * 0.02f", "in fail-safe the angle moves by at most "),
     ("controller", "    result = value - step;", "    result = value + step;", "in fail-safe |rear_angle| does not grow"),
-    ("controller", "(own < behind) ? own : behind", "behind", "tracking, it moves by at most the lower of both rates"),
+    (
+        "law",
+        "(law_rate_max < limiter_rate_max) ? law_rate_max : limiter_rate_max",
+        "limiter_rate_max",
+        "the command moves by at most the lower of both rates",
+    ),
 ]
 
 

@@ -1,10 +1,12 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "The board of QEMU: mps2-an386, a Cortex-M4F at 25 MHz.") %}
-It has no CAN. Frames of the car come from the recorded trace, those of its cycle with each tick; frames that are sent go out
-as text on UART 0, one a line. The end of the program is told to QEMU by semihosting: without a debugger that instruction is a
-fault, so another board needs an end of its own.
-{% endcall %}
+/*
+ * The board of QEMU: mps2-an386, a Cortex-M4F at 25 MHz.
+ *
+ * The board has no CAN. Frames of the car come from the recorded trace, at each tick those of its cycle. Sent frames are written as
+ * text to UART 0, one a line. The program ends QEMU by semihosting; without a debugger that instruction is a fault, so that another
+ * board needs its own board_end().
+ */
 #include "board.h"
+#include "firmware_config.h"
 #include "report.h"
 #include "startup.h"
 #include "trace.h"
@@ -30,14 +32,13 @@ typedef struct {
 
 enum {
     UART_DIVIDER = 217, /* 115200 baud of 25 MHz */
-    SYSTICK_RELOAD = {{ firmware.reload }}, /* {{ firmware.period_text }} of 25 MHz, less one */
     SEMIHOSTING_EXIT_EXTENDED = 0x20,
     SEMIHOSTING_APPLICATION_EXIT = 0x20026
 };
 
 static volatile uint32_t ticks; /* since board_init() */
 static uint32_t ticks_seen;
-static uint32_t cycles; /* begun */
+static uint32_t cycles; /* started */
 static uint32_t next_frame; /* of the trace */
 
 static void uart_init(void)
@@ -52,7 +53,7 @@ static void uart_write(const char *text)
 
     for (at = 0u; text[at] != '\0'; at++) {
         while ((UART0->state & 1u) != 0u) {
-            /* a character is on its way */
+            /* wait for the transmitter */
         }
         UART0->data = (uint32_t)(unsigned char)text[at];
     }
@@ -71,7 +72,7 @@ void board_init(void)
     SYSTICK->control = 7u;
 }
 
-/* A tick between looking and sleeping must not be slept over: with interrupts masked, WFI still wakes by one that waits. */
+/* A tick between check and sleep must not be missed: interrupts are masked, and WFI still wakes on a pending one. */
 uint32_t board_wait_for_tick(void)
 {
     uint32_t passed = 0u;
@@ -91,10 +92,10 @@ uint32_t board_wait_for_tick(void)
 
 bool board_can_receive(board_frame_t *frame)
 {
-    const bool waits = (next_frame < (uint32_t)TRACE_FRAMES) && ((uint32_t)trace[next_frame].cycle < cycles);
+    const bool is_pending = (next_frame < (uint32_t)TRACE_FRAMES) && ((uint32_t)trace[next_frame].cycle < cycles);
     uint32_t at;
 
-    if (waits) {
+    if (is_pending) {
         const trace_frame_t *const recorded = &trace[next_frame];
 
         frame->id = recorded->id;
@@ -104,7 +105,7 @@ bool board_can_receive(board_frame_t *frame)
         }
         next_frame++;
     }
-    return waits;
+    return is_pending;
 }
 
 void board_can_transmit(const board_frame_t *frame)
@@ -123,7 +124,7 @@ void board_can_transmit(const board_frame_t *frame)
 }
 
 /* SYS_EXIT_EXTENDED of Arm's semihosting. */
-static void tell_debugger(int code)
+static void exit_emulator(int code)
 {
     const uint32_t reason[2] = { (uint32_t)SEMIHOSTING_APPLICATION_EXIT, (uint32_t)code };
     register uint32_t operation __asm("r0") = (uint32_t)SEMIHOSTING_EXIT_EXTENDED;
@@ -134,9 +135,9 @@ static void tell_debugger(int code)
 
 void board_end(const char *report, int code)
 {
-    uart_init(); /* a fault may come before board_init() */
+    uart_init(); /* a fault can occur before board_init() */
     uart_write(report);
-    tell_debugger(code);
+    exit_emulator(code);
     for (;;) {
         /* not reached */
     }

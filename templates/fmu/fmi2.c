@@ -17,7 +17,7 @@ typedef struct {
 
 /* ---- memory and messages ---- */
 
-/* A simulator need not give functions for memory. */
+/* The memory functions of the simulator are optional. */
 static void *allocate(const fmi2CallbackFunctions *functions, size_t size)
 {
     const bool given = (functions->allocateMemory != NULL) && (functions->freeMemory != NULL);
@@ -36,8 +36,8 @@ static void release(const fmi2CallbackFunctions *functions, void *memory)
     }
 }
 
-/* Errors are told whether debug logging is on or not. No text holds a percent sign. */
-static void tell(const fmi2CallbackFunctions *functions, fmi2String name, const char *text)
+/* Errors are reported even if debug logging is off. No text contains a percent sign. */
+static void log_error(const fmi2CallbackFunctions *functions, fmi2String name, const char *text)
 {
     if (functions->logger != NULL) {
         functions->logger(functions->componentEnvironment, name, fmi2Error, error_category, text);
@@ -48,7 +48,7 @@ static void report(void *receiver, const char *text)
 {
     const component_t *component = receiver;
 
-    tell(&component->functions, component->name, text);
+    log_error(&component->functions, component->name, text);
 }
 
 static fmi2Status status_of(bool good)
@@ -75,7 +75,7 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-/* Why there can be no instance; null where there can. */
+/* Reason why an instance cannot be made, or null. */
 static const char *obstacle(fmi2String name, fmi2Type type, fmi2String token)
 {
     const char *text = NULL;
@@ -107,7 +107,7 @@ fmi2Component fmi2Instantiate(
     }
     text = obstacle(instanceName, fmuType, fmuGUID);
     if (text != NULL) {
-        tell(functions, (instanceName == NULL) ? "" : instanceName, text);
+        log_error(functions, (instanceName == NULL) ? "" : instanceName, text);
         return NULL;
     }
     component = allocate(functions, sizeof(*component));
@@ -116,7 +116,7 @@ fmi2Component fmi2Instantiate(
         component->name = allocate(functions, strlen(instanceName) + 1u);
     }
     if ((component == NULL) || (component->name == NULL)) {
-        tell(functions, instanceName, "out of memory");
+        log_error(functions, instanceName, "out of memory");
         release(functions, component);
         return NULL;
     }
@@ -137,7 +137,7 @@ void fmi2FreeInstance(fmi2Component c)
     }
 }
 
-/* There are no messages but those of errors, and they are always told. */
+/* The only messages are errors, which are always reported. */
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[])
 {
     const component_t *component = c;
@@ -200,36 +200,42 @@ fmi2Status fmi2Reset(fmi2Component c)
 }
 
 /* ---- variables ---- */
-{% for type in types %}
-fmi2Status fmi2Get{{ type.name }}(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2{{ type.name }} value[])
-{
-    component_t *component = c;
-    bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);
-    size_t k;
 
-    for (k = 0u; good && (k < nvr); k++) {
-        double got;
-
-        good = instance_get(&component->instance, vr[k], {{ type.of }}, &got);
-        if (good) {
-            value[k] = (fmi2{{ type.name }})got;
-        }
+/* Define fmi2Get<Name> and fmi2Set<Name>. TYPE: of the variables; AS_DOUBLE: value[k] as a double. */
+#define DEFINE_ACCESS(NAME, TYPE, AS_DOUBLE)                                                                                  \
+    fmi2Status fmi2Get##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2##NAME value[])                  \
+    {                                                                                                                         \
+        component_t *component = c;                                                                                           \
+        bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);                   \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nvr); k++) {                                                                                \
+            double number;                                                                                                    \
+                                                                                                                              \
+            good = instance_get(&component->instance, vr[k], TYPE, &number);                                                  \
+            if (good) {                                                                                                       \
+                value[k] = (fmi2##NAME)number;                                                                                \
+            }                                                                                                                 \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
+    }                                                                                                                         \
+                                                                                                                              \
+    fmi2Status fmi2Set##NAME(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2##NAME value[])            \
+    {                                                                                                                         \
+        component_t *component = c;                                                                                           \
+        bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);                   \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nvr); k++) {                                                                                \
+            good = instance_set(&component->instance, vr[k], TYPE, AS_DOUBLE);                                                \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
     }
-    return status_of(good);
-}
 
-fmi2Status fmi2Set{{ type.name }}(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2{{ type.name }} value[])
-{
-    component_t *component = c;
-    bool good = (component != NULL) && instance_check_lists(&component->instance, vr, nvr, value, nvr);
-    size_t k;
+DEFINE_ACCESS(Real, TYPE_REAL, value[k])
+DEFINE_ACCESS(Integer, TYPE_INTEGER, (double)value[k])
+DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, (value[k] != fmi2False) ? 1.0 : 0.0)
 
-    for (k = 0u; good && (k < nvr); k++) {
-        good = instance_set(&component->instance, vr[k], {{ type.of }}, {{ type.value }});
-    }
-    return status_of(good);
-}
-{% endfor %}
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[])
 {
     (void)vr;
@@ -295,8 +301,7 @@ fmi2Status fmi2GetDirectionalDerivative(
     return unsupported(c, "there are no directional derivatives");
 }
 
-/* Every step ends inside fmi2DoStep: there is no pending one to ask about. What cannot be answered is discarded, as the
- * standard has it. */
+/* Every step ends inside fmi2DoStep, so that no step is pending. The standard requires fmi2Discard where there is no status. */
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
 {
     (void)s;

@@ -1,9 +1,9 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "Lines of text without a C library. See report.h.") %}
-{% endcall %}
+/*
+ * Lines of text without a C library. See report.h.
+ */
 #include "report.h"
 
-enum { DECIMALS_MAX = 10 }; /* of 32 bits */
+enum { DECIMALS_MAX = 10 }; /* digits of 32 bits */
 
 void report_init(report_t *self)
 {

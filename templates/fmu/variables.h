@@ -1,15 +1,17 @@
 /*
- * The variables of the model as one flat table; a value reference is an index of it.
+ * Table of the variables of the model. A value reference is an index into it.
  */
 #ifndef VARIABLES_H
 #define VARIABLES_H
 
 #include <stddef.h>
 
-/* What modelDescription.xml says of a variable. */
+#include "fmu_config.h"
+
+/* Type of a variable in modelDescription.xml. */
 typedef enum { TYPE_REAL, TYPE_INTEGER, TYPE_ENUMERATION, TYPE_BOOLEAN } variable_type_t;
 
-/* How the model holds it. */
+/* Type of the member of model_t. */
 typedef enum { STORED_DOUBLE, STORED_FLOAT, STORED_INT32, STORED_UINT16, STORED_BOOL } storage_t;
 
 typedef enum {
@@ -26,11 +28,9 @@ typedef struct {
     storage_t storage;
     role_t role;
     size_t offset; /* in model_t */
-    double low; /* what may be set, both included */
+    double low; /* range of values that can be set, inclusive */
     double high;
 } variable_t;
-
-enum { VARIABLES = {{ variables | length }} };
 
 extern const variable_t variables[VARIABLES];
 

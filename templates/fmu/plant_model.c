@@ -1,6 +1,7 @@
 /*
  * The simulated car alone. See model.h and plant.h.
  */
+#include "fmu_config.h"
 #include "model.h"
 
 #include <string.h>
@@ -20,9 +21,7 @@ static plant_input_t plant_input_of(const model_t *self)
 void model_init(model_t *self)
 {
     memset(self, 0, sizeof(*self));
-{%- for start in what.starts %}
-    self->{{ start.member }} = {{ start.value }};
-{%- endfor %}
+    MODEL_START_VALUES(self);
 }
 
 /* There are no parameters. */

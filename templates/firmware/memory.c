@@ -1,8 +1,9 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "What a compiler may call to copy or clear memory. Left out by the linker where nobody does.") %}
-Byte by byte through volatile pointers: a compiler that knows memcpy() would else make the loop a call of itself. With a C library
-in the project leave this file out.
-{% endcall %}
+/*
+ * Functions that a compiler calls to copy or clear memory. The linker drops the unused ones.
+ *
+ * The pointers are volatile because a compiler could otherwise replace the loop in memcpy() by a call of memcpy(). Remove this file from
+ * a project with a C library.
+ */
 #include <stddef.h>
 #include <stdint.h>
 
@@ -50,7 +51,7 @@ void *memset(void *to, int value, size_t size)
     return to;
 }
 
-/* The names of the ARM run-time ABI (IHI 0043, 4.3.4), which clang calls. */
+/* Names of the ARM run-time ABI (IHI 0043, 4.3.4), which clang uses. */
 
 void __aeabi_memcpy(void *to, const void *from, size_t size)
 {

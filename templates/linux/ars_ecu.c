@@ -1,20 +1,20 @@
-{% import "_macros.j2" as m -%}
-{% set P = build.PREFIX -%}
-{% set p = build.prefix -%}
-{% set period_ns = (can.cycle_time_ms | float * 1000000) | round | int -%}
-{% call m.banner(build, "The ECU as a Linux program on SocketCAN: the cyclic task, a timer and a raw CAN socket.") %}
-By the clock, the task runs every {{ controller.period_text }} at absolute deadlines, half a period after the car's frames. A run that comes late is
-counted; periods that went by meanwhile are left out, never made up for. In lock-step there is no timer: each complete set of
-the car's frames is answered once.
-
-With --xcp a master can measure and calibrate over XCP on CAN ({{ p }}_xcp.h), between two runs of the task; without it
-nothing of that runs, and the calibration stays read-only.
-
-Prints "ready" once it can receive. While the interface is down or removed the task goes on, and so does the bus when it is
-back. SIGTERM and SIGINT end it with a line of counters on standard error.
-
-C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
-{% endcall %}
+/*
+ * The ECU as a Linux program on SocketCAN: the cyclic task with a timer and a raw CAN socket.
+ *
+ * With the timer, the task runs once a period at absolute deadlines, half a period after the car's frames. Late runs are counted;
+ * missed periods are skipped, not repeated. In lock-step there is no timer: the task runs once for each complete set of the car's
+ * frames.
+ *
+ * With --xcp a master can measure and calibrate over XCP on CAN (ars_xcp.h) between two runs of the task. Without it the
+ * calibration is read-only.
+ *
+ * Prints "ready" when it can receive. While the interface is down or removed, the task continues to run, and communication resumes
+ * when the interface is back. SIGTERM and SIGINT end the program with a line of counters on standard error.
+ *
+ * C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
+ *
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
+ */
 #define _POSIX_C_SOURCE 200809L
 
 #ifndef __linux__
@@ -44,60 +44,51 @@ C99, POSIX.1-2008, and of Linux: SocketCAN, timerfd, signalfd. No heap.
 #include <time.h>
 #include <unistd.h>
 
-#include "{{ p }}_can.h"
-#include "{{ p }}_controller.h"
-#include "{{ p }}_map.h"
-#include "{{ p }}_task.h"
-#include "{{ p }}_xcp.h"
-
-{{ m.same_build(build, "CAN") }}
-{{ m.same_build(build, "CONTROLLER") }}
-{{ m.same_build(build, "MAP") }}
-{{ m.same_build(build, "TASK") }}
-{{ m.same_build(build, "XCP") }}
+#include "ars_ecu_config.h"
+#include "ars_xcp.h"
 
 enum {
     EXIT_BAD_INPUT = 2,
-    SILENCE_PERIODS = 4,        /* without a frame of the car: the timer takes its phase anew */
-    FRAMES_AT_ONCE_MAX = 256,   /* read before the timer is looked at again, whatever floods the bus */
-    COMMANDS_AT_ONCE_MAX = 4,   /* the same of a master's, which take longer */
-    SLIP_WEIGHT = 10,           /* of a run with two sets or none, against one run that is well in phase */
-    SLIPPING_MAX = 25,          /* beyond: the timer takes its phase anew */
+    SILENCE_PERIODS = 4,        /* without a frame of the car, before the timer is synchronised again */
+    FRAMES_AT_ONCE_MAX = 256,   /* read before the timer is checked again, even on a flooded bus */
+    COMMANDS_AT_ONCE_MAX = 4,   /* the same for commands of a master, which take longer */
+    SLIP_WEIGHT = 10,           /* weight of a run with two sets or none, relative to a run in phase */
+    SLIPPING_MAX = 25,          /* above it the timer is synchronised again */
     RECEIVE_BUFFER = 1 << 20    /* bytes; the kernel may give less */
 };
 
-static const int64_t second = INT64_C(1000000000);          /* this and all other times in ns */
-static const int64_t period = INT64_C({{ period_ns }});
-static const int64_t watch_period = INT64_C(100000000);     /* looks for a lost interface, and for the parent */
+static const int64_t second = INT64_C(1000000000);          /* all times are in ns */
+static const int64_t period = ARS_ECU_PERIOD_NS;
+static const int64_t watch_period = INT64_C(100000000);     /* of the checks for a lost interface and for the parent */
 
 typedef struct {
     const char *interface;
     bool lock_step;
-    bool xcp;                   /* for a master that measures and calibrates */
-    int priority;               /* of SCHED_FIFO; 0: scheduled as any other process */
-    pid_t parent;               /* the program ends where this is no longer its parent; 0: it does not look */
+    bool xcp;                   /* measurement and calibration are enabled */
+    int priority;               /* of SCHED_FIFO; 0: normal scheduling */
+    pid_t parent;               /* the program ends when this is no longer its parent; 0: not checked */
 } options_t;
 
 typedef struct {
     options_t options;
-    {{ p }}_task_t task;
-    {{ p }}_xcp_t xcp;
-    int bus;                    /* file descriptors; -1 where the interface is gone */
-    int master;                 /* the bus again, for XCP; -1 without it, too */
-    int timer;                  /* of the task; never started in lock-step */
+    ars_task_t task;
+    ars_xcp_t xcp;
+    int bus;                    /* file descriptor; -1 while the interface is missing */
+    int master;                 /* second socket, for XCP; -1 also without XCP */
+    int timer;                  /* of the task; not started in lock-step */
     int watch;
     int signals;
     int64_t deadline;           /* of the task's next run */
-    bool in_phase;              /* with the frames of the car */
-    bool heard;                 /* one of them since the last run */
+    bool in_phase;              /* timer is synchronised with the frames of the car */
+    bool heard;                 /* a frame of the car was received since the last run */
     uint32_t silent_periods;
-    uint32_t slips;             /* runs with two sets or none, so far */
-    uint32_t slipping;          /* how often of late */
+    uint32_t slips;             /* runs with two sets or none */
+    uint32_t slipping;          /* level of recent slips */
     uint32_t late;              /* runs a period or more after their deadline */
-    uint32_t runs;              /* by the timer */
-    int64_t lateness_sum;       /* of these */
+    uint32_t runs;              /* runs by the timer */
+    int64_t lateness_sum;       /* of the runs by the timer */
     int64_t lateness_max;
-    uint32_t discarded;         /* frames that waited for too long */
+    uint32_t discarded;         /* frames that were too old */
     uint32_t sent;
     uint32_t send_errors;
     uint32_t lost_packets;      /* of XCP */
@@ -105,25 +96,17 @@ typedef struct {
 
 static ecu_t ecu;
 
-/* The section {{ p }}_calibration, where {{ P }}_SECTION_CALIBRATION names it: the linker (GNU ld, lld) defines both ends. */
-extern uint8_t __start_{{ p }}_calibration[] __attribute__((weak));
-extern uint8_t __stop_{{ p }}_calibration[] __attribute__((weak));
+/* Both are null where the calibration has no section of its own. */
+extern uint8_t ARS_ECU_CALIBRATION_START[] __attribute__((weak));
+extern uint8_t ARS_ECU_CALIBRATION_STOP[] __attribute__((weak));
 
-/* Room for the calibration, and for what the linker leaves between its objects. */
-enum {
-    CALIBRATION_MAX = 1024 + sizeof {{ p }}_parameters_default + sizeof {{ p }}_calibration_expected_checksum
-{%- for axis in (map.speed, map.front_angle) %}
-        + sizeof {{ axis.breakpoints }}
-{%- endfor %}
-{%- for table in map.tables %}
-        + sizeof {{ table.name }}
-{%- endfor %}
-};
+/* Largest calibration, with a margin for padding by the linker. */
+enum { CALIBRATION_MAX = 1024 + ARS_ECU_CALIBRATION_SIZE };
 
 static uint8_t working_page[CALIBRATION_MAX];
 static uint8_t reference_page[CALIBRATION_MAX];
 
-/* One line on standard error; returns the exit code. */
+/* Print an error on standard error. Returns the exit code. */
 static int refuse(const char *where, const char *what, const char *remedy)
 {
     (void)fprintf(stderr, "error: %s: %s%s%s\n", where, what, (remedy[0] != '\0') ? "; " : "", remedy);
@@ -149,7 +132,7 @@ static struct timespec timespec_of(int64_t time)
     return result;
 }
 
-/* Lets a timer expire at a point in time and then in each interval; expirations that nobody has read are forgotten. */
+/* Start a timer: first expiration at a point in time, then one in each interval. Unread expirations are discarded. */
 static void start_timer(int timer, int64_t first, int64_t interval)
 {
     struct itimerspec setting;
@@ -159,7 +142,7 @@ static void start_timer(int timer, int64_t first, int64_t interval)
     (void)timerfd_settime(timer, TFD_TIMER_ABSTIME, &setting, NULL);
 }
 
-/* How often it expired since it was last read or started. */
+/* Number of expirations since the timer was last read or started. */
 static uint64_t read_timer(int timer)
 {
     uint64_t expirations = 0u;
@@ -175,8 +158,8 @@ static void start_task_timer(ecu_t *self, int64_t first)
 
 /* --- the bus ------------------------------------------------------------------------------------------------------ */
 
-/* A socket that hears two messages and nothing else: no remote, error or 29-bit frames, nothing of its own. It may be
- * opened while the interface is down. Returns -1 with errno; ENODEV: there is no such interface, or it is not one of CAN. */
+/* Open a socket that receives two messages only: no remote, error or 29-bit frames, and none of its own. The interface may be down.
+ * Returns -1 and sets errno on failure; ENODEV: no such interface, or not a CAN interface. */
 static int open_socket(const char *interface, uint32_t one, uint32_t other)
 {
     const canid_t exact = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
@@ -194,7 +177,7 @@ static int open_socket(const char *interface, uint32_t one, uint32_t other)
     address.can_family = AF_CAN;
     address.can_ifindex = (int)index;
     errno = ENODEV;
-    if ((index == 0u) /* to bind(), zero is every interface */
+    if ((index == 0u) /* for bind(), zero means every interface */
         || (setsockopt(bus, SOL_CAN_RAW, CAN_RAW_FILTER, filters, sizeof filters) != 0)
         || (bind(bus, (const struct sockaddr *)&address, sizeof address) != 0)) {
         const int error = errno;
@@ -206,19 +189,19 @@ static int open_socket(const char *interface, uint32_t one, uint32_t other)
     return bus;
 }
 
-/* For the car's messages. */
+/* Open the socket for the messages of the car. */
 static int open_bus(const char *interface)
 {
-    return open_socket(interface, (uint32_t){{ P }}_CAN_ID_VEHICLE_MOTION, (uint32_t){{ P }}_CAN_ID_VEHICLE_CONDITIONS);
+    return open_socket(interface, (uint32_t)ARS_CAN_ID_VEHICLE_MOTION, (uint32_t)ARS_CAN_ID_VEHICLE_CONDITIONS);
 }
 
-/* For a master's commands: a queue of its own, so that the car's frames never wait behind them. */
+/* Open the socket for commands of a master. A separate queue, so that frames of the car never wait behind them. */
 static int open_master(const char *interface)
 {
-    return open_socket(interface, (uint32_t){{ P }}_XCP_ID_RECEIVE, (uint32_t){{ P }}_XCP_ID_RECEIVE);
+    return open_socket(interface, (uint32_t)ARS_XCP_ID_RECEIVE, (uint32_t)ARS_XCP_ID_RECEIVE);
 }
 
-/* Says why the bus could not be opened. */
+/* Print why the bus could not be opened. Returns the exit code. */
 static int refuse_bus(const char *interface, int error)
 {
     if ((error == EAFNOSUPPORT) || (error == EPROTONOSUPPORT)) {
@@ -237,7 +220,7 @@ static int refuse_bus(const char *interface, int error)
     return refuse(interface, strerror(error), "");
 }
 
-/* After a call on the socket failed. While the interface is down, or its queue is full, the socket stays good. */
+/* Handle a failed call on a socket. It is kept while the interface is down or its queue is full, and closed otherwise. */
 static void note_bus_error(int *bus, int error)
 {
     switch (error) {
@@ -255,12 +238,12 @@ static void note_bus_error(int *bus, int error)
 
 /* --- XCP ---------------------------------------------------------------------------------------------------------- */
 
-static void send_packet(ecu_t *self, const {{ p }}_xcp_packet_t *packet)
+static void send_packet(ecu_t *self, const ars_xcp_packet_t *packet)
 {
     struct can_frame frame;
 
     (void)memset(&frame, 0, sizeof frame);
-    frame.can_id = (canid_t){{ P }}_XCP_ID_TRANSMIT;
+    frame.can_id = (canid_t)ARS_XCP_ID_TRANSMIT;
     frame.can_dlc = packet->length;
     (void)memcpy(frame.data, packet->data, packet->length);
     if (self->master < 0) {
@@ -273,13 +256,13 @@ static void send_packet(ecu_t *self, const {{ p }}_xcp_packet_t *packet)
     }
 }
 
-/* After a run of the task: what a master wants to see of it. */
+/* Send the measurements of a run of the task. */
 static void measure(ecu_t *self)
 {
-    static {{ p }}_xcp_packet_t packets[{{ P }}_XCP_ODT_MAX];
+    static ars_xcp_packet_t packets[ARS_XCP_ODT_MAX];
 
     if (self->options.xcp) {
-        const uint8_t count = {{ p }}_xcp_event(&self->xcp, packets);
+        const uint8_t count = ars_xcp_event(&self->xcp, packets);
         uint8_t k;
 
         for (k = 0u; k < count; k++) {
@@ -288,10 +271,10 @@ static void measure(ecu_t *self)
     }
 }
 
-/* Answers what waits of a master's commands. */
+/* Answer pending commands of a master. */
 static void obey(ecu_t *self)
 {
-    {{ p }}_xcp_packet_t answer;
+    ars_xcp_packet_t answer;
     struct can_frame frame;
     int commands;
 
@@ -302,7 +285,7 @@ static void obey(ecu_t *self)
             note_bus_error(&self->master, errno);
             break;
         }
-        if ((size == (ssize_t)sizeof frame) && {{ p }}_xcp_command(&self->xcp, frame.data, frame.can_dlc, &answer)) {
+        if ((size == (ssize_t)sizeof frame) && ars_xcp_command(&self->xcp, frame.data, frame.can_dlc, &answer)) {
             send_packet(self, &answer);
         }
     }
@@ -310,29 +293,29 @@ static void obey(ecu_t *self)
 
 static bool is_calibration_valid(void)
 {
-    return {{ p }}_parameters_valid(&{{ p }}_parameters_default);
+    return ars_parameters_valid(&ars_parameters_default);
 }
 
-/* Lets the calibration be written, and no other page of memory. Returns an exit code where that cannot be, else -1. */
+/* Start XCP: make the memory pages of the calibration writable. Returns an exit code on failure, otherwise -1. */
 static int start_xcp(ecu_t *self)
 {
-    const uintptr_t start = (uintptr_t)__start_{{ p }}_calibration;
-    const uintptr_t stop = (uintptr_t)__stop_{{ p }}_calibration;
+    const uintptr_t start = (uintptr_t)ARS_ECU_CALIBRATION_START;
+    const uintptr_t stop = (uintptr_t)ARS_ECU_CALIBRATION_STOP;
     const uintptr_t task = (uintptr_t)&self->task;
     const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     const uintptr_t first = start - (start % page);
-    {{ p }}_xcp_setup_t setup;
+    ars_xcp_setup_t setup;
 
     if ((stop <= start) || ((stop - start) > (uintptr_t)CALIBRATION_MAX)) {
-        return refuse("--xcp", "the calibration has no section of its own", "compile as the head of {{ p }}_xcp.h says");
+        return refuse("--xcp", "the calibration has no section of its own", "compile as the head of ars_xcp.h says");
     }
     if (((uint64_t)stop > UINT32_MAX) || (((uint64_t)task + sizeof self->task) > UINT32_MAX)) {
         return refuse("--xcp", "the addresses do not fit the 32 bits of XCP", "link with -no-pie");
     }
-    if (mprotect(&__start_{{ p }}_calibration[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
+    if (mprotect(&ARS_ECU_CALIBRATION_START[0] - (start - first), (size_t)(stop - first), PROT_READ | PROT_WRITE) != 0) {
         return refuse("--xcp", strerror(errno), "the calibration cannot be made writable");
     }
-    setup.calibration = __start_{{ p }}_calibration;
+    setup.calibration = ARS_ECU_CALIBRATION_START;
     setup.working = working_page;
     setup.reference = reference_page;
     setup.measurements = (const uint8_t *)&self->task;
@@ -341,20 +324,20 @@ static int start_xcp(ecu_t *self)
     setup.measurements_address = (uint32_t)task;
     setup.measurements_size = (uint32_t)sizeof self->task;
     setup.is_valid = is_calibration_valid;
-    {{ p }}_xcp_init(&self->xcp, &setup);
+    ars_xcp_init(&self->xcp, &setup);
     return -1;
 }
 
 /* --- the task ----------------------------------------------------------------------------------------------------- */
 
-/* One run of the task. Its frame is sent or lost, but never waited for: the next one is newer. */
+/* Run the task and send its frame. A frame that cannot be sent at once is dropped, because the next one is newer. */
 static void answer(ecu_t *self)
 {
     struct can_frame frame;
 
     (void)memset(&frame, 0, sizeof frame);
-    frame.can_id = {{ p }}_{{ task.function }}(&self->task, frame.data);
-    frame.can_dlc = (uint8_t){{ P }}_CAN_LENGTH;
+    frame.can_id = ARS_ECU_RUN_TASK(&self->task, frame.data);
+    frame.can_dlc = (uint8_t)ARS_CAN_LENGTH;
     if (self->bus < 0) {
         self->send_errors++;
     } else if (write(self->bus, &frame, sizeof frame) == (ssize_t)sizeof frame) {
@@ -366,12 +349,12 @@ static void answer(ecu_t *self)
     measure(self);
 }
 
-/* A frame of the car. A complete set of them is answered in lock-step; by the clock, the first one sets the timer's phase. */
+/* Process a frame of the car. In lock-step, a complete set runs the task. With the timer, the first complete set synchronises it. */
 static void take(ecu_t *self, const struct can_frame *frame)
 {
     self->heard = true;
-    {{ p }}_task_on_can_frame(&self->task, frame->can_id, frame->data, frame->can_dlc);
-    if (!{{ p }}_task_is_complete(&self->task)) {
+    ars_task_on_can_frame(&self->task, frame->can_id, frame->data, frame->can_dlc);
+    if (!ars_task_is_complete(&self->task)) {
         return;
     }
     if (self->options.lock_step) {
@@ -380,11 +363,11 @@ static void take(ecu_t *self, const struct can_frame *frame)
         self->in_phase = true;
         start_task_timer(self, now() + (period / 2));
     } else {
-        /* the timer will come */
+        /* the timer runs the task */
     }
 }
 
-/* Reads what waits on the bus. */
+/* Process pending frames of the bus. */
 static void receive(ecu_t *self)
 {
     struct can_frame frame;
@@ -403,7 +386,7 @@ static void receive(ecu_t *self)
     }
 }
 
-/* After a pause beyond the tolerated samples, what waits is of the past: in sequence, yet not to be steered by. */
+/* Discard pending frames after a pause longer than the tolerated missing samples: they are in sequence, but too old to steer by. */
 static void discard(ecu_t *self)
 {
     struct can_frame frame;
@@ -430,7 +413,7 @@ static void measure_lateness(ecu_t *self, uint64_t expirations)
     }
 }
 
-/* Runs that find two sets or none, again and again, tell that the car's frames come just when the timer does. */
+/* Repeated runs with two sets or none mean that the frames of the car arrive just when the timer expires. Synchronise again then. */
 static void watch_phase(ecu_t *self)
 {
     const uint32_t slips = self->task.late_cycles + self->task.early_cycles;
@@ -461,7 +444,7 @@ static void on_timer(ecu_t *self, uint64_t expirations)
     }
 }
 
-/* Returns whether to go on. */
+/* Reopen lost sockets. Returns whether to continue. */
 static bool on_watch(ecu_t *self)
 {
     (void)read_timer(self->watch);
@@ -476,7 +459,7 @@ static bool on_watch(ecu_t *self)
 
 /* --- the program -------------------------------------------------------------------------------------------------- */
 
-/* First the bus: the task is to get the newest frames, and a first set moves the timer, whose run then comes later. */
+/* Read the bus first: the task needs the newest frames, and a first set moves the timer. */
 static void wake(ecu_t *self, uint64_t expirations)
 {
     const bool was_in_phase = self->in_phase;
@@ -491,7 +474,7 @@ static void wake(ecu_t *self, uint64_t expirations)
     }
 }
 
-/* Until a signal comes. */
+/* Run until a signal arrives. */
 static void serve(ecu_t *self)
 {
     enum { SIGNALS, TIMER, WATCH, BUS, MASTER, WAITING };
@@ -517,7 +500,7 @@ static void serve(ecu_t *self)
     }
 }
 
-/* SIGTERM and SIGINT as something to read, so that none is missed between two looks. */
+/* Open SIGTERM and SIGINT as a file descriptor, so that none is missed between two polls. */
 static int open_signals(void)
 {
     sigset_t stopping;
@@ -537,7 +520,7 @@ static bool open_all(ecu_t *self)
     return (self->signals >= 0) && (self->timer >= 0) && (self->watch >= 0);
 }
 
-/* Ahead of all normal processes, and never waiting for memory. */
+/* Set real-time priority and lock all memory; 0 changes nothing. Returns whether that succeeded. */
 static bool set_priority(int priority)
 {
     struct sched_param parameter;
@@ -550,7 +533,7 @@ static bool set_priority(int priority)
 
 static void print_counters(const ecu_t *self)
 {
-    const {{ p }}_task_t *task = &self->task;
+    const ars_task_t *task = &self->task;
     const int64_t mean = (self->runs > 0u) ? (self->lateness_sum / (int64_t)self->runs) : 0;
 
     (void)fprintf(stderr,
@@ -570,7 +553,7 @@ static int run(ecu_t *self)
     int code = -1;
 
     self->master = -1;
-    if (!{{ p }}_selftest()) {
+    if (!ars_selftest()) {
         (void)fprintf(stderr, "error: the self-test failed; build and compile again\n");
         return EXIT_FAILURE;
     }
@@ -593,7 +576,7 @@ static int run(ecu_t *self)
     if ((self->bus < 0) || (self->options.xcp && (self->master < 0))) {
         return refuse_bus(self->options.interface, errno);
     }
-    {{ p }}_task_init(&self->task, &{{ p }}_parameters_default);
+    ars_task_init(&self->task, &ars_parameters_default);
     (void)printf("ready\n");
     (void)fflush(stdout);
     start_timer(self->watch, now() + watch_period, watch_period);
@@ -608,17 +591,17 @@ static int run(ecu_t *self)
 static void print_help(void)
 {
     (void)printf(
-        "usage: {{ p }}_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
-        "The rear-steering ECU of this build on a CAN interface, say vcan0, every {{ controller.period_text }}.\n\n"
+        "usage: ars_ecu [--lock-step] [--xcp] [--priority N] [--parent PID] INTERFACE\n\n"
+        "The rear-steering ECU of this build on a CAN interface, say vcan0, every " ARS_ECU_PERIOD_TEXT ".\n\n"
         "  --lock-step    no timer: answer each complete set of the car's frames once\n"
-        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers {{ config.can.xcp_receive_id | hexadecimal(3) }} and {{ config.can.xcp_transmit_id | hexadecimal(3) }}\n"
+        "  --xcp          let a master measure and calibrate: XCP on CAN, identifiers " ARS_XCP_IDS_TEXT "\n"
         "  --priority N   real-time priority (SCHED_FIFO) 1 to 99, all memory locked\n"
         "  --parent PID   end where process PID is no longer the parent\n"
         "  -h, --help     this text\n\n"
         "Exit codes: 0 ended by SIGTERM or SIGINT, 1 the self-test failed, 2 bad input.\n");
 }
 
-/* A decimal number from 1 to `high`, or -1. */
+/* Return a decimal number from 1 to high, or -1. */
 static int number_of(const char *text, int high)
 {
     char *end = NULL;
@@ -639,7 +622,7 @@ static bool is_interface_name(const char *text)
     return (length > 0u) && (length < (size_t)IF_NAMESIZE) && (text[length] == '\0');
 }
 
-/* Returns an exit code where there is nothing to run, else -1. */
+/* Read the command line. Returns an exit code if there is nothing to run, otherwise -1. */
 static int read_options(options_t *options, int count, char *const words[])
 {
     int at;

@@ -1,17 +1,15 @@
-{% import "_macros.j2" as m -%}
-{% set P = build.PREFIX -%}
-{% set p = build.prefix -%}
-{% set T = p ~ "_xcp_t *self, const " ~ p ~ "_xcp_packet_t *in, " ~ p ~ "_xcp_packet_t *answer" -%}
-{% call m.banner(build, "The XCP slave. See " ~ p ~ "_xcp.h.") %}
-Names of commands, fields and errors are those of ASAM MCD-1 XCP, protocol layer 1. Numbers of more than one byte have the
-byte order of this machine, of which CONNECT tells.
-{% endcall %}
-#include "{{ p }}_xcp.h"
+/*
+ * The XCP slave. See ars_xcp.h.
+ *
+ * Names of commands, fields and errors are those of ASAM MCD-1 XCP, protocol layer 1. Numbers of more than one byte have the
+ * byte order of this machine, which CONNECT reports.
+ *
+ * This file is the same in every build; ars_ecu_config.h holds what differs.
+ */
+#include "ars_xcp.h"
 
 #include <stddef.h>
 #include <string.h>
-
-{{ m.same_build(build, "XCP") }}
 
 /* First byte of an answer. */
 enum { POSITIVE = 0xFF, NEGATIVE = 0xFE };
@@ -48,17 +46,15 @@ enum { MODE_SELECTED = 0x01, MODE_TIMESTAMP = 0x10, MODE_RUNNING = 0x40 };
 enum { EVENT_DAQ = 0x04, EVENT_CONSISTENT = 0x80 };
 enum { TIMESTAMP_BYTES = 2 };
 
-/* What the transfer address points into. */
+/* Address space of the transfer address. */
 enum { SPACE_NONE, SPACE_MEMORY, SPACE_BUILD, SPACE_A2L, SPACE_EVENT };
 
-/* How far the lists of measurements are allocated. */
+/* Progress of the allocation of lists. */
 enum { ALLOCATION_NONE, ALLOCATION_FREED, ALLOCATION_DAQ, ALLOCATION_ODT, ALLOCATION_ENTRY };
 
-static const uint32_t ticks_of_a_run = {{ xcp.timestamp_ticks }}u; /* timestamps, {{ xcp.timestamp_text }} each */
-
-static const uint8_t build_name[] = "{{ build.name }}";
-static const uint8_t a2l_name[] = "{{ build.prefix }}"; /* of the file {{ build.prefix }}.a2l */
-static const uint8_t event_name[] = "{{ task.function }}";
+static const uint8_t build_name[] = ARS_XCP_BUILD_NAME;
+static const uint8_t a2l_name[] = ARS_XCP_A2L_NAME;
+static const uint8_t event_name[] = ARS_XCP_EVENT_NAME;
 
 /* --- numbers in packets ------------------------------------------------------------------------------------------- */
 
@@ -104,29 +100,29 @@ static bool is_inside(uint32_t address, uint32_t size, uint32_t base, uint32_t b
     return (address >= base) && (size <= base_size) && ((address - base) <= (base_size - size));
 }
 
-static bool is_calibration(const {{ p }}_xcp_t *self, uint32_t address, uint32_t size)
+static bool is_calibration(const ars_xcp_t *self, uint32_t address, uint32_t size)
 {
     return is_inside(address, size, self->setup.calibration_address, self->setup.calibration_size);
 }
 
-static bool is_measurement(const {{ p }}_xcp_t *self, uint32_t address, uint32_t size)
+static bool is_measurement(const ars_xcp_t *self, uint32_t address, uint32_t size)
 {
     return is_inside(address, size, self->setup.measurements_address, self->setup.measurements_size);
 }
 
-/* A page of the calibration, wherever it is kept now. */
-static uint8_t *page_of(const {{ p }}_xcp_t *self, uint8_t page)
+/* Present location of a page of the calibration. */
+static uint8_t *page_of(const ars_xcp_t *self, uint8_t page)
 {
     uint8_t *result = self->setup.reference;
 
-    if (page == (uint8_t){{ P }}_XCP_PAGE_WORKING) {
+    if (page == (uint8_t)ARS_XCP_PAGE_WORKING) {
         result = (self->ecu_page == page) ? self->setup.calibration : self->setup.working;
     }
     return result;
 }
 
-/* What a master reads there, or NULL. */
-static const uint8_t *readable(const {{ p }}_xcp_t *self, uint32_t address, uint32_t size)
+/* Memory that a master reads at an address, or NULL. */
+static const uint8_t *readable(const ars_xcp_t *self, uint32_t address, uint32_t size)
 {
     const uint8_t *result = NULL;
 
@@ -140,8 +136,8 @@ static const uint8_t *readable(const {{ p }}_xcp_t *self, uint32_t address, uint
     return result;
 }
 
-/* What the transfer address points to, or NULL. */
-static const uint8_t *transferred(const {{ p }}_xcp_t *self, uint32_t size)
+/* Memory at the transfer address, or NULL. */
+static const uint8_t *transferred(const ars_xcp_t *self, uint32_t size)
 {
     const uint8_t *result = NULL;
 
@@ -161,7 +157,7 @@ static const uint8_t *transferred(const {{ p }}_xcp_t *self, uint32_t size)
 
 /* --- the session -------------------------------------------------------------------------------------------------- */
 
-static bool is_any_running(const {{ p }}_xcp_t *self)
+static bool is_any_running(const ars_xcp_t *self)
 {
     bool running = false;
     uint8_t k;
@@ -172,7 +168,7 @@ static bool is_any_running(const {{ p }}_xcp_t *self)
     return running;
 }
 
-static void forget_lists({{ p }}_xcp_t *self)
+static void clear_lists(ars_xcp_t *self)
 {
     (void)memset(self->daqs, 0, sizeof self->daqs);
     (void)memset(self->odts, 0, sizeof self->odts);
@@ -182,35 +178,35 @@ static void forget_lists({{ p }}_xcp_t *self)
     self->allocation = (uint8_t)ALLOCATION_NONE;
 }
 
-static uint8_t on_connect({{ T }})
+static uint8_t on_connect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    if (in->data[1] != 0u) { /* no mode of the user's */
+    if (in->data[1] != 0u) { /* user-defined modes are not supported */
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     self->connected = true;
     self->space = (uint8_t)SPACE_NONE;
-    forget_lists(self);
+    clear_lists(self);
     answer->data[1] = (uint8_t)RESOURCE_CAL_PAG | (uint8_t)RESOURCE_DAQ;
     answer->data[2] = byte_order() | (uint8_t)COMM_MODE_OPTIONAL;
-    answer->data[3] = (uint8_t){{ P }}_XCP_LENGTH_MAX;
-    put_word(&answer->data[4], (uint16_t){{ P }}_XCP_LENGTH_MAX);
+    answer->data[3] = (uint8_t)ARS_XCP_LENGTH_MAX;
+    put_word(&answer->data[4], (uint16_t)ARS_XCP_LENGTH_MAX);
     answer->data[6] = 1u; /* version of the protocol layer */
     answer->data[7] = 1u; /* and of the transport layer */
     answer->length = 8u;
     return (uint8_t)DONE;
 }
 
-/* The calibration stays as it is. */
-static uint8_t on_disconnect({{ T }})
+/* The calibration is not changed. */
+static uint8_t on_disconnect(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     (void)answer;
     self->connected = false;
-    forget_lists(self);
+    clear_lists(self);
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_status({{ T }})
+static uint8_t on_get_status(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     answer->data[1] = is_any_running(self) ? (uint8_t)STATUS_DAQ_RUNNING : 0u;
@@ -218,7 +214,7 @@ static uint8_t on_get_status({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_synch({{ T }})
+static uint8_t on_synch(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)self;
     (void)in;
@@ -226,17 +222,17 @@ static uint8_t on_synch({{ T }})
     return (uint8_t)ERR_CMD_SYNCH;
 }
 
-static uint8_t on_get_comm_mode_info({{ T }})
+static uint8_t on_get_comm_mode_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)self;
     (void)in;
-    answer->data[7] = 0x10u; /* version 1.0 of the driver; no block mode, nothing interleaved */
+    answer->data[7] = 0x10u; /* driver version 1.0; no block or interleaved mode */
     answer->length = 8u;
     return (uint8_t)DONE;
 }
 
 /* The name is uploaded from the transfer address. */
-static uint8_t on_get_id({{ T }})
+static uint8_t on_get_id(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     enum { TEXT = 0, A2L_NAME = 1 /* without path and extension */ };
 
@@ -257,7 +253,7 @@ static uint8_t on_get_id({{ T }})
 
 /* --- reading and writing ------------------------------------------------------------------------------------------ */
 
-static uint8_t set_address({{ p }}_xcp_t *self, uint8_t extension, const uint8_t *address)
+static uint8_t set_address(ars_xcp_t *self, uint8_t extension, const uint8_t *address)
 {
     uint8_t result = (uint8_t)ERR_OUT_OF_RANGE;
 
@@ -269,18 +265,18 @@ static uint8_t set_address({{ p }}_xcp_t *self, uint8_t extension, const uint8_t
     return result;
 }
 
-static uint8_t on_set_mta({{ T }})
+static uint8_t on_set_mta(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)answer;
     return set_address(self, in->data[3], &in->data[4]);
 }
 
-/* From the transfer address, which moves on. */
-static uint8_t upload({{ p }}_xcp_t *self, uint8_t size, {{ p }}_xcp_packet_t *answer)
+/* Upload from the transfer address and advance it. */
+static uint8_t upload(ars_xcp_t *self, uint8_t size, ars_xcp_packet_t *answer)
 {
     const uint8_t *const from = transferred(self, size);
 
-    if ((size == 0u) || (size > (uint8_t){{ P }}_XCP_UPLOAD_MAX)) {
+    if ((size == 0u) || (size > (uint8_t)ARS_XCP_UPLOAD_MAX)) {
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     if (self->space == (uint8_t)SPACE_NONE) {
@@ -295,19 +291,19 @@ static uint8_t upload({{ p }}_xcp_t *self, uint8_t size, {{ p }}_xcp_packet_t *a
     return (uint8_t)DONE;
 }
 
-static uint8_t on_upload({{ T }})
+static uint8_t on_upload(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     return upload(self, in->data[1], answer);
 }
 
-static uint8_t on_short_upload({{ T }})
+static uint8_t on_short_upload(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t result = set_address(self, in->data[3], &in->data[4]);
 
     return (result == (uint8_t)DONE) ? upload(self, in->data[1], answer) : result;
 }
 
-/* IEEE 802.3, four bits at a time: the whole calibration in well under a millisecond. */
+/* CRC-32 of IEEE 802.3, four bits at a time. The whole calibration takes well under a millisecond. */
 static uint32_t crc_of(const uint8_t *from, uint32_t size)
 {
     static const uint32_t of_four_bits[16] = {
@@ -325,7 +321,7 @@ static uint32_t crc_of(const uint8_t *from, uint32_t size)
     return ~crc;
 }
 
-static uint8_t on_build_checksum({{ T }})
+static uint8_t on_build_checksum(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint32_t size = dword_at(&in->data[4]);
     const uint8_t *const from = transferred(self, size);
@@ -346,30 +342,30 @@ static uint8_t on_build_checksum({{ T }})
     return (uint8_t)DONE;
 }
 
-/* Into the working page. Where the controller runs on it: judged at once, and taken back. */
-static uint8_t write_working({{ p }}_xcp_t *self, uint32_t offset, const uint8_t *from, uint8_t size)
+/* Write to the working page. If it is active, an invalid result is reverted. */
+static uint8_t write_working(ars_xcp_t *self, uint32_t offset, const uint8_t *from, uint8_t size)
 {
-    uint8_t *const to = &page_of(self, (uint8_t){{ P }}_XCP_PAGE_WORKING)[offset];
-    uint8_t before[{{ P }}_XCP_DOWNLOAD_MAX];
+    uint8_t *const to = &page_of(self, (uint8_t)ARS_XCP_PAGE_WORKING)[offset];
+    uint8_t before[ARS_XCP_DOWNLOAD_MAX];
     uint8_t result = (uint8_t)DONE;
 
     (void)memcpy(before, to, size);
     (void)memcpy(to, from, size);
-    if ((self->ecu_page == (uint8_t){{ P }}_XCP_PAGE_WORKING) && !self->setup.is_valid()) {
+    if ((self->ecu_page == (uint8_t)ARS_XCP_PAGE_WORKING) && !self->setup.is_valid()) {
         (void)memcpy(to, before, size);
         result = (uint8_t)ERR_OUT_OF_RANGE;
     }
     return result;
 }
 
-/* To the transfer address, which moves on where something was written. */
-static uint8_t on_download({{ T }})
+/* Write at the transfer address; advance it after success. */
+static uint8_t on_download(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t size = in->data[1];
     uint8_t result = (uint8_t)ERR_ACCESS_DENIED;
 
     (void)answer;
-    if ((size == 0u) || (size > (uint8_t){{ P }}_XCP_DOWNLOAD_MAX)) {
+    if ((size == 0u) || (size > (uint8_t)ARS_XCP_DOWNLOAD_MAX)) {
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     if ((uint32_t)in->length < (2u + (uint32_t)size)) {
@@ -381,7 +377,7 @@ static uint8_t on_download({{ T }})
     if (transferred(self, size) != NULL) {
         result = (uint8_t)ERR_WRITE_PROTECTED;
         if ((self->space == (uint8_t)SPACE_MEMORY) && is_calibration(self, self->address, size)
-            && (self->master_page == (uint8_t){{ P }}_XCP_PAGE_WORKING)) {
+            && (self->master_page == (uint8_t)ARS_XCP_PAGE_WORKING)) {
             result = write_working(self, self->address - self->setup.calibration_address, &in->data[2], size);
         }
     }
@@ -393,15 +389,15 @@ static uint8_t on_download({{ T }})
 
 /* --- pages of the calibration ------------------------------------------------------------------------------------- */
 
-/* The controller runs on a page from now on, or on the old one as before. */
-static uint8_t set_ecu_page({{ p }}_xcp_t *self, uint8_t page)
+/* Activate a page for the controller. If it is invalid, the old page stays active. */
+static uint8_t set_ecu_page(ars_xcp_t *self, uint8_t page)
 {
-    const {{ p }}_xcp_setup_t *const setup = &self->setup;
+    const ars_xcp_setup_t *const setup = &self->setup;
     uint8_t result = (uint8_t)DONE;
 
     if (page == self->ecu_page) {
         /* as it is */
-    } else if (page == (uint8_t){{ P }}_XCP_PAGE_REFERENCE) {
+    } else if (page == (uint8_t)ARS_XCP_PAGE_REFERENCE) {
         (void)memcpy(setup->working, setup->calibration, setup->calibration_size);
         (void)memcpy(setup->calibration, setup->reference, setup->calibration_size);
         self->ecu_page = page;
@@ -417,7 +413,7 @@ static uint8_t set_ecu_page({{ p }}_xcp_t *self, uint8_t page)
     return result;
 }
 
-static uint8_t on_set_cal_page({{ T }})
+static uint8_t on_set_cal_page(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t mode = in->data[1];
     const uint8_t who = mode & ((uint8_t)PAGE_MODE_ECU | (uint8_t)PAGE_MODE_XCP);
@@ -442,7 +438,7 @@ static uint8_t on_set_cal_page({{ T }})
     return result;
 }
 
-static uint8_t on_get_cal_page({{ T }})
+static uint8_t on_get_cal_page(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     if ((in->data[1] != (uint8_t)PAGE_MODE_ECU) && (in->data[1] != (uint8_t)PAGE_MODE_XCP)) {
         return (uint8_t)ERR_MODE_NOT_VALID;
@@ -455,7 +451,7 @@ static uint8_t on_get_cal_page({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_pag_processor_info({{ T }})
+static uint8_t on_get_pag_processor_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)self;
     (void)in;
@@ -464,26 +460,26 @@ static uint8_t on_get_pag_processor_info({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_segment_info({{ T }})
+static uint8_t on_get_segment_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t mode = in->data[1];
 
     if (in->data[2] != 0u) {
         return (uint8_t)ERR_SEGMENT_NOT_VALID;
     }
-    if ((mode == 0u) && (in->data[3] <= 1u)) { /* where it is */
+    if ((mode == 0u) && (in->data[3] <= 1u)) { /* address or size */
         put_dword(&answer->data[4], (in->data[3] == 0u) ? self->setup.calibration_address : self->setup.calibration_size);
         answer->length = 8u;
-    } else if (mode == 1u) { /* what it is; no address extension, mapping, compression or encryption */
+    } else if (mode == 1u) { /* properties; no address extension, mapping, compression or encryption */
         answer->data[1] = (uint8_t)PAGES;
         answer->length = 6u;
-    } else { /* a mapping of its addresses: there is none */
+    } else { /* address mapping is not supported */
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_page_info({{ T }})
+static uint8_t on_get_page_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)self;
     if (in->data[2] != 0u) {
@@ -493,17 +489,17 @@ static uint8_t on_get_page_info({{ T }})
         return (uint8_t)ERR_PAGE_NOT_VALID;
     }
     answer->data[1] = (uint8_t)PAGE_READ;
-    if (in->data[3] == (uint8_t){{ P }}_XCP_PAGE_WORKING) {
+    if (in->data[3] == (uint8_t)ARS_XCP_PAGE_WORKING) {
         answer->data[1] |= (uint8_t)PAGE_WRITE;
     }
     answer->length = 3u;
     return (uint8_t)DONE;
 }
 
-/* Into the working page, which then is the build's own. */
-static uint8_t on_copy_cal_page({{ T }})
+/* Copy the reference page to the working page. */
+static uint8_t on_copy_cal_page(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    uint8_t *const to = page_of(self, (uint8_t){{ P }}_XCP_PAGE_WORKING);
+    uint8_t *const to = page_of(self, (uint8_t)ARS_XCP_PAGE_WORKING);
 
     (void)answer;
     if ((in->data[1] != 0u) || (in->data[3] != 0u)) {
@@ -512,10 +508,10 @@ static uint8_t on_copy_cal_page({{ T }})
     if ((in->data[2] >= (uint8_t)PAGES) || (in->data[4] >= (uint8_t)PAGES)) {
         return (uint8_t)ERR_PAGE_NOT_VALID;
     }
-    if (in->data[4] != (uint8_t){{ P }}_XCP_PAGE_WORKING) {
+    if (in->data[4] != (uint8_t)ARS_XCP_PAGE_WORKING) {
         return (uint8_t)ERR_WRITE_PROTECTED;
     }
-    if (in->data[2] != (uint8_t){{ P }}_XCP_PAGE_WORKING) {
+    if (in->data[2] != (uint8_t)ARS_XCP_PAGE_WORKING) {
         (void)memcpy(to, self->setup.reference, self->setup.calibration_size);
     }
     return (uint8_t)DONE;
@@ -523,24 +519,24 @@ static uint8_t on_copy_cal_page({{ T }})
 
 /* --- lists of measurements ---------------------------------------------------------------------------------------- */
 
-/* A list by its number in a command, or NULL. */
-static {{ p }}_xcp_daq_t *daq_at({{ p }}_xcp_t *self, const uint8_t *number)
+/* List with the number at this place of a command, or NULL. */
+static ars_xcp_daq_t *daq_at(ars_xcp_t *self, const uint8_t *number)
 {
     const uint16_t index = word_at(number);
 
     return (index < self->daq_count) ? &self->daqs[index] : NULL;
 }
 
-static uint8_t on_free_daq({{ T }})
+static uint8_t on_free_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     (void)answer;
-    forget_lists(self);
+    clear_lists(self);
     self->allocation = (uint8_t)ALLOCATION_FREED;
     return (uint8_t)DONE;
 }
 
-static uint8_t on_alloc_daq({{ T }})
+static uint8_t on_alloc_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint16_t count = word_at(&in->data[2]);
 
@@ -551,7 +547,7 @@ static uint8_t on_alloc_daq({{ T }})
     if (count == 0u) {
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
-    if (count > (uint16_t){{ P }}_XCP_DAQ_MAX) {
+    if (count > (uint16_t)ARS_XCP_DAQ_MAX) {
         return (uint8_t)ERR_MEMORY_OVERFLOW;
     }
     self->daq_count = (uint8_t)count;
@@ -559,10 +555,10 @@ static uint8_t on_alloc_daq({{ T }})
     return (uint8_t)DONE;
 }
 
-/* The packets of a list, once. */
-static uint8_t on_alloc_odt({{ T }})
+/* Allocate the packets of a list; once for each list. */
+static uint8_t on_alloc_odt(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
     const uint8_t count = in->data[4];
 
     (void)answer;
@@ -575,7 +571,7 @@ static uint8_t on_alloc_odt({{ T }})
     if (daq->count != 0u) {
         return (uint8_t)ERR_SEQUENCE;
     }
-    if (((uint32_t)self->odt_count + (uint32_t)count) > (uint32_t){{ P }}_XCP_ODT_MAX) {
+    if (((uint32_t)self->odt_count + (uint32_t)count) > (uint32_t)ARS_XCP_ODT_MAX) {
         return (uint8_t)ERR_MEMORY_OVERFLOW;
     }
     daq->first = self->odt_count;
@@ -585,12 +581,12 @@ static uint8_t on_alloc_odt({{ T }})
     return (uint8_t)DONE;
 }
 
-/* The entries of a packet, once. None: one that holds the timestamp alone. */
-static uint8_t on_alloc_odt_entry({{ T }})
+/* Allocate the entries of a packet; once for each packet. Zero entries: the packet contains the timestamp alone. */
+static uint8_t on_alloc_odt_entry(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    const {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    const ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
     const uint8_t count = in->data[5];
-    {{ p }}_xcp_odt_t *odt;
+    ars_xcp_odt_t *odt;
 
     (void)answer;
     if ((self->allocation != (uint8_t)ALLOCATION_ODT) && (self->allocation != (uint8_t)ALLOCATION_ENTRY)) {
@@ -606,7 +602,7 @@ static uint8_t on_alloc_odt_entry({{ T }})
     if (odt->count != 0u) {
         return (uint8_t)ERR_SEQUENCE;
     }
-    if (count > (uint8_t){{ P }}_XCP_ENTRY_MAX) {
+    if (count > (uint8_t)ARS_XCP_ENTRY_MAX) {
         return (uint8_t)ERR_MEMORY_OVERFLOW;
     }
     odt->count = count;
@@ -614,9 +610,9 @@ static uint8_t on_alloc_odt_entry({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_set_daq_ptr({{ T }})
+static uint8_t on_set_daq_ptr(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    const {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    const ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
 
     (void)answer;
     if ((daq == NULL) || (in->data[4] >= daq->count) || (in->data[5] >= self->odts[daq->first + in->data[4]].count)) {
@@ -631,8 +627,8 @@ static uint8_t on_set_daq_ptr({{ T }})
     return (uint8_t)DONE;
 }
 
-/* Bytes that the entries of a packet take. */
-static uint32_t size_of(const {{ p }}_xcp_odt_t *odt)
+/* Size of the entries of a packet, in bytes. */
+static uint32_t size_of(const ars_xcp_odt_t *odt)
 {
     uint32_t size = 0u;
     uint8_t k;
@@ -643,8 +639,8 @@ static uint32_t size_of(const {{ p }}_xcp_odt_t *odt)
     return size;
 }
 
-/* What the controller runs on is measured, whichever page the master looks at. */
-static const uint8_t *measurable(const {{ p }}_xcp_t *self, uint32_t address, uint8_t size)
+/* Memory of a measurement: that of the controller, whichever page the master reads. */
+static const uint8_t *measurable(const ars_xcp_t *self, uint32_t address, uint8_t size)
 {
     const uint8_t *result = readable(self, address, size);
 
@@ -654,26 +650,26 @@ static const uint8_t *measurable(const {{ p }}_xcp_t *self, uint32_t address, ui
     return result;
 }
 
-static bool is_running_odt(const {{ p }}_xcp_t *self, uint8_t odt)
+static bool is_running_odt(const ars_xcp_t *self, uint8_t odt)
 {
     bool running = false;
     uint8_t k;
 
     for (k = 0u; k < self->daq_count; k++) {
-        const {{ p }}_xcp_daq_t *const daq = &self->daqs[k];
+        const ars_xcp_daq_t *const daq = &self->daqs[k];
 
         running = running || (daq->running && (odt >= daq->first) && (odt < (uint8_t)(daq->first + daq->count)));
     }
     return running;
 }
 
-/* The pointer moves on to the next entry of the packet; behind the last it points nowhere. */
-static uint8_t on_write_daq({{ T }})
+/* Write an entry and advance the pointer to the next entry of the packet; after the last one it is unset. */
+static uint8_t on_write_daq(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     const uint8_t size = in->data[2];
     const uint8_t *const from = measurable(self, dword_at(&in->data[4]), size);
-    {{ p }}_xcp_odt_t *odt;
-    {{ p }}_xcp_entry_t *entry;
+    ars_xcp_odt_t *odt;
+    ars_xcp_entry_t *entry;
 
     (void)answer;
     if (!self->pointer_set) {
@@ -687,7 +683,7 @@ static uint8_t on_write_daq({{ T }})
     }
     odt = &self->odts[self->pointed_odt];
     entry = &odt->entries[self->pointed_entry];
-    if (((size_of(odt) - entry->size) + size) > (uint32_t){{ P }}_XCP_ENTRY_MAX) {
+    if (((size_of(odt) - entry->size) + size) > (uint32_t)ARS_XCP_ENTRY_MAX) {
         return (uint8_t)ERR_OUT_OF_RANGE;
     }
     if (from == NULL) {
@@ -700,9 +696,9 @@ static uint8_t on_write_daq({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_set_daq_list_mode({{ T }})
+static uint8_t on_set_daq_list_mode(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
 
     (void)answer;
     if ((in->data[1] & (uint8_t)~(uint8_t)MODE_TIMESTAMP) != 0u) { /* no stimulation, no packets without identifier */
@@ -721,9 +717,9 @@ static uint8_t on_set_daq_list_mode({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_daq_list_mode({{ T }})
+static uint8_t on_get_daq_list_mode(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
-    const {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    const ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
 
     if (daq == NULL) {
         return (uint8_t)ERR_OUT_OF_RANGE;
@@ -735,8 +731,8 @@ static uint8_t on_get_daq_list_mode({{ T }})
     return (uint8_t)DONE;
 }
 
-/* Whether it has entries, each of them is written, and there is room for the timestamp. */
-static bool is_complete(const {{ p }}_xcp_t *self, const {{ p }}_xcp_daq_t *daq)
+/* Return whether a list has packets, all their entries are written, and the timestamp fits. */
+static bool is_complete(const ars_xcp_t *self, const ars_xcp_daq_t *daq)
 {
     bool complete = daq->has_event;
     uint32_t entries = 0u;
@@ -744,11 +740,11 @@ static bool is_complete(const {{ p }}_xcp_t *self, const {{ p }}_xcp_daq_t *daq)
     uint8_t n;
 
     for (k = daq->first; k < (uint8_t)(daq->first + daq->count); k++) {
-        const {{ p }}_xcp_odt_t *const odt = &self->odts[k];
+        const ars_xcp_odt_t *const odt = &self->odts[k];
         const uint32_t stamp = (daq->with_timestamp && (k == daq->first)) ? (uint32_t)TIMESTAMP_BYTES : 0u;
 
         entries += odt->count;
-        complete = complete && ((size_of(odt) + stamp) <= (uint32_t){{ P }}_XCP_ENTRY_MAX);
+        complete = complete && ((size_of(odt) + stamp) <= (uint32_t)ARS_XCP_ENTRY_MAX);
         for (n = 0u; n < odt->count; n++) {
             complete = complete && (odt->entries[n].from != NULL);
         }
@@ -756,7 +752,7 @@ static bool is_complete(const {{ p }}_xcp_t *self, const {{ p }}_xcp_daq_t *daq)
     return complete && (entries > 0u);
 }
 
-static void start_list({{ p }}_xcp_daq_t *daq)
+static void start_list(ars_xcp_daq_t *daq)
 {
     if (!daq->running) {
         daq->running = true;
@@ -764,10 +760,10 @@ static void start_list({{ p }}_xcp_daq_t *daq)
     }
 }
 
-static uint8_t on_start_stop_daq_list({{ T }})
+static uint8_t on_start_stop_daq_list(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     enum { STOP = 0, START = 1, SELECT = 2 };
-    {{ p }}_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
+    ars_xcp_daq_t *const daq = daq_at(self, &in->data[2]);
 
     if (in->data[1] > (uint8_t)SELECT) {
         return (uint8_t)ERR_MODE_NOT_VALID;
@@ -790,8 +786,8 @@ static uint8_t on_start_stop_daq_list({{ T }})
     return (uint8_t)DONE;
 }
 
-/* A list that was selected may have been changed since: all of them start, or none. */
-static bool are_selected_complete(const {{ p }}_xcp_t *self)
+/* Check again before the start, because a selected list may have been changed since. All lists start, or none. */
+static bool are_selected_complete(const ars_xcp_t *self)
 {
     bool complete = true;
     uint8_t k;
@@ -802,7 +798,7 @@ static bool are_selected_complete(const {{ p }}_xcp_t *self)
     return complete;
 }
 
-static uint8_t on_start_stop_synch({{ T }})
+static uint8_t on_start_stop_synch(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     enum { STOP_ALL = 0, START_SELECTED = 1, STOP_SELECTED = 2 };
     uint8_t k;
@@ -815,7 +811,7 @@ static uint8_t on_start_stop_synch({{ T }})
         return (uint8_t)ERR_DAQ_CONFIG;
     }
     for (k = 0u; k < self->daq_count; k++) {
-        {{ p }}_xcp_daq_t *const daq = &self->daqs[k];
+        ars_xcp_daq_t *const daq = &self->daqs[k];
 
         if (in->data[1] == (uint8_t)STOP_ALL) {
             daq->running = false;
@@ -831,31 +827,31 @@ static uint8_t on_start_stop_synch({{ T }})
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_daq_processor_info({{ T }})
+static uint8_t on_get_daq_processor_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     answer->data[1] = (uint8_t)DAQ_DYNAMIC | (uint8_t)DAQ_PRESCALER | (uint8_t)DAQ_TIMESTAMP;
     put_word(&answer->data[2], self->daq_count);
     put_word(&answer->data[4], 1u); /* event */
-    answer->length = 8u; /* no predefined list; a packet is identified by its number among all */
+    answer->length = 8u; /* no predefined list; packets have absolute identifiers */
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_daq_resolution_info({{ T }})
+static uint8_t on_get_daq_resolution_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)self;
     (void)in;
     answer->data[1] = 1u; /* granularity of an entry's size */
-    answer->data[2] = (uint8_t){{ P }}_XCP_ENTRY_MAX;
-    answer->data[3] = 1u; /* the same of stimulation, of which there is none */
-    answer->data[5] = {{ xcp.timestamp_mode | hexadecimal(2) }}u; /* {{ xcp.timestamp_text }}, two bytes */
+    answer->data[2] = (uint8_t)ARS_XCP_ENTRY_MAX;
+    answer->data[3] = 1u; /* the same for stimulation, which is not supported */
+    answer->data[5] = ARS_XCP_TIMESTAMP_MODE;
     put_word(&answer->data[6], 1u); /* tick in each unit */
     answer->length = 8u;
     return (uint8_t)DONE;
 }
 
 /* Its name is uploaded from the transfer address. */
-static uint8_t on_get_daq_event_info({{ T }})
+static uint8_t on_get_daq_event_info(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     if (word_at(&in->data[2]) != 0u) {
         return (uint8_t)ERR_OUT_OF_RANGE;
@@ -863,15 +859,15 @@ static uint8_t on_get_daq_event_info({{ T }})
     self->space = (uint8_t)SPACE_EVENT;
     self->address = 0u;
     answer->data[1] = (uint8_t)EVENT_DAQ | (uint8_t)EVENT_CONSISTENT;
-    answer->data[2] = (uint8_t){{ P }}_XCP_DAQ_MAX;
+    answer->data[2] = (uint8_t)ARS_XCP_DAQ_MAX;
     answer->data[3] = (uint8_t)(sizeof event_name - 1u);
-    answer->data[4] = {{ xcp.event_cycle }}u; /* {{ xcp.event_text }} */
-    answer->data[5] = {{ xcp.event_unit }}u;
+    answer->data[4] = ARS_XCP_EVENT_CYCLE;
+    answer->data[5] = ARS_XCP_EVENT_UNIT;
     answer->length = 7u; /* priority 0 */
     return (uint8_t)DONE;
 }
 
-static uint8_t on_get_daq_clock({{ T }})
+static uint8_t on_get_daq_clock(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     (void)in;
     put_dword(&answer->data[4], self->clock);
@@ -879,15 +875,15 @@ static uint8_t on_get_daq_clock({{ T }})
     return (uint8_t)DONE;
 }
 
-/* The packets of a list as they are now; returns how many. */
-static uint8_t sample(const {{ p }}_xcp_t *self, const {{ p }}_xcp_daq_t *daq, {{ p }}_xcp_packet_t *packets)
+/* Sample the packets of a list. Returns their number. */
+static uint8_t sample(const ars_xcp_t *self, const ars_xcp_daq_t *daq, ars_xcp_packet_t *packets)
 {
     uint8_t k;
     uint8_t n;
 
     for (k = 0u; k < daq->count; k++) {
-        const {{ p }}_xcp_odt_t *const odt = &self->odts[daq->first + k];
-        {{ p }}_xcp_packet_t *const packet = &packets[k];
+        const ars_xcp_odt_t *const odt = &self->odts[daq->first + k];
+        ars_xcp_packet_t *const packet = &packets[k];
 
         packet->data[0] = (uint8_t)(daq->first + k);
         packet->length = 1u;
@@ -903,14 +899,14 @@ static uint8_t sample(const {{ p }}_xcp_t *self, const {{ p }}_xcp_daq_t *daq, {
     return daq->count;
 }
 
-uint8_t {{ p }}_xcp_event({{ p }}_xcp_t *self, {{ p }}_xcp_packet_t packets[{{ P }}_XCP_ODT_MAX])
+uint8_t ars_xcp_event(ars_xcp_t *self, ars_xcp_packet_t packets[ARS_XCP_ODT_MAX])
 {
     uint8_t count = 0u;
     uint8_t k;
 
-    self->clock += ticks_of_a_run;
+    self->clock += ARS_XCP_TICKS_PER_RUN;
     for (k = 0u; k < self->daq_count; k++) {
-        {{ p }}_xcp_daq_t *const daq = &self->daqs[k];
+        ars_xcp_daq_t *const daq = &self->daqs[k];
 
         if (daq->running && (daq->waiting == 0u)) {
             count = (uint8_t)(count + sample(self, daq, &packets[count]));
@@ -927,9 +923,9 @@ uint8_t {{ p }}_xcp_event({{ p }}_xcp_t *self, {{ p }}_xcp_packet_t packets[{{ P
 
 typedef struct {
     uint8_t code;
-    uint8_t length; /* bytes that it needs */
-    /* in: zeros behind its length. answer: a positive one, without data so far and zeros behind. Returns an error, or DONE. */
-    uint8_t (*run)({{ T }});
+    uint8_t length; /* smallest number of bytes */
+    /* in: zero beyond its length. answer: positive, without data, zero beyond its length. Returns an error or DONE. */
+    uint8_t (*run)(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer);
 } command_t;
 
 static const command_t commands[] = {
@@ -966,7 +962,7 @@ static const command_t commands[] = {
     { 0xD3u, 6u, on_alloc_odt_entry }
 };
 
-static uint8_t run({{ p }}_xcp_t *self, const {{ p }}_xcp_packet_t *in, {{ p }}_xcp_packet_t *answer)
+static uint8_t run(ars_xcp_t *self, const ars_xcp_packet_t *in, ars_xcp_packet_t *answer)
 {
     uint8_t result = (uint8_t)ERR_CMD_UNKNOWN;
     size_t k;
@@ -979,17 +975,17 @@ static uint8_t run({{ p }}_xcp_t *self, const {{ p }}_xcp_packet_t *in, {{ p }}_
     return result;
 }
 
-bool {{ p }}_xcp_command({{ p }}_xcp_t *self, const uint8_t *in, uint8_t length, {{ p }}_xcp_packet_t *answer)
+bool ars_xcp_command(ars_xcp_t *self, const uint8_t *in, uint8_t length, ars_xcp_packet_t *answer)
 {
     const bool was_connected = self->connected;
     uint8_t result = (uint8_t)ERR_CMD_SYNTAX;
-    {{ p }}_xcp_packet_t packet;
+    ars_xcp_packet_t packet;
 
     (void)memset(&packet, 0, sizeof packet);
     (void)memset(answer, 0, sizeof *answer);
     answer->data[0] = (uint8_t)POSITIVE;
     answer->length = 1u;
-    if ((length > 0u) && (length <= (uint8_t){{ P }}_XCP_LENGTH_MAX)) {
+    if ((length > 0u) && (length <= (uint8_t)ARS_XCP_LENGTH_MAX)) {
         (void)memcpy(packet.data, in, length);
         packet.length = length;
         if (was_connected || (packet.data[0] == (uint8_t)CMD_CONNECT)) {
@@ -1005,12 +1001,12 @@ bool {{ p }}_xcp_command({{ p }}_xcp_t *self, const uint8_t *in, uint8_t length,
     return was_connected || self->connected;
 }
 
-void {{ p }}_xcp_init({{ p }}_xcp_t *self, const {{ p }}_xcp_setup_t *setup)
+void ars_xcp_init(ars_xcp_t *self, const ars_xcp_setup_t *setup)
 {
     (void)memset(self, 0, sizeof *self);
     self->setup = *setup;
-    self->ecu_page = (uint8_t){{ P }}_XCP_PAGE_WORKING;
-    self->master_page = (uint8_t){{ P }}_XCP_PAGE_WORKING;
+    self->ecu_page = (uint8_t)ARS_XCP_PAGE_WORKING;
+    self->master_page = (uint8_t)ARS_XCP_PAGE_WORKING;
     (void)memcpy(setup->reference, setup->calibration, setup->calibration_size);
     (void)memcpy(setup->working, setup->calibration, setup->calibration_size);
 }

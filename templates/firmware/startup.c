@@ -1,11 +1,11 @@
-{% import "firmware/_macros.j2" as m -%}
-{% call m.banner(firmware, "From reset to main(), and what went wrong on the way. Any Cortex-M4F.") %}
-The program runs on a stack of its own (PSP) at the lower end of the RAM. Its last bytes are closed by the memory protection unit,
-where the chip has one: an overflow is a fault and destroys nothing. Exceptions have another stack (MSP), so that it can still be
-reported.
-
-Registers: ARMv7-M Architecture Reference Manual, B3.2 and B3.5.
-{% endcall %}
+/*
+ * Startup code and fault handlers for any Cortex-M4F.
+ *
+ * The program runs on its own stack (PSP) at the lower end of the RAM. The memory protection unit, where present, closes the last bytes
+ * of it: an overflow is a fault and overwrites nothing. Exceptions use another stack (MSP), so that the fault can be reported.
+ *
+ * Registers: ARMv7-M Architecture Reference Manual, B3.2 and B3.5.
+ */
 #include "startup.h"
 
 #include "board.h"
@@ -23,12 +23,12 @@ Registers: ARMv7-M Architecture Reference Manual, B3.2 and B3.5.
 
 enum {
     CCR_DIVIDE_BY_ZERO_TRAP = 1 << 4,
-    SHCSR_FAULTS_ON = 7 << 16, /* memory, bus and usage faults by their own names */
+    SHCSR_FAULTS_ON = 7 << 16, /* separate memory, bus and usage faults */
     MPU_TYPE_REGIONS = 0xFF << 8,
     MPU_CTRL_ON_WITH_DEFAULT_MAP = 5,
     MPU_RBAR_REGION_0 = 1 << 4,
     MPU_RASR_256_BYTES_CLOSED = (1 << 28) | (7 << 1) | 1, /* no access, no execution */
-    FRAME_PC = 6, /* word of the program counter in what an exception saves */
+    FRAME_PC = 6, /* index of the program counter in an exception frame */
     FRAME_BYTES = 32,
     GUARD_WORDS = 64, /* the closed 256 bytes */
     THREAD_STACK_WORDS = GUARD_WORDS + 1024,
@@ -36,12 +36,12 @@ enum {
     EXIT_FAULT = 2
 };
 
-/* The linker script puts the first one where the RAM begins. Alignment: of the closed bytes their size; else eight, by the
- * procedure call standard (AAPCS 6.2.1.2). */
+/* The linker script places thread_stack at the start of the RAM. Its alignment is the size of the closed bytes; that of the other stack
+ * is eight bytes, by the procedure call standard (AAPCS 6.2.1.2). */
 __attribute__((aligned(256), section(".bss.thread_stack"), used)) static uint32_t thread_stack[THREAD_STACK_WORDS];
 __attribute__((aligned(8))) static uint32_t handler_stack[HANDLER_STACK_WORDS];
 
-/* Of the linker script. */
+/* Symbols of the linker script. */
 extern uint32_t data_start[];
 extern uint32_t data_end[];
 extern const uint32_t data_load[];
@@ -54,7 +54,7 @@ void fault_handler(void);
 __attribute__((noreturn)) void start(void);
 __attribute__((noreturn)) void report_fault(const uint32_t *frame);
 
-/* B1.5.3. Interrupts of a chip follow after the last entry. */
+/* Vector table, B1.5.3. The interrupts of a chip follow the last entry. */
 typedef struct {
     uint32_t *stack;
     void (*handler[15])(void);
@@ -83,8 +83,8 @@ __attribute__((section(".vectors"), used)) const vector_table_t vector_table = {
     }
 };
 
-/* First the FPU, before the compiler may use it: full access to coprocessors 10 and 11 (CPACR). Its reset state rounds to nearest
- * and keeps subnormal numbers, as the reference does. Then the thread's stack: painted, to see later how deep it was used. */
+/* Enable the FPU before the compiler can use it: full access to coprocessors 10 and 11 (CPACR). Its reset state rounds to nearest and
+ * keeps subnormal numbers, as the reference does. Then fill the thread's stack with a pattern, to measure its use, and switch to it. */
 __attribute__((naked, noreturn)) void reset_handler(void)
 {
     __asm volatile(
@@ -137,7 +137,7 @@ void start(void)
     board_end("main returned\n", EXIT_FAULT);
 }
 
-/* On which stack the exception saved its frame stands in bit 2 of the link register (B1.5.8). */
+/* Bit 2 of the link register selects the stack with the exception frame (B1.5.8). */
 __attribute__((naked)) void fault_handler(void)
 {
     __asm volatile(
@@ -148,7 +148,7 @@ __attribute__((naked)) void fault_handler(void)
         "b report_fault\n");
 }
 
-/* Whether a frame lies between the two. */
+/* Return whether an exception frame is inside a stack. */
 static bool is_inside(const uint32_t *frame, const uint32_t *bottom, const uint32_t *top)
 {
     return ((uintptr_t)frame >= (uintptr_t)bottom) && (((uintptr_t)frame + (uintptr_t)FRAME_BYTES) <= (uintptr_t)top);

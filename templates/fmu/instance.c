@@ -10,12 +10,12 @@
 
 enum { TEXT_SIZE = 256 };
 
-/* Simulators add up steps, or multiply, and both round: this share of a step is no difference. */
+/* Tolerance of times, as a fraction of a step, for rounding in the simulator. */
 static const double time_tolerance = 1e-3;
 
-static const double steps_max = 1e15; /* counts up to here are exact */
+static const double steps_max = 1e15; /* larger counts are not exact in a double */
 
-const char instance_token[] = "{{ token }}";
+const char instance_token[] = FMU_TOKEN;
 
 void instance_init(instance_t *self, report_t report, void *receiver)
 {
@@ -105,7 +105,7 @@ static double read_value(const model_t *model, const variable_t *variable)
     return value;
 }
 
-/* value is in the range of the variable. */
+/* value must be in the range of the variable. */
 static void write_value(model_t *model, const variable_t *variable, double value)
 {
     void *place = (char *)model + variable->offset;
@@ -131,7 +131,7 @@ static void write_value(model_t *model, const variable_t *variable, double value
     }
 }
 
-/* Null after telling why. */
+/* Find a variable. Returns null after reporting an error. */
 static const variable_t *find(const instance_t *self, uint32_t reference, variable_type_t type)
 {
     if (reference >= (uint32_t)VARIABLES) {
@@ -212,7 +212,7 @@ static bool is_changed(const model_t *model, const model_t *built, const variabl
     return (variable->role == ROLE_TUNABLE) && ((value > start) || (value < start));
 }
 
-/* The model with one parameter from another. */
+/* Return whether the model is ready with one parameter changed to value. */
 static bool is_ready_with(const model_t *model, const variable_t *variable, double value)
 {
     model_t tried = *model;
@@ -221,8 +221,8 @@ static bool is_ready_with(const model_t *model, const variable_t *variable, doub
     return model_is_ready(&tried);
 }
 
-/* The parameter that is to blame for a set that is not valid: the one that makes it valid where its value at build is put
- * back, else the first that on its own is not valid, else the first that was changed. Null where none was changed. */
+/* Find the parameter that makes a set invalid: the one whose value at build would make the set valid; otherwise the first one that is
+ * invalid on its own; otherwise the first changed one. Null if none was changed. */
 static const variable_t *culprit(const model_t *model, const model_t *built)
 {
     const variable_t *first = NULL;
@@ -301,7 +301,7 @@ static bool is_finite(const model_t *model)
     return finite;
 }
 
-/* The steps of the model in a communication step; 0 after telling why. */
+/* Number of model steps in a communication step; 0 after reporting an error. */
 static uint64_t steps_in(const instance_t *self, double time, double size)
 {
     const double reached = instance_time(self);
@@ -354,11 +354,11 @@ bool instance_step(instance_t *self, double time, double size)
 typedef struct {
     char token[sizeof(instance_token)];
     uint64_t size;
-    double one; /* another number on a machine with other doubles */
+    double one; /* differs on a machine with another format of doubles */
     uint64_t checksum;
 } header_t;
 
-/* FNV-1a, 64 bits: finds what was damaged, and is no protection against intent. */
+/* FNV-1a, 64 bits. It detects damage; it does not protect against manipulation. */
 static uint64_t checksum_of(const void *bytes, size_t size)
 {
     const unsigned char *byte = bytes;

@@ -1,8 +1,8 @@
 /*
- * Drives a fuzz harness with a fixed number of inputs: changed copies of its seeds, and of those that reached something new.
+ * Run a fuzz harness with a fixed number of inputs: mutations of its seeds and of inputs that reached new edges.
  *
- * Arguments: the file of seeds (each four bytes of length, then so many), how many inputs, and where the random numbers start.
- * The same arguments give the same inputs. Prints inputs, corpus and edges.
+ * Arguments: file of seeds (each with its length in four bytes), number of inputs, seed of the random numbers.
+ * The same arguments give the same inputs. Prints the numbers of inputs, of the corpus and of edges.
  */
 #include <signal.h>
 #include <stdint.h>
@@ -25,7 +25,7 @@ static uint32_t corpus_size;
 static uint64_t random_state;
 static unsigned long input_number;
 
-/* How often each edge was passed in this input, which edges that were, and how often they ever were, in powers of two. */
+/* Passes of each edge in this input, the list of these edges, and the most passes so far, in powers of two. */
 static uint8_t counts[EDGES];
 static uint16_t touched[EDGES];
 static uint32_t touched_size;
@@ -34,7 +34,7 @@ static uint32_t edges;
 
 void __sanitizer_cov_trace_pc(void)
 {
-    /* Relative, for the program lies elsewhere in each run. */
+    /* Relative, because the program is loaded at another address in each run. */
     const uintptr_t place = (uintptr_t)__builtin_return_address(0) - (uintptr_t)&LLVMFuzzerTestOneInput;
     const uint32_t edge = (uint32_t)(((uint64_t)place * 0x9E3779B97F4A7C15u) >> 48u);
 
@@ -71,10 +71,10 @@ static void keep(const uint8_t *data, size_t size)
     }
 }
 
-/* Whether an edge was passed for the first time, or more often than ever. */
+/* Run an input. Returns whether an edge was passed for the first time, or more often than before. */
 static int run(const uint8_t *data, size_t size)
 {
-    /* In memory of its own size. */
+    /* A separate allocation, so that sanitizers detect accesses beyond the input. */
     uint8_t *const copy = malloc((size > 0u) ? size : 1u);
     int news = 0;
     uint32_t k;
@@ -124,7 +124,7 @@ static size_t spliced(uint8_t *data, size_t size)
 
 static size_t changed(uint8_t *data, size_t size)
 {
-    /* Floating-point numbers of interest as they lie in memory: quiet and signalling NaN, infinity, the smallest, the largest. */
+    /* Special numbers: quiet and signalling NaN, infinity, the smallest and the largest. */
     static const uint32_t special[] = { 0x7FC00000u, 0x7F800001u, 0x7F800000u, 0xFF800000u, 0x00000001u, 0x7F7FFFFFu, 0x80000000u, 0u };
     static const uint8_t bytes[] = { 0x00u, 0x01u, 0x7Fu, 0x80u, 0xFFu };
     size_t result = size;
@@ -154,12 +154,12 @@ static size_t changed(uint8_t *data, size_t size)
             memcpy(&data[at], &special[below(sizeof(special) / sizeof(special[0]))], 4u);
         }
         break;
-    case 6u: /* bytes taken out */
+    case 6u: /* remove bytes */
         length = 1u + below((uint32_t)(size - at));
         memmove(&data[at], &data[at + length], size - at - length);
         result = size - length;
         break;
-    case 7u: /* bytes more, of what stands there */
+    case 7u: /* duplicate bytes */
         length = 1u + below(16u);
         if ((size + length) <= INPUT_BYTES_MAX) {
             memmove(&data[at + length], &data[at], size - at);
@@ -191,7 +191,7 @@ static void read_seeds(const char *path)
     (void)fclose(file);
 }
 
-static void tell(int number)
+static void report_abort(int number)
 {
     (void)number;
     (void)fprintf(stderr, "at input %lu\n", input_number);
@@ -207,7 +207,7 @@ int main(int count, char **arguments)
     if (count != 4) {
         return 2;
     }
-    (void)signal(SIGABRT, tell);
+    (void)signal(SIGABRT, report_abort);
     inputs = strtoul(arguments[2], NULL, 10);
     random_state = strtoull(arguments[3], NULL, 10) + 1u;
     read_seeds(arguments[1]);

@@ -1,5 +1,5 @@
 /*
- * FMI 3.0, co-simulation: the functions of the standard over instance.h. Those that ask for what this FMU does not have are in
+ * FMI 3.0, co-simulation: the functions of the standard, based on instance.h. Functions of unsupported features are in
  * fmi3_unsupported.c.
  */
 #include <stdlib.h>
@@ -17,7 +17,7 @@ typedef struct {
     bool logging;
 } component_t;
 
-/* The standard keeps an FMU silent where logging is off. */
+/* The standard allows no messages while logging is off. */
 static void report(void *receiver, const char *text)
 {
     const component_t *component = receiver;
@@ -46,7 +46,7 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-/* Why there can be no instance; null where there can. */
+/* Reason why an instance cannot be made, or null. */
 static const char *obstacle(fmi3String name, fmi3String token, bool event_mode, size_t intermediate)
 {
     const char *text = NULL;
@@ -157,42 +157,49 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 }
 
 /* ---- variables ---- */
-{% for type in types %}
-fmi3Status fmi3Get{{ type.name }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3{{ type.name }} values[],
-    size_t nValues)
-{
-    component_t *component = instance;
-    bool good = (component != NULL)
-        && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);
-    size_t k;
 
-    for (k = 0u; good && (k < nValues); k++) {
-        double got;
-
-        good = instance_get(&component->instance, valueReferences[k], {{ type.of }}, &got);
-        if (good) {
-            values[k] = {{ type.got }};
-        }
+/* Define fmi3Get<Name> and fmi3Set<Name>. TYPE: of the variables; AS_DOUBLE: values[k] as a double; AS_VALUE: number as that type. */
+#define DEFINE_ACCESS(NAME, TYPE, AS_DOUBLE, AS_VALUE)                                                                        \
+    fmi3Status fmi3Get##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3##NAME values[],      \
+        size_t nValues)                                                                                                       \
+    {                                                                                                                         \
+        component_t *component = instance;                                                                                    \
+        bool good = (component != NULL)                                                                                       \
+            && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);                \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nValues); k++) {                                                                            \
+            double number;                                                                                                    \
+                                                                                                                              \
+            good = instance_get(&component->instance, valueReferences[k], TYPE, &number);                                     \
+            if (good) {                                                                                                       \
+                values[k] = AS_VALUE;                                                                                         \
+            }                                                                                                                 \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
+    }                                                                                                                         \
+                                                                                                                              \
+    fmi3Status fmi3Set##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,                           \
+        const fmi3##NAME values[], size_t nValues)                                                                            \
+    {                                                                                                                         \
+        component_t *component = instance;                                                                                    \
+        bool good = (component != NULL)                                                                                       \
+            && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);                \
+        size_t k;                                                                                                             \
+                                                                                                                              \
+        for (k = 0u; good && (k < nValues); k++) {                                                                            \
+            good = instance_set(&component->instance, valueReferences[k], TYPE, AS_DOUBLE);                                   \
+        }                                                                                                                     \
+        return status_of(good);                                                                                               \
     }
-    return status_of(good);
-}
 
-fmi3Status fmi3Set{{ type.name }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-    const fmi3{{ type.name }} values[], size_t nValues)
-{
-    component_t *component = instance;
-    bool good = (component != NULL)
-        && instance_check_lists(&component->instance, valueReferences, nValueReferences, values, nValues);
-    size_t k;
+DEFINE_ACCESS(Float64, TYPE_REAL, values[k], number)
+DEFINE_ACCESS(Int32, TYPE_INTEGER, (double)values[k], (fmi3Int32)number)
+DEFINE_ACCESS(Int64, TYPE_ENUMERATION, (double)values[k], (fmi3Int64)number)
+DEFINE_ACCESS(Boolean, TYPE_BOOLEAN, values[k] ? 1.0 : 0.0, (number > 0.0))
 
-    for (k = 0u; good && (k < nValues); k++) {
-        good = instance_set(&component->instance, valueReferences[k], {{ type.of }}, {{ type.value }});
-    }
-    return status_of(good);
-}
-{% endfor %}
 /* ---- time ---- */
 
 fmi3Status fmi3DoStep(

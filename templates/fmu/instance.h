@@ -1,6 +1,6 @@
 /*
- * One instance of the model as a simulator sees it: its variables, its time, and what may be called when. Both versions of FMI
- * stand on it. Every function returns true, or false after telling why.
+ * One instance of the model: its variables, its time, and the permitted order of calls. Both versions of FMI use it. A function that
+ * returns bool returns true on success; on failure it reports the reason and returns false.
  */
 #ifndef INSTANCE_H
 #define INSTANCE_H
@@ -14,7 +14,7 @@
 
 typedef enum { PHASE_INSTANTIATED, PHASE_INITIALIZATION, PHASE_STEPPING, PHASE_TERMINATED } phase_t;
 
-/* All that a simulation depends on: what is saved and restored. */
+/* Complete state of a simulation, for saving and restoring. */
 typedef struct {
     phase_t phase;
     bool stop_time_defined;
@@ -27,40 +27,46 @@ typedef struct {
 typedef void (*report_t)(void *receiver, const char *text);
 
 typedef struct {
-    snapshot_t now;
+    snapshot_t now; /* present state */
     bool outputs_are_current;
     report_t report; /* never null */
     void *receiver;
 } instance_t;
 
-/* Of the content of this FMU. */
+/* Identifies the content of this FMU. */
 extern const char instance_token[];
 
+/* Initialise an instance. report is called with receiver and the text of each error. */
 void instance_init(instance_t *self, report_t report, void *receiver);
+
+/* Return to the state before the initialization, with the start values of all variables. */
 void instance_reset(instance_t *self);
 
-/* Tell the simulator something; as printf. Returns false. */
+/* Report an error to the simulator; arguments as for printf(). Returns false. */
 bool instance_refuse(const instance_t *self, const char *format, ...);
 
+/* Set start and stop time, in s. Possible only before the initialization. */
 bool instance_set_times(instance_t *self, double start_time, bool stop_time_defined, double stop_time);
+
+/* Change the phase of the simulation. The end of the initialization also checks the parameters. */
 bool instance_enter_initialization(instance_t *self);
 bool instance_exit_initialization(instance_t *self);
 bool instance_terminate(instance_t *self);
 
-/* Whether a list of value references and one of values can be read. */
+/* Check that lists of value references and of values have the same length and are not null. */
 bool instance_check_lists(const instance_t *self, const void *references, size_t count, const void *values, size_t value_count);
 
-/* One variable by its value reference; type must be its own. Every value of every type is exact in a double. */
+/* Get and set one variable by its value reference; type must be that of the variable. A double represents all values of all types. */
 bool instance_get(instance_t *self, uint32_t reference, variable_type_t type, double *value);
 bool instance_set(instance_t *self, uint32_t reference, variable_type_t type, double value);
 
-/* From time, which must be the one that was reached, to time + size. Where it fails, nothing has moved. */
+/* Simulate from time, which must be the present time, to time + size, in s. After a failure the state is unchanged. */
 bool instance_step(instance_t *self, double time, double size);
 
-/* s, as reached */
+/* Return the present time, in s. */
 double instance_time(const instance_t *self);
 
-/* A snapshot as bytes, for another instance of the same FMU on the same kind of machine. */
+/* Convert a snapshot to bytes and back, for another instance of the same FMU on the same kind of machine. */
 size_t instance_serialized_size(void);
 bool instance_serialize(const instance_t *self, const snapshot_t *snapshot, void *bytes, size_t size);
 bool instance_deserialize(const instance_t *self, const void *bytes, size_t size, snapshot_t *snapshot);

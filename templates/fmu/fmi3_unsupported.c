@@ -1,5 +1,5 @@
 /*
- * FMI 3.0: the functions that the standard wants to be there and that ask for what this FMU does not have. See fmi3.c.
+ * FMI 3.0: functions that the standard requires for features that this FMU does not support. See fmi3.c.
  */
 #include "fmi3Functions.h"
 #include "instance.h"
@@ -13,7 +13,7 @@ static fmi3Status unsupported(const instance_t *instance, const char *text)
     return fmi3Error;
 }
 
-/* Nothing to get or set is done without an error, whatever the type. */
+/* An empty list is no error, whatever the type. */
 static fmi3Status no_such_variable(const instance_t *instance, size_t count)
 {
     return ((instance != NULL) && (count == 0u)) ? fmi3OK : unsupported(instance, "no variable is of this type");
@@ -21,27 +21,37 @@ static fmi3Status no_such_variable(const instance_t *instance, size_t count)
 
 /* ---- variables of types that no variable here has ---- */
 
-{% for type in absent_types %}
-fmi3Status fmi3Get{{ type }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3{{ type }} values[],
-    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_such_variable(instance, nValueReferences);
-}
+/* Define fmi3Get<Name> and fmi3Set<Name> for a type of the standard that no variable has. */
+#define DEFINE_ABSENT(NAME)                                                                                                   \
+    fmi3Status fmi3Get##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3##NAME values[],      \
+        size_t nValues)                                                                                                       \
+    {                                                                                                                         \
+        (void)valueReferences;                                                                                                \
+        (void)values;                                                                                                         \
+        (void)nValues;                                                                                                        \
+        return no_such_variable(instance, nValueReferences);                                                                  \
+    }                                                                                                                         \
+                                                                                                                              \
+    fmi3Status fmi3Set##NAME(                                                                                                 \
+        fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,                           \
+        const fmi3##NAME values[], size_t nValues)                                                                            \
+    {                                                                                                                         \
+        (void)valueReferences;                                                                                                \
+        (void)values;                                                                                                         \
+        (void)nValues;                                                                                                        \
+        return no_such_variable(instance, nValueReferences);                                                                  \
+    }
 
-fmi3Status fmi3Set{{ type }}(
-    fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, const fmi3{{ type }} values[],
-    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_such_variable(instance, nValueReferences);
-}
-{% endfor %}
+DEFINE_ABSENT(Float32)
+DEFINE_ABSENT(Int8)
+DEFINE_ABSENT(UInt8)
+DEFINE_ABSENT(Int16)
+DEFINE_ABSENT(UInt16)
+DEFINE_ABSENT(UInt32)
+DEFINE_ABSENT(UInt64)
+DEFINE_ABSENT(String)
+
 fmi3Status fmi3GetBinary(
     fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences, size_t valueSizes[],
     fmi3Binary values[], size_t nValues)
