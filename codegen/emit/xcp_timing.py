@@ -45,7 +45,9 @@ class XcpTiming:
     @property
     def event_text(self) -> str:
         """The unit of the event's period."""
-        return f"in units of {UNITS[self.event_unit]}" if self.event_cycle else "0, because no whole number of any unit fits a byte"
+        if not self.event_cycle:
+            return "0, because no whole number of any unit fits a byte"
+        return f"in units of {UNITS[self.event_unit]}"
 
 
 def xcp_timing(config: Config) -> XcpTiming:

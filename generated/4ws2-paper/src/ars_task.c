@@ -244,9 +244,9 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
     const ars_parameters_t *parameters = self->parameters;
     const float command = self->controller.rear_angle;
     const float lagged_angle = self->expected_angle + (parameters->actuator_share * (command - self->expected_angle));
-    const float rear_angle_max = parameters->inputs.rear_angle_max;
+    const float plausible_angle_max = parameters->inputs.rear_angle_max;
     /* NaN is replaced by the command: it would persist in the filter. */
-    const float expected = (magnitude(lagged_angle) <= rear_angle_max) ? lagged_angle : command;
+    const float expected = (magnitude(lagged_angle) <= plausible_angle_max) ? lagged_angle : command;
     const float remaining_angle = magnitude(command - expected);
     const float tolerance = parameters->actuator_error_max + (remaining_angle + remaining_angle);
     const float angle_error = magnitude(self->conditions.rear_angle - expected);
@@ -271,11 +271,11 @@ ARS_SECTION_CODE static uint32_t check_actuator(ars_task_t *self, bool is_good)
 ARS_SECTION_CODE static void start(ars_task_t *self)
 {
     const float rear_angle = self->conditions.rear_angle;
-    const float rear_angle_max = self->parameters->inputs.rear_angle_max;
+    const float plausible_angle_max = self->parameters->inputs.rear_angle_max;
 
-    if (magnitude(rear_angle) <= rear_angle_max) {
+    if (magnitude(rear_angle) <= plausible_angle_max) {
         self->started = true;
-    } else if (magnitude(rear_angle) > rear_angle_max) {
+    } else if (magnitude(rear_angle) > plausible_angle_max) {
         self->samples_without_angle = 0u;
     } else {
         self->samples_without_angle++;
