@@ -27,8 +27,9 @@ from codegen.configuration import Config, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
+from codegen.map_file.bounds import Binding
 from codegen.map_file.road import on_road
-from codegen.map_file.tables import KEYS, UNITS, AnyArray, Binding, BindingArray, BoolArray, FloatArray
+from codegen.map_file.tables import KEYS, UNITS, AnyArray, BindingArray, BoolArray, FloatArray
 
 __all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
 

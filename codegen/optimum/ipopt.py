@@ -18,7 +18,8 @@ import numpy as np
 from codegen.configuration import KM_H, Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
-from codegen.optimum.exact import Solution, flags
+from codegen.map_file.bounds import TurnQuantities
+from codegen.optimum.exact import Solution, binding
 from codegen.optimum.ipopt_turns import turn_expressions
 from codegen.optimum.problem import FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import TyreModel
@@ -128,12 +129,13 @@ def solve(
             if progress is not None:
                 progress((i + 1) * front_angle.size, speed.size * front_angle.size)
     sideslip, yaw_rate, rear_angle = (result[..., k] for k in range(3))
+    turn = TurnQuantities(speed[:, np.newaxis], front_angle, yaw_rate, sideslip, slips[..., 0], slips[..., 1], rear_angle)
     return Solution(
         yaw_rate=yaw_rate,
         sideslip=sideslip,
         rear_angle=rear_angle,
         feasible=np.isfinite(yaw_rate),
-        active=flags(problem, speed[:, np.newaxis] * yaw_rate, sideslip, (slips[..., 0], slips[..., 1]), rear_angle),
+        active=binding(problem, turn),
         margin=np.full(shape, np.nan),
     )
 

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.map_file.bounds import BOUNDS, TurnQuantities
 from codegen.optimum.problem import STABILITY_MARGIN, FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, WHEEL_SPEED_MIN, TyreModel, single_track, two_track
 
@@ -52,12 +53,9 @@ def turn_expressions(
         rates[0] * car.mass * speed / (car.front_stiffness * problem.front_slip_max),
         rates[1] * car.yaw_inertia / (car.front_arm * car.front_stiffness * problem.front_slip_max),
     )
-    used = ca.vertcat(
-        speed * yaw_rate / problem.lateral_acceleration_max,
-        slips[0] / problem.front_slip_max,
-        slips[1] / problem.rear_slip_max,
-        *further,
-    )
+    turn = TurnQuantities(speed, front, yaw_rate, beta, *slips, rear)
+    limits = [(bound, problem.limit_of(bound)) for bound in BOUNDS if not bound.is_variable]
+    used = ca.vertcat(*(bound.value(turn) / limit for bound, limit in limits if math.isfinite(limit)), *further)
     objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
     return TurnExpressions(residual, used, ca.vertcat(*slips), objective, scale)
 

@@ -20,17 +20,17 @@ from typing import Self
 import numpy as np
 
 from codegen.configuration import Case, Config
+from codegen.map_file.bounds import TurnQuantities
 from codegen.optimum.brackets import shrink
-from codegen.optimum.exact import Edge, Solution, flags
+from codegen.optimum.exact import Edge, Solution, binding
 from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, joined, nowhere, placed, taken
 from codegen.optimum.nonlinear_car import SteadyCar
 from codegen.optimum.nonlinear_range import (
     END,
-    REAR_ANGLE,
+    GRIP,
+    REAR_BOUND,
     SAMPLES,
     SIDESLIP,
-    SLIP_FRONT,
-    SLIP_REAR,
     Curves,
     Points,
     Ranges,
@@ -107,14 +107,15 @@ class NonlinearTurns:
         points = Points(speed, front_angle)
         found = self._found(points)
         turns = found.turns
-        slips = (np.abs(turns.slip_front), np.abs(turns.slip_rear))
-        active = flags(self.problem, points.speed * turns.yaw_rate, turns.sideslip, slips, turns.rear_angle)
+        quantities = TurnQuantities(
+            points.speed, points.front_angle, turns.yaw_rate, turns.sideslip, *turns.slips, turns.rear_angle
+        )
         solution = Solution(
             yaw_rate=turns.yaw_rate,
             sideslip=turns.sideslip,
             rear_angle=turns.rear_angle,
             feasible=found.feasible,
-            active=active,
+            active=binding(self.problem, quantities),
             margin=found.margin,
         )
         return solution, found.grip_yaw_rate
@@ -207,7 +208,7 @@ class NonlinearTurns:
         low, high = self._at(found, between.low), self._at(found, between.high)
         margin = self._margin_of(between, low, high)
         feasible = margin >= 0.0
-        grip = np.isin(between.high_by, (SLIP_FRONT, SLIP_REAR, END))
+        grip = np.isin(between.high_by, (*GRIP, END))
         grip_yaw_rate = np.where(grip, between.high, np.nan)
         if self.problem.rear_angle_max > 0.0:
             best = self._best(found, np.flatnonzero(feasible), low, high)
@@ -220,7 +221,7 @@ class NonlinearTurns:
         """The turns of some operating points with the rear wheels straight: one of each, for their angle falls with r."""
         rear_angle = found.turns.rear_angle[:, cells]
         left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
-        rows = np.full(cells.shape, REAR_ANGLE)
+        rows = np.full(cells.shape, REAR_BOUND)
         return self._at(found, meetings(self.car, found, cells, rows, np.zeros(cells.shape), left), cells)
 
     def _best(self, found: Curves, cells: IndexArray, low: Turns, high: Turns) -> Turns:

@@ -35,6 +35,11 @@ class Turns:
         """(4, ...): slip_front, slip_rear, sideslip, rear_angle."""
         return np.stack([self.slip_front, self.slip_rear, self.sideslip, self.rear_angle])
 
+    @property
+    def slips(self) -> Slips:
+        """Slip angles of the front and of the rear axle."""
+        return self.slip_front, self.slip_rear
+
     def reshaped(self, shape: tuple[int, ...]) -> Turns:
         """The same turns in arrays of another shape."""
         parts = {name: getattr(self, name) for name in PARTS}

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, Case, Config
 from codegen.errors import ConfigError
+from codegen.map_file.bounds import BOUNDS, Bound, TurnQuantities
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 
@@ -68,12 +70,20 @@ class SteadyTurnProblem:
 
     @property
     def lateral_acceleration_cap(self) -> float:
-        """ay_cap in m/s^2: the largest steady lateral acceleration that the ay bound and both slip bounds allow."""
-        return min(
-            self.lateral_acceleration_max,
-            self.front_slip_max / self.car.front_slip_per_lateral_acceleration,
-            self.rear_slip_max / self.car.rear_slip_per_lateral_acceleration,
-        )
+        """ay_cap in m/s^2: the largest steady lateral acceleration that the grip bounds allow."""
+        unit = self.linear_turn(1.0, 0.0, 1.0, 0.0, 0.0)
+        return min(self.limit_of(bound) / abs(float(bound.value(unit))) for bound in BOUNDS if bound.is_grip)
+
+    def limit_of(self, bound: Bound) -> float:
+        """Return the limit of a bound, in its unit."""
+        return float(getattr(self, bound.limit))
+
+    def linear_turn(self, speed: Any, front_angle: Any, yaw_rate: Any, sideslip: Any, rear_angle: Any) -> TurnQuantities:
+        """Return the quantities of a steady turn with linear tyres, SI units; the slip angles follow from the others."""
+        lateral_acceleration = speed * yaw_rate
+        slip_front = -lateral_acceleration * self.car.front_slip_per_lateral_acceleration
+        slip_rear = -lateral_acceleration * self.car.rear_slip_per_lateral_acceleration
+        return TurnQuantities(speed, front_angle, yaw_rate, sideslip, slip_front, slip_rear, rear_angle)
 
 
 def breakpoints(config: Config) -> tuple[FloatArray, FloatArray]:
