@@ -65,13 +65,8 @@ class Axle:
 
 
 def curve(tyre: MagicFormulaTyre, slip: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """sin(C atan(X - E (X - atan X))), X = B slip, from -1 to 1, and its derivative by the slip angle (1/rad)."""
-    b, c, e = tyre.stiffness_factor, tyre.shape_factor, tyre.curvature_factor
-    x = b * slip
-    bent = x - e * (x - np.arctan(x))
-    angle = c * np.arctan(bent)
-    slope = np.cos(angle) * (b * c) * (1.0 - e + e / (1.0 + x * x)) / (1.0 + bent * bent)
-    return np.sin(angle), slope
+    """Return the value of the tyre's curve, from -1 to 1, and its derivative by the slip angle in 1/rad."""
+    return tyre.curve.value_and_slope(tyre, tyre.stiffness_factor * slip)
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def curve_argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
 
 def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
     """The formula's curve, from -1 to 1."""
-    return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
+    return tyre.curve.value(tyre, x, ca)
 
 
 def axle_curve(tyre: MagicFormulaTyre, x: Any, loss: float) -> Any:

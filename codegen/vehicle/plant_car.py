@@ -13,12 +13,13 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import Config
+from codegen.configuration import Config, Tyres
+from codegen.vehicle.curves import CURVES
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 FloatArray = npt.NDArray[np.float64]
 
-_TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name != "nominal_friction")
+_TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name not in ("nominal_friction", "curve"))
 """What the plant takes of a tyre: the nominal friction has gone into the stiffness factor."""
 
 
@@ -96,12 +97,14 @@ class PlantCar:
         )
 
     @classmethod
-    def from_symbols(cls, parameters: Any) -> PlantCar:
-        """The car whose quantities are the elements of a column of symbols, in the order of PLANT_PARAMETERS."""
+    def from_symbols(cls, parameters: Any, tyres: Tyres) -> PlantCar:
+        """Make a car of a column of symbols, in the order of PLANT_PARAMETERS, with the curves of `tyres`."""
         symbols = {name: parameters[index] for index, name in enumerate(PLANT_PARAMETERS)}
         front, rear = (
-            MagicFormulaTyre(**{name: symbols[f"{axle}_{name}"] for name in _TYRE}, nominal_friction=math.nan)
-            for axle in ("front", "rear")
+            MagicFormulaTyre(
+                **{name: symbols[f"{axle}_{name}"] for name in _TYRE}, nominal_friction=math.nan, curve=CURVES[tyre.curve]
+            )
+            for axle, tyre in (("front", tyres.front), ("rear", tyres.rear))
         )
         return cls(Chassis(**{name: symbols[name] for name in _CHASSIS}), front, rear)
 
