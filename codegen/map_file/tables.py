@@ -32,7 +32,7 @@ KEYS = (*UNITS, "friction", *(STACK_PREFIX + key for key in TABLES), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
 
 MAX_LAYERS = 32
-"""Far beyond what an ECU has room for; keeps a file from asking for a million configurations."""
+"""Limit on the layers of a file, far above what fits into an ECU."""
 FRICTION_STEP_MIN = 0.01
 """Between neighbouring frictions: the resolution of an estimate, and wide enough to interpolate over in single precision."""
 FRICTION_STEP_SLACK = 1e-9
@@ -195,7 +195,7 @@ def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity:
 
 
 def kind_of(array: AnyArray) -> str | None:
-    """What an array without real numbers holds, in a word; None for other kinds."""
+    """Return the kind of an array without real numbers; None for other kinds."""
     return KINDS.get(array.dtype.kind)
 
 

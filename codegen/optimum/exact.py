@@ -45,7 +45,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Edge:
-    """Where the feasible set of front angles ends at each speed; arrays (n,).
+    """Largest feasible front angle at each speed; arrays (n,).
 
     Attributes:
         front_angle: rad, the largest front angle with a feasible rear angle, on the continuous problem.
@@ -142,7 +142,7 @@ def binding(problem: SteadyTurnProblem, turn: TurnQuantities) -> npt.NDArray[np.
 
 
 def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
-    """Where feasibility ends over the front angle, for speeds (n,) in m/s.
+    """Find the largest feasible front angle for speeds (n,) in m/s.
 
     A lower and an upper bound on delta_r meet there: the smallest such meeting point over all pairs is the edge. It is found
     on the continuous problem, so that it moves smoothly with speed and does not jump from cell to cell.

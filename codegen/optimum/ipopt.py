@@ -1,8 +1,8 @@
-"""The steady-turn problem handed to IPOPT point by point: the reference that the other solutions are held against.
+"""Solve the steady-turn problem point by point with IPOPT: the reference for the other solvers.
 
-Nothing of `exact` or `nonlinear` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made
-from the CasADi models (see `ipopt_turns`); the solver is built once and warm-started along the grid. Where the objective is
-concave over the steady turns, it is started from both ends and the better result taken.
+The solver shares no equations with `exact` or `nonlinear`. The variables are (beta, r, delta_r); steady state is an equality
+constraint made from the CasADi models (see `ipopt_turns`). The solver is built once and warm-started along the grid. Where the
+objective is concave over the steady turns, it starts from both ends and keeps the better result.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class _Solvers:
     scale: FloatArray
     bounds: FloatArray
     shares: int
-    """How many bounds there are beside the box."""
+    """Number of bounds in addition to those on the variables."""
 
 
 def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) -> _Solvers:

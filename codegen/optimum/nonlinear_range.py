@@ -22,7 +22,7 @@ from codegen.configuration import KM_H
 from codegen.errors import MapError
 from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
 from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, placed
+from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, replace_turns
 from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar
 from codegen.optimum.problem import SteadyTurnProblem
 
@@ -39,13 +39,13 @@ ROUNDS_MAX = 40
 SAMPLE_TOLERANCE = 1e-7
 """rad: samples bracket and start, and are no result."""
 MEETING_TOLERANCE = 1e-13
-"""Of the yaw rate, relative, and of slip angles, in rad."""
+"""Tolerance of the yaw rate (relative) and of slip angles (rad)."""
 MEETING_ACCEPTED = 1e-11
 MEETING_STEPS = 12
 LIMIT_TOLERANCE = 1e-10
-"""Of the distance between two samples: the end of a curve."""
+"""Tolerance of the end of a curve, as a fraction of the sample distance."""
 SHORT_OF_BOUND = 1.0 - 1e-6
-"""Of the way from a sample to a slip bound: where rounding does not put the turn beyond it."""
+"""Fraction of the way from a sample to a slip bound, short enough that rounding does not exceed the bound."""
 BRACKET_TOLERANCE = 1e-13
 
 SIDESLIP, REAR_ANGLE = 2, 3
@@ -189,7 +189,7 @@ def _sampled(problem: SteadyTurnProblem, car: SteadyCar, points: Points, end: Fl
     turns = car.turns(speed, front_angle, (shares * end).ravel(), tolerance=SAMPLE_TOLERANCE)
     lost = np.flatnonzero(~turns.converged)
     if lost.size:
-        turns = placed(turns, lost, _out_of_reach(problem, car, Points(speed, front_angle)[lost], turns.yaw_rate[lost]))
+        turns = replace_turns(turns, lost, _out_of_reach(problem, car, Points(speed, front_angle)[lost], turns.yaw_rate[lost]))
     check(turns, Points(speed, front_angle))
     return Curves(points, turns.reshaped(shape))
 
@@ -226,7 +226,7 @@ def check(turns: Turns, points: Points) -> None:
 
 def _with(found: Curves, cells: IndexArray, others: Curves) -> Curves:
     """The curves with those of some operating points replaced."""
-    return Curves(found.points, placed(found.turns, cells, others.turns))
+    return Curves(found.points, replace_turns(found.turns, cells, others.turns))
 
 
 def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, lowest: FloatArray) -> Curves:
@@ -240,7 +240,7 @@ def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, l
     left_low, left_high = spare[last - 1, cells], spare[last, cells]
 
     def left(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
-        """What is left to the limit."""
+        """Return the distance to the stability limit."""
         here = cells[some]
         points = found.points[here]
         turns = car.turns(points.speed, points.front_angle, yaw_rate, found.between(here, yaw_rate))
@@ -300,7 +300,7 @@ def meetings(
     if rest.size:
 
         def above(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
-            """How far the row is above its value there."""
+            """Return the excess of the bounded values over their targets."""
             chosen = rest[some]
             turns = car.turns(
                 points.speed[chosen], points.front_angle[chosen], yaw_rate, found.between(cells[chosen], yaw_rate)
@@ -314,7 +314,7 @@ def meetings(
 
 
 def ranges(problem: SteadyTurnProblem, car: SteadyCar, found: Curves) -> Ranges:
-    """What all bounds leave of the curves. Raises MapError where a meeting is not found."""
+    """Return the feasible part of the curves. Raises MapError if a meeting is not found."""
     bound = limits(problem)[:, np.newaxis, np.newaxis]
     values = bounded(found.points, found.turns)
     low, low_by = _ends(car, found, values > bound, bound.ravel(), from_below=True)

@@ -4,7 +4,7 @@
     subject to              steady state, |beta| <= beta_max, |vx r| <= ay_max,
                             |alpha_f| <= alpha_f_max, |alpha_r| <= alpha_r_max, |delta_r| <= delta_r_max
 
-Both solvers (`exact`, `ipopt`) take this description; neither knows the other.
+The solvers (`exact`, `nonlinear`, `ipopt`) all solve this problem.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ are reached together up to rounding, so binding constraints are a set)."""
 
 
 CRITICAL_SPEED_SHARE = 0.98
-"""Of an oversteering car's critical speed, that a map may reach."""
+"""Largest speed of a map as a fraction of an oversteering car's critical speed."""
 
 STABILITY_MARGIN = 1.0 - CRITICAL_SPEED_SHARE**2
 """The same for a turn: the rear angle must fall with the yaw rate by at least this share of the neutral car's L/vx. With linear
@@ -38,8 +38,7 @@ tyres it falls by 1/G = (L/vx) (1 - (vx/critical speed)^2)."""
 
 
 PEAK_SHARE = 0.9
-"""Of the slip angle at which a tyre's force peaks, that a slip bound may reach with the nonlinear tyre: there is hardly more
-force beyond, and nothing that more steering could add."""
+"""Largest slip bound of the nonlinear tyre, as a fraction of the slip angle of peak force. More slip hardly adds force."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""The car as the two-track plant knows it: one set of quantities, as numbers of a configuration or as symbols.
-
-Every quantity that stays as it is while the car drives is here, in SI; what the plant makes of them is in `dynamics`.
-"""
+"""Constant quantities of the two-track plant's car in SI units, as numbers of a configuration or as symbols."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 FloatArray = npt.NDArray[np.float64]
 
 _TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name not in ("nominal_friction", "curve"))
-"""What the plant takes of a tyre: the nominal friction has gone into the stiffness factor."""
+"""Factors of a tyre that the plant uses; the stiffness factor already includes the nominal friction."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ class Chassis:
 _CHASSIS = tuple(field.name for field in fields(Chassis))
 
 PLANT_PARAMETERS = (*_CHASSIS, *(f"{axle}_{name}" for axle in ("front", "rear") for name in _TYRE))
-"""Names of what makes one car of the plant another, in order: those of `Chassis`, then `front_` and `rear_` with the factors of
+"""Names of the plant's parameters, in order: those of `Chassis`, then `front_` and `rear_` with the factors of
 `tyre.MagicFormulaTyre`. SI units."""
 
 
