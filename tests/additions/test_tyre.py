@@ -32,6 +32,7 @@ import numpy as np
 from codegen.configuration import parse, preset
 from codegen.emit.reference_model_view import tabulate
 from codegen.map_file.map import from_bytes, to_bytes
+from codegen.map_file.road import on_road
 from codegen.optimum.solve import solve_case
 from codegen.vehicle.plant_car import plant_parameters
 from codegen.vehicle.two_track import two_track, two_track_of_parameters
@@ -62,6 +63,9 @@ for tyre_model in ("linear", "magic-formula"):
     assert own.feasible.any() and (own.feasible == reference.feasible).all()
     assert np.nanmax(np.abs(own.yaw_rate - reference.yaw_rate)) < 1e-6
     assert from_bytes(to_bytes(own), "test").config.tyre.front.curve == "tanh"
+
+# Another road keeps the curve.
+assert on_road(config, 0.5).tyre.front.curve == "tanh"
 
 # The plant: its side force is that of four wheels with this curve, and the car of parameters is the same.
 states, inputs = np.zeros(7), np.array([20.0, 0.0, 0.0, config.road.friction, 0.0])
