@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -41,6 +41,8 @@ class Tyre(Section):
     nominal friction) or by the factor B itself.
     """
 
+    curve: ClassVar[str] = "magic-formula"
+    """Name in `vehicle.curves.CURVES`; with a second curve this becomes a key."""
     cornering_stiffness_n_per_rad: Annotated[float, Range(3_000.0, 2_000_000.0, "N/rad for one tyre")] | None = None
     stiffness_factor_b_per_rad: Annotated[float, Range(0.5, 100.0, "1/rad")] | None = None
     shape_factor_c: Annotated[float, Range(0.5, 2.5)] = 1.3

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from codegen.ecu_map.extend import extend
 from codegen.ecu_map.lookup import SteeringConstants, capped_rear_angle
 from codegen.ecu_map.placement_grip import grip_surfaces
 from codegen.ecu_map.total import CapSteering, Rule, TotalMap
+from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
 from codegen.map_file.tables import PLAUSIBLE
 from codegen.optimum import exact
@@ -266,7 +267,8 @@ def continued(
 ) -> Surface:
     """The optimum without the grip bounds, continued, of a map with breakpoints `speed` (n,) and `front_angle` (m,), and up to
     the first of them the plain rules, which are linear there."""
-    without_grip = replace(problem, lateral_acceleration_max=UNBOUNDED, front_slip_max=UNBOUNDED, rear_slip_max=UNBOUNDED)
+    grip_limits: dict[str, Any] = {bound.limit: UNBOUNDED for bound in BOUNDS if bound.is_grip}
+    without_grip = replace(problem, **grip_limits)
     ends_passively = passive_safe and problem.rear_angle_max > 0.0
     ending = replace(problem, rear_angle_max=0.0) if ends_passively else without_grip
     bounded = _PassivelySafe(LinearTurns(problem)) if ends_passively else LinearTurns(problem)

@@ -110,8 +110,7 @@ def _curve(tyre: MagicFormulaTyre, loss: float, cells: int, compression: float) 
 def _shape(tyre: MagicFormulaTyre, loss: float, places: FloatArray, compression: float) -> FloatArray:
     with np.errstate(divide="ignore"):
         x = compression * places / (1.0 - places)  # infinite at the end
-    straight = (1.0 - tyre.curvature_factor) * x if tyre.curvature_factor < 1.0 else 0.0
-    value = np.sin(tyre.shape_factor * np.arctan(straight + tyre.curvature_factor * np.arctan(x)))
+    value = tyre.curve.tabulated(tyre, x)
     result: FloatArray = 2.0 * value / (1.0 + np.sqrt(np.maximum(1.0 + 4.0 * loss * value * value, 0.0)))
     return result
 

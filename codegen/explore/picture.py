@@ -21,8 +21,8 @@ from codegen.ecu_map.lookup import Lookup
 from codegen.emit.laws import law_of
 from codegen.explore.controls import Step
 from codegen.explore.recalibrated import Calibration, Recalibrated
+from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import binding_text
 from codegen.plausibility.build import family_warnings
 from codegen.report.html import charts
 from codegen.report.map_plots import BINDING_COLOURS, OTHER_COLOURS

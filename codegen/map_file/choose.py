@@ -1,4 +1,4 @@
-"""Which configuration counts: the file that the user names, else the map's own, else the paper's preset."""
+"""Selection of the configuration: the given file, else the map's own, else the paper's preset."""
 
 from __future__ import annotations
 

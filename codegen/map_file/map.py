@@ -7,7 +7,7 @@ trusted: no pickle is read, no size believed, and what breaks the contract is re
 That map is for the friction of its configuration, `road.friction`. A stack adds maps of the same car for lower frictions on the
 same axes: `friction` (k,) rising by 0.01 or more, all as far below that of the map, and `friction_yaw_rate` (k, n, m) with
 `friction_feasible` and, exactly where the map has the table itself, `friction_beta`, `friction_delta_r`, `friction_active`.
-Each layer is held to all that the map is held to. Who reads the map alone finds it where it always was.
+Each layer meets the same contract as the map. Older readers still find the first map under the original keys.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from codegen.configuration import Config, check_name, parse
 from codegen.errors import CodegenError, ConfigError, MapError
 from codegen.files import write_atomically
 from codegen.map_file import archive, tables
+from codegen.map_file.bounds import Binding
 from codegen.map_file.road import on_road
-from codegen.map_file.tables import KEYS, UNITS, AnyArray, Binding, BindingArray, BoolArray, FloatArray
+from codegen.map_file.tables import KEYS, UNITS, AnyArray, BindingArray, BoolArray, FloatArray
 
 __all__ = ["Binding", "FrictionLayer", "ReferenceMap", "from_arrays", "from_bytes", "load", "make_meta", "save", "to_bytes"]
 
@@ -69,10 +70,10 @@ class ReferenceMap:
         case: name of the case in it.
         meta: the parsed JSON of the file; {} where it has none.
         layers: the stack, lowest friction first; () where the file has none. A layer's map always has the configuration
-            (`road.on_road`), case and meta of this one: who replaces those here replaces them there.
+            (`road.on_road`), case and meta of this one: replacing those here replaces them there.
 
     Raises:
-        ConfigError: the configuration cannot stand for a friction of the stack.
+        ConfigError: the configuration is invalid for a friction of the stack.
     """
 
     speed: FloatArray
@@ -104,7 +105,7 @@ class ReferenceMap:
 
     @property
     def tyre_model(self) -> str | None:
-        """Of the optimisation, "linear" or "magic-formula"; None where configuration or case are not known."""
+        """Tyre model of the optimisation, "linear" or "magic-formula"; None if configuration or case are unknown."""
         return None if self.config is None or self.case is None else self.config.case(self.case).tyre_model
 
 

@@ -5,7 +5,6 @@ The tables of the map are (n, m), those of its stack of lower frictions (k, n, m
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import MapError
+from codegen.map_file.bounds import Binding
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -32,39 +32,14 @@ KEYS = (*UNITS, "friction", *(STACK_PREFIX + key for key in TABLES), "meta")
 KINDS = {"b": "boolean", "c": "complex", "U": "text", "S": "text", "V": "record", "M": "date", "m": "duration", "O": "object"}
 
 MAX_LAYERS = 32
-"""Far beyond what an ECU has room for; keeps a file from asking for a million configurations."""
+"""Limit on the layers of a file, far above what fits into an ECU."""
 FRICTION_STEP_MIN = 0.01
 """Between neighbouring frictions: the resolution of an estimate, and wide enough to interpolate over in single precision."""
 FRICTION_STEP_SLACK = 1e-9
 """Rounding of decimal frictions: 0.29 - 0.28 is a little less than 0.01."""
 
 
-class Binding(enum.IntFlag):
-    """The constraints that bind in a cell: a set, for several may be reached together."""
-
-    NONE = 0
-    SIDESLIP = 1
-    LATERAL_ACCELERATION = 2
-    SLIP_FRONT = 4
-    SLIP_REAR = 8
-    REAR_ANGLE = 16
-
-
 ALL_BINDING = sum(Binding)
-
-BINDING_NAMES = {
-    Binding.SIDESLIP: "sideslip",
-    Binding.LATERAL_ACCELERATION: "lateral acceleration",
-    Binding.SLIP_FRONT: "front slip",
-    Binding.SLIP_REAR: "rear slip",
-    Binding.REAR_ANGLE: "rear angle",
-}
-
-
-def binding_text(flags: int) -> str:
-    """A set of binding constraints in words, "front slip + rear slip"; "none" for an optimum inside all of them."""
-    names = [name for flag, name in BINDING_NAMES.items() if flags & flag]
-    return " + ".join(names) or "none"
 
 
 class _Plausible(NamedTuple):
@@ -220,7 +195,7 @@ def check_lateral_acceleration(speed: FloatArray, yaw_rate: FloatArray, gravity:
 
 
 def kind_of(array: AnyArray) -> str | None:
-    """What an array without real numbers holds, in a word; None for other kinds."""
+    """Return the kind of an array without real numbers; None for other kinds."""
     return KINDS.get(array.dtype.kind)
 
 

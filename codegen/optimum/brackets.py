@@ -1,4 +1,4 @@
-"""Roots of many functions of one number at once, each inside its bracket."""
+"""Vectorised root finding: one bracketed root for each of many functions."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def shrink(
 
 
 def _secant(low: FloatArray, high: FloatArray, value_low: FloatArray, value_high: FloatArray) -> FloatArray:
-    """Where the line through both ends is zero; the middle where both are."""
+    """Return the zero of the line through both ends; the middle if both ends are zero."""
     drop = value_low - value_high
     share = np.where(drop > 0.0, value_low / np.where(drop > 0.0, drop, 1.0), 0.5)
     return low + np.clip(share, 0.0, 1.0) * (high - low)

@@ -8,11 +8,12 @@ yaw rate where the parabola opens downwards (small weight).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.map_file.map import Binding
+from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
 from codegen.optimum.problem import BINDING_TOLERANCE, FloatArray, SteadyTurnProblem
 
 BoolArray = npt.NDArray[np.bool_]
@@ -44,7 +45,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Edge:
-    """Where the feasible set of front angles ends at each speed; arrays (n,).
+    """Largest feasible front angle at each speed; arrays (n,).
 
     Attributes:
         front_angle: rad, the largest front angle with a feasible rear angle, on the continuous problem.
@@ -60,47 +61,46 @@ class Edge:
 
 @dataclass(frozen=True)
 class _Interval:
-    """Bounds on delta_r that are affine in delta_f: low = low_slope * delta_f + low_offset, and so on; arrays (n,)."""
+    """Allowed delta_r: slope * delta_f - reach to slope * delta_f + reach; arrays (n,)."""
 
-    low_slope: FloatArray
-    low_offset: FloatArray
-    high_slope: FloatArray
-    high_offset: FloatArray
+    slope: FloatArray
+    reach: FloatArray
 
 
-def _intervals(problem: SteadyTurnProblem, speed: FloatArray) -> tuple[_Interval, _Interval, _Interval]:
-    """The intervals of delta_r that grip (ay and both slips), sideslip and the rear angle allow."""
+REAR_ANGLE = next(bound for bound in BOUNDS if bound.flag is Binding.REAR_ANGLE)
+OTHERS = tuple(bound for bound in BOUNDS if not bound.is_grip and bound is not REAR_ANGLE)
+
+
+def _intervals(problem: SteadyTurnProblem, speed: FloatArray) -> list[_Interval]:
+    """Return the intervals of delta_r that all grip bounds together, each of OTHERS and REAR_ANGLE allow, in this order."""
     gain = problem.car.yaw_gain(speed)
-    ratio = problem.car.sideslip_per_yaw_rate(speed) * gain  # beta = ratio delta_f + (1 - ratio) delta_r; 1 - ratio > 0
     zero, one = np.zeros_like(gain), np.ones_like(gain)
-    reach = problem.lateral_acceleration_cap / (speed * gain)
-    grip = _Interval(one, -reach, one, reach)
-    slope = -ratio / (1.0 - ratio)
-    offset = problem.sideslip_max / (1.0 - ratio)
-    sideslip = _Interval(slope, -offset, slope, offset)
-    limit = problem.rear_angle_max * one
-    return grip, sideslip, _Interval(zero, -limit, zero, limit)
+    by_front, by_rear = _turn(problem, speed, one, zero), _turn(problem, speed, zero, one)
+    intervals = [_Interval(one, problem.lateral_acceleration_cap / (speed * gain))]
+    for bound in (*OTHERS, REAR_ANGLE):
+        per_rear = bound.value(by_rear)
+        intervals.append(_Interval(-bound.value(by_front) / per_rear, problem.limit_of(bound) / np.abs(per_rear)))
+    return intervals
+
+
+def _turn(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray, rear_angle: FloatArray) -> TurnQuantities:
+    yaw_rate = problem.car.yaw_gain(speed) * (front_angle - rear_angle)
+    sideslip = rear_angle + problem.car.sideslip_per_yaw_rate(speed) * yaw_rate
+    return problem.linear_turn(speed, front_angle, yaw_rate, sideslip, rear_angle)
 
 
 def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray) -> Solution:
     """Solve for speeds (n,) in m/s above zero and front angles (m,) in rad; speeds below the critical speed."""
-    grip, sideslip_bound, rear_bound = _intervals(problem, speed)
     steers = problem.rear_angle_max > 0.0
 
     def column(values: FloatArray) -> FloatArray:
         return values[:, np.newaxis]
 
-    def ends(interval: _Interval) -> tuple[FloatArray, FloatArray]:
-        return (
-            column(interval.low_slope) * front_angle + column(interval.low_offset),
-            column(interval.high_slope) * front_angle + column(interval.high_offset),
-        )
-
-    (grip_low, grip_high), (sideslip_low, sideslip_high) = ends(grip), ends(sideslip_bound)
-    low, high = np.maximum(grip_low, sideslip_low), np.minimum(grip_high, sideslip_high)
+    intervals = _intervals(problem, speed)
+    kept = intervals if steers else intervals[:-1]
+    low = reduce(np.maximum, (column(each.slope) * front_angle - column(each.reach) for each in kept))
+    high = reduce(np.minimum, (column(each.slope) * front_angle + column(each.reach) for each in kept))
     if steers:
-        low = np.maximum(low, column(rear_bound.low_offset))
-        high = np.minimum(high, column(rear_bound.high_offset))
         margin = high - low
     else:
         margin = np.minimum(-low, high)
@@ -119,54 +119,30 @@ def solve(problem: SteadyTurnProblem, speed: FloatArray, front_angle: FloatArray
     # - 2 weight steepness delta_f), and a turn to the other side costs at least as much as its mirror image: the low end.
     rear_angle = np.where(curvature > 0.0, np.clip(vertex, low, high), low)
     rear_angle = np.where(feasible, rear_angle, np.nan)
-    yaw_rate = gain * (front_angle - rear_angle)
-    sideslip = rear_angle + per_yaw_rate * yaw_rate
+    turn = _turn(problem, column(speed), front_angle, rear_angle)
     return Solution(
-        yaw_rate=yaw_rate,
-        sideslip=sideslip,
+        yaw_rate=turn.yaw_rate,
+        sideslip=turn.sideslip,
         rear_angle=rear_angle,
         feasible=feasible,
-        active=binding(problem, column(speed), yaw_rate, sideslip, rear_angle),
+        active=binding(problem, turn),
         margin=margin,
     )
 
 
-def binding(
-    problem: SteadyTurnProblem, speed: FloatArray, yaw_rate: FloatArray, sideslip: FloatArray, rear_angle: FloatArray
-) -> npt.NDArray[np.uint8]:
-    """Which constraints bind at given solutions (arrays that broadcast together; NaN binds nothing)."""
-    lateral_acceleration = np.abs(speed * yaw_rate)
-    slips = (
-        lateral_acceleration * problem.car.front_slip_per_lateral_acceleration,
-        lateral_acceleration * problem.car.rear_slip_per_lateral_acceleration,
-    )
-    return flags(problem, lateral_acceleration, sideslip, slips, rear_angle)
-
-
-def flags(
-    problem: SteadyTurnProblem,
-    lateral_acceleration: FloatArray,
-    sideslip: FloatArray,
-    slips: tuple[FloatArray, FloatArray],
-    rear_angle: FloatArray,
-) -> npt.NDArray[np.uint8]:
-    """Which constraints bind, from what they bound: arrays of one shape, of any sign; NaN binds nothing; slips front, rear."""
-    used = (
-        (Binding.SIDESLIP, sideslip, problem.sideslip_max),
-        (Binding.LATERAL_ACCELERATION, lateral_acceleration, problem.lateral_acceleration_max),
-        (Binding.SLIP_FRONT, slips[0], problem.front_slip_max),
-        (Binding.SLIP_REAR, slips[1], problem.rear_slip_max),
-        (Binding.REAR_ANGLE, rear_angle, problem.rear_angle_max),
-    )
-    active = np.zeros(lateral_acceleration.shape, dtype=np.uint8)
-    for flag, value, bound in used:
-        if bound > 0.0:
-            active |= np.where(np.abs(value) >= (1.0 - BINDING_TOLERANCE) * bound, np.uint8(flag), np.uint8(0))
+def binding(problem: SteadyTurnProblem, turn: TurnQuantities) -> npt.NDArray[np.uint8]:
+    """Return the `Binding` flags of given turns, arrays that broadcast to the shape of the yaw rate; NaN binds nothing."""
+    active = np.zeros(turn.yaw_rate.shape, dtype=np.uint8)
+    for bound in BOUNDS:
+        limit = problem.limit_of(bound)
+        if limit > 0.0:
+            is_reached = np.abs(bound.value(turn)) >= (1.0 - BINDING_TOLERANCE) * limit
+            active |= np.where(is_reached, np.uint8(bound.flag), np.uint8(0))
     return active
 
 
 def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
-    """Where feasibility ends over the front angle, for speeds (n,) in m/s.
+    """Find the largest feasible front angle for speeds (n,) in m/s.
 
     A lower and an upper bound on delta_r meet there: the smallest such meeting point over all pairs is the edge. It is found
     on the continuous problem, so that it moves smoothly with speed and does not jump from cell to cell.
@@ -178,13 +154,13 @@ def edge(problem: SteadyTurnProblem, speed: FloatArray) -> Edge:
     grip_limited = np.zeros(speed.shape, dtype=bool)
     for lower in intervals:
         for upper in intervals:
-            closing = lower.low_slope - upper.high_slope
+            closing = lower.slope - upper.slope
             with np.errstate(divide="ignore", invalid="ignore"):
-                meeting = np.where(closing > 1e-12, (upper.high_offset - lower.low_offset) / closing, np.inf)
+                meeting = np.where(closing > 1e-12, (upper.reach + lower.reach) / closing, np.inf)
             first = meeting < front_angle
             front_angle = np.where(first, meeting, front_angle)
             with np.errstate(invalid="ignore"):
-                rear_angle = np.where(first, lower.low_slope * meeting + lower.low_offset, rear_angle)
+                rear_angle = np.where(first, lower.slope * meeting - lower.reach, rear_angle)
             grip_limited = np.where(first, (lower is grip) or (upper is grip), grip_limited)
     gain = problem.car.yaw_gain(speed)
     yaw_rate = gain * (front_angle - rear_angle)

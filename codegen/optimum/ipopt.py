@@ -1,8 +1,8 @@
-"""The steady-turn problem handed to IPOPT point by point: the reference that the other solutions are held against.
+"""Solve the steady-turn problem point by point with IPOPT: the reference for the other solvers.
 
-Nothing of `exact` or `nonlinear` is used. The variables are (beta, r, delta_r); steady state is an equality constraint made
-from the CasADi models (see `ipopt_turns`); the solver is built once and warm-started along the grid. Where the objective is
-concave over the steady turns, it is started from both ends and the better result taken.
+The solver shares no equations with `exact` or `nonlinear`. The variables are (beta, r, delta_r); steady state is an equality
+constraint made from the CasADi models (see `ipopt_turns`). The solver is built once and warm-started along the grid. Where the
+objective is concave over the steady turns, it starts from both ends and keeps the better result.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from codegen.configuration import KM_H, Config
 from codegen.errors import MapError
 from codegen.interrupts import deferred
-from codegen.optimum.exact import Solution, flags
+from codegen.map_file.bounds import TurnQuantities
+from codegen.optimum.exact import Solution, binding
 from codegen.optimum.ipopt_turns import turn_expressions
 from codegen.optimum.problem import FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import TyreModel
@@ -65,7 +66,7 @@ class _Solvers:
     scale: FloatArray
     bounds: FloatArray
     shares: int
-    """How many bounds there are beside the box."""
+    """Number of bounds in addition to those on the variables."""
 
 
 def _build(config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel) -> _Solvers:
@@ -128,12 +129,13 @@ def solve(
             if progress is not None:
                 progress((i + 1) * front_angle.size, speed.size * front_angle.size)
     sideslip, yaw_rate, rear_angle = (result[..., k] for k in range(3))
+    turn = TurnQuantities(speed[:, np.newaxis], front_angle, yaw_rate, sideslip, slips[..., 0], slips[..., 1], rear_angle)
     return Solution(
         yaw_rate=yaw_rate,
         sideslip=sideslip,
         rear_angle=rear_angle,
         feasible=np.isfinite(yaw_rate),
-        active=flags(problem, speed[:, np.newaxis] * yaw_rate, sideslip, (slips[..., 0], slips[..., 1]), rear_angle),
+        active=binding(problem, turn),
         margin=np.full(shape, np.nan),
     )
 

@@ -1,6 +1,6 @@
 """The steady turn as CasADi expressions for IPOPT: of the single-track car with linear tyres, and of the two-track plant.
 
-Both come from `vehicle.dynamics` alone; nothing of `exact` or `nonlinear` is used.
+Both use `vehicle.dynamics` alone and share no equations with `exact` or `nonlinear`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import casadi as ca
 import numpy as np
 
 from codegen.configuration import Config
+from codegen.map_file.bounds import BOUNDS, TurnQuantities
 from codegen.optimum.problem import STABILITY_MARGIN, FloatArray, SteadyTurnProblem
 from codegen.vehicle.dynamics import PLANT_INPUTS, PLANT_STATES, WHEEL_SPEED_MIN, TyreModel, single_track, two_track
 
 STABILITY_SCALE = 100.0
-"""Times the determinant of a neutral car: far above that of any turn, so that the share is bounded from one side only."""
+"""Divisor of the stability constraint, in determinants of a neutral car. It exceeds every turn's, so only one side binds."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class TurnExpressions:
 
     Attributes:
         residual: (2,) zero in a steady turn, of order one.
-        used: shares of bounds, each between -1 and 1 where they are kept; |z[0]| and |z[2]| are bounded by one beside them.
+        used: shares of bounds, each between -1 and 1 where they are kept; |z[0]| and |z[2]| are also bounded by one.
         slips: (2,) rad, of the front and the rear axle.
         objective: as in `problem`.
     """
@@ -41,7 +42,7 @@ class TurnExpressions:
 def turn_expressions(
     config: Config, problem: SteadyTurnProblem, tyre_model: TyreModel, z: Any, speed: Any, front: Any
 ) -> TurnExpressions:
-    """Of one case, over the symbols z, speed (m/s) and front angle (rad)."""
+    """Return the expressions of one case over the symbols z, speed (m/s) and front angle (rad)."""
     scale = np.array([problem.sideslip_max, 1.0, problem.rear_angle_max or math.radians(1.0)])
     beta, yaw_rate, rear = (z[i] * scale[i] for i in range(3))
     equations = _single_track if tyre_model == "linear" else _two_track
@@ -52,12 +53,9 @@ def turn_expressions(
         rates[0] * car.mass * speed / (car.front_stiffness * problem.front_slip_max),
         rates[1] * car.yaw_inertia / (car.front_arm * car.front_stiffness * problem.front_slip_max),
     )
-    used = ca.vertcat(
-        speed * yaw_rate / problem.lateral_acceleration_max,
-        slips[0] / problem.front_slip_max,
-        slips[1] / problem.rear_slip_max,
-        *further,
-    )
+    turn = TurnQuantities(speed, front, yaw_rate, beta, *slips, rear)
+    limits = [(bound, problem.limit_of(bound)) for bound in BOUNDS if not bound.is_variable]
+    used = ca.vertcat(*(bound.value(turn) / limit for bound, limit in limits if math.isfinite(limit)), *further)
     objective = -(yaw_rate**2) + problem.sideslip_weight * beta**2
     return TurnExpressions(residual, used, ca.vertcat(*slips), objective, scale)
 

@@ -20,17 +20,26 @@ from typing import Self
 import numpy as np
 
 from codegen.configuration import Case, Config
+from codegen.map_file.bounds import TurnQuantities
 from codegen.optimum.brackets import shrink
-from codegen.optimum.exact import Edge, Solution, flags
-from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, joined, nowhere, placed, taken
+from codegen.optimum.exact import Edge, Solution, binding
+from codegen.optimum.nonlinear_arrays import (
+    BoolArray,
+    FloatArray,
+    IndexArray,
+    Turns,
+    concatenate_turns,
+    replace_turns,
+    select_turns,
+    unknown_turns,
+)
 from codegen.optimum.nonlinear_car import SteadyCar
 from codegen.optimum.nonlinear_range import (
     END,
-    REAR_ANGLE,
+    GRIP,
+    REAR_BOUND,
     SAMPLES,
     SIDESLIP,
-    SLIP_FRONT,
-    SLIP_REAR,
     Curves,
     Points,
     Ranges,
@@ -45,17 +54,17 @@ BLOCK = 1200
 """Operating points at a time: their samples stay in the processor's cache."""
 
 STATIONARY_TOLERANCE = 1e-5
-"""Of the distance between two samples. The secant in what is left of the bracket is off by about the square of that."""
+"""Tolerance as a fraction of the sample distance; the error of the final secant step is about its square."""
 
 FRONT_ANGLE_MAX = math.radians(60.0)
-"""Where the search for an edge ends by default: no configuration has a stop beyond."""
+"""Default end of the search for an edge; no configuration allows a larger front angle."""
 SCAN_POINTS = 25
 INSIDE = 1e-9
-"""Share by which the edge is given further inside, where rounding has no say in what is feasible."""
+"""Fraction by which the returned edge is reduced, so that rounding does not make it infeasible."""
 BEYOND = 1e-6
 """The search goes as far beyond its last angle, so that an edge on it is found."""
 EDGE_TOLERANCE = 1e-13
-"""Of the distance between two angles of the scan."""
+"""Tolerance as a fraction of the distance between two scanned angles."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +92,7 @@ class NonlinearTurns:
 
     @classmethod
     def from_config(cls, config: Config, case: Case) -> Self:
-        """Of one case. Raises ConfigError where the tyre has no end to its linear range."""
+        """Return the turns of one case. Raises ConfigError if the tyre's linear range has no end."""
         car = SteadyCar.from_config(config)
         problem = SteadyTurnProblem.from_config(config, case)
         return cls(replace(problem, front_slip_max=car.front.slip_max, rear_slip_max=car.rear.slip_max), car)
@@ -107,14 +116,15 @@ class NonlinearTurns:
         points = Points(speed, front_angle)
         found = self._found(points)
         turns = found.turns
-        slips = (np.abs(turns.slip_front), np.abs(turns.slip_rear))
-        active = flags(self.problem, points.speed * turns.yaw_rate, turns.sideslip, slips, turns.rear_angle)
+        quantities = TurnQuantities(
+            points.speed, points.front_angle, turns.yaw_rate, turns.sideslip, *turns.slips, turns.rear_angle
+        )
         solution = Solution(
             yaw_rate=turns.yaw_rate,
             sideslip=turns.sideslip,
             rear_angle=turns.rear_angle,
             feasible=found.feasible,
-            active=active,
+            active=binding(self.problem, quantities),
             margin=found.margin,
         )
         return solution, found.grip_yaw_rate
@@ -150,7 +160,7 @@ class NonlinearTurns:
         )
 
     def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
-        """The largest that is asked for: it depends on speed and front angle, and the cap must not cut an optimum."""
+        """Return the largest value of the map: grip depends on speed and front angle, and the cap must not cut an optimum."""
         return float(np.nanmax(asked))
 
     def turns_at(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray) -> Turns:
@@ -175,7 +185,7 @@ class NonlinearTurns:
         return self._margin_of(between, self._at(found, between.low), self._at(found, between.high))
 
     def _margin_of(self, between: Ranges, low: Turns, high: Turns) -> FloatArray:
-        """How wide the range is, in rear angle; without rear steering how far zero lies inside."""
+        """Return the width of the range in rad of rear angle; without rear steering, the distance of zero from its ends."""
         if self.problem.rear_angle_max > 0.0:
             width = low.rear_angle - high.rear_angle
         else:
@@ -194,7 +204,7 @@ class NonlinearTurns:
         """The optimum at any number of operating points."""
         parts = [self._found_in(block) for block in _blocks(points)]
         return _Found(
-            joined([part.turns for part in parts]),
+            concatenate_turns([part.turns for part in parts]),
             *(
                 np.concatenate([getattr(part, name) for part in parts])
                 for name in ("feasible", "margin", "grip", "grip_yaw_rate")
@@ -207,20 +217,22 @@ class NonlinearTurns:
         low, high = self._at(found, between.low), self._at(found, between.high)
         margin = self._margin_of(between, low, high)
         feasible = margin >= 0.0
-        grip = np.isin(between.high_by, (SLIP_FRONT, SLIP_REAR, END))
+        grip = np.isin(between.high_by, (*GRIP, END))
         grip_yaw_rate = np.where(grip, between.high, np.nan)
         if self.problem.rear_angle_max > 0.0:
             best = self._best(found, np.flatnonzero(feasible), low, high)
         else:
             best = self._straight(found, np.flatnonzero(feasible))
             grip &= -high.rear_angle <= low.rear_angle
-        return _Found(placed(nowhere(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate)
+        return _Found(
+            replace_turns(unknown_turns(points.size), np.flatnonzero(feasible), best), feasible, margin, grip, grip_yaw_rate
+        )
 
     def _straight(self, found: Curves, cells: IndexArray) -> Turns:
         """The turns of some operating points with the rear wheels straight: one of each, for their angle falls with r."""
         rear_angle = found.turns.rear_angle[:, cells]
         left = np.clip((rear_angle > 0.0).sum(axis=0) - 1, 0, SAMPLES - 2)
-        rows = np.full(cells.shape, REAR_ANGLE)
+        rows = np.full(cells.shape, REAR_BOUND)
         return self._at(found, meetings(self.car, found, cells, rows, np.zeros(cells.shape), left), cells)
 
     def _best(self, found: Curves, cells: IndexArray, low: Turns, high: Turns) -> Turns:
@@ -232,8 +244,8 @@ class NonlinearTurns:
         slope = np.where(below, slope_low[cells], np.where(above, slope_high[cells], slope[:, cells]))
         slopes = np.vstack([slope_low[cells], slope, slope_high[cells]])
         places = np.vstack([first, np.clip(inner, first, last), last])
-        best, objective = (taken(high, cells), self._objective(taken(high, cells)))
-        best, objective = self._better(best, objective, np.arange(cells.size), taken(low, cells))
+        best, objective = (select_turns(high, cells), self._objective(select_turns(high, cells)))
+        best, objective = self._better(best, objective, np.arange(cells.size), select_turns(low, cells))
         # A minimum lies where the slope turns from falling to rising.
         left, which = np.nonzero((slopes[:-1] < 0.0) & (slopes[1:] > 0.0))
         if which.size:
@@ -249,7 +261,7 @@ class NonlinearTurns:
             # Several of one operating point, if there ever are, take their turns.
             for number in range(int(np.bincount(which).max())):
                 once = _nth(which, number)
-                best, objective = self._better(best, objective, which[once], taken(turns, once))
+                best, objective = self._better(best, objective, which[once], select_turns(turns, once))
         return best
 
     def _better(self, best: Turns, objective: FloatArray, at: IndexArray, others: Turns) -> tuple[Turns, FloatArray]:
@@ -258,7 +270,7 @@ class NonlinearTurns:
         chosen = np.flatnonzero(value < objective[at])
         improved = objective.copy()
         improved[at[chosen]] = value[chosen]
-        return placed(best, at[chosen], taken(others, chosen)), improved
+        return replace_turns(best, at[chosen], select_turns(others, chosen)), improved
 
     def _objective(self, turns: Turns) -> FloatArray:
         value: FloatArray = -(turns.yaw_rate**2) + self.problem.sideslip_weight * turns.sideslip**2
@@ -275,7 +287,7 @@ def _blocks(points: Points) -> list[Points]:
 
 
 def _nth(values: IndexArray, number: int) -> IndexArray:
-    """Where each value occurs for the `number`-th time, counted from zero."""
+    """Return the indices at which each value occurs for the `number`-th time, counted from zero."""
     order = np.argsort(values, kind="stable")
     ordered = values[order]
     rank = np.arange(values.size) - np.searchsorted(ordered, ordered)

@@ -1,4 +1,4 @@
-"""Many steady turns as arrays, to be put together and taken apart."""
+"""Arrays of steady turns, and functions to join and split them."""
 
 from __future__ import annotations
 
@@ -35,6 +35,11 @@ class Turns:
         """(4, ...): slip_front, slip_rear, sideslip, rear_angle."""
         return np.stack([self.slip_front, self.slip_rear, self.sideslip, self.rear_angle])
 
+    @property
+    def slips(self) -> Slips:
+        """Slip angles of the front and of the rear axle."""
+        return self.slip_front, self.slip_rear
+
     def reshaped(self, shape: tuple[int, ...]) -> Turns:
         """The same turns in arrays of another shape."""
         parts = {name: getattr(self, name) for name in PARTS}
@@ -45,24 +50,24 @@ PARTS = ("yaw_rate", "slip_front", "slip_rear", "sideslip", "rear_angle", "rates
 """Attributes of `Turns`."""
 
 
-def taken(turns: Turns, chosen: IndexArray) -> Turns:
+def select_turns(turns: Turns, chosen: IndexArray) -> Turns:
     """Some of the turns, by their last index."""
     return Turns(**{name: getattr(turns, name)[..., chosen] for name in PARTS})
 
 
-def joined(parts: Sequence[Turns]) -> Turns:
+def concatenate_turns(parts: Sequence[Turns]) -> Turns:
     """Turns after each other along the last index."""
     return Turns(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in PARTS})
 
 
-def nowhere(count: int) -> Turns:
-    """As many turns that are not known: NaN."""
+def unknown_turns(count: int) -> Turns:
+    """Return `count` unknown turns, filled with NaN."""
     nothing = {name: np.full((4, count) if name == "rates" else count, np.nan) for name in PARTS[:-1]}
     return Turns(**nothing, converged=np.zeros(count, dtype=np.bool_))
 
 
-def placed(turns: Turns, at: IndexArray, others: Turns) -> Turns:
-    """The turns with others in the place of some, by their last index."""
+def replace_turns(turns: Turns, at: IndexArray, others: Turns) -> Turns:
+    """Return the turns with some replaced, by their last index."""
     changed = {name: getattr(turns, name).copy() for name in PARTS}
     for name, values in changed.items():
         values[..., at] = getattr(others, name)

@@ -17,7 +17,7 @@ from codegen.vehicle.tyre import MagicFormulaTyre
 INVERSE_POINTS = 400
 
 SLOPE_MIN = 0.05
-"""Share of the axle's cornering stiffness that its force goes on with beyond the slip bound, at least."""
+"""Least slope of the force beyond the slip bound, as a fraction of the axle's cornering stiffness."""
 
 _SIDES: Any = np.array([[1.0], [-1.0]])
 """Left (inner in a left turn) and right wheel."""
@@ -51,7 +51,7 @@ class Axle:
         return friction * np.maximum(relative, 0.0) * load, friction * slope * by_load
 
     def onward(self, slope: FloatArray, inside: BoolArray) -> FloatArray:
-        """The slope (N/rad, below zero) of the force: beyond the slip bound never flatter than SLOPE_MIN says."""
+        """Limit the slope of the force (N/rad, negative) beyond the slip bound to at least SLOPE_MIN in magnitude."""
         return np.where(inside, slope, np.minimum(slope, -SLOPE_MIN * self.stiffness))
 
     def slip_for(self, share: FloatArray) -> FloatArray:
@@ -65,13 +65,8 @@ class Axle:
 
 
 def curve(tyre: MagicFormulaTyre, slip: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """sin(C atan(X - E (X - atan X))), X = B slip, from -1 to 1, and its derivative by the slip angle (1/rad)."""
-    b, c, e = tyre.stiffness_factor, tyre.shape_factor, tyre.curvature_factor
-    x = b * slip
-    bent = x - e * (x - np.arctan(x))
-    angle = c * np.arctan(bent)
-    slope = np.cos(angle) * (b * c) * (1.0 - e + e / (1.0 + x * x)) / (1.0 + bent * bent)
-    return np.sin(angle), slope
+    """Return the value of the tyre's curve, from -1 to 1, and its derivative by the slip angle in 1/rad."""
+    return tyre.curve.value_and_slope(tyre, tyre.stiffness_factor * slip)
 
 
 @dataclass(frozen=True)
@@ -90,7 +85,7 @@ class AxleForce:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the whole car does: speed and yaw rate (N,), SI; `rolling` is the speed that slip angles are taken with, m/s."""
+    """Motion of the car in SI units: speed and yaw rate (N,); `rolling` is the speed used for slip angles, m/s."""
 
     speed: FloatArray
     rolling: FloatArray
@@ -100,12 +95,12 @@ class Motion:
     friction: float
 
     def of(self, some: IndexArray) -> Motion:
-        """Of some of the cars."""
+        """Return the motion of some of the cars."""
         return replace(self, speed=self.speed[some], rolling=self.rolling[some], yaw_rate=self.yaw_rate[some])
 
 
 def axle_force(axle: Axle, motion: Motion, slip: FloatArray, lateral: FloatArray) -> AxleForce:
-    """Of an axle whose middle has a slip angle (N,) rad and a lateral speed (N,) m/s; the steering angle follows from both."""
+    """Return the force of an axle from the slip angle (N,) in rad and lateral speed (N,) in m/s at its middle."""
     half, rolling = motion.half_track, motion.rolling
     wheel = motion.speed - half * _SIDES * motion.yaw_rate
     turning = wheel > motion.wheel_speed_min

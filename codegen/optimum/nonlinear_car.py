@@ -9,8 +9,8 @@ with Y the sum of an axle's tyre forces across the car and M what they do about 
 steering angle). Wheel loads, slip angles and forces are those of `vehicle.dynamics.two_track` with all derivatives zero.
 Newton's method solves them from the single-track car's answer; the same derivatives give how the turn changes with r.
 
-Beyond its slip bound the force of an axle goes on along its tangent. No such turn is allowed, so no result depends on it; but
-every yaw rate then has a turn, and by how much the bound is exceeded tells where it is met.
+Beyond its slip bound the force of an axle continues along its tangent. Such turns are infeasible, so no result depends on them,
+but every yaw rate then has a turn and the excess over the bound leads to where it is met.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 
 from codegen.configuration import Config
 from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, placed
+from codegen.optimum.nonlinear_arrays import FloatArray, IndexArray, Slips, Turns, replace_turns
 from codegen.optimum.nonlinear_axle import Axle, Motion, axle_force, curve
 from codegen.optimum.problem import PEAK_SHARE, STABILITY_MARGIN
 from codegen.vehicle.tyre import AxleTyres
@@ -36,7 +36,7 @@ RESIDUAL_ACCEPTED = 2e-8
 STEPS_MAX = 8
 DAMPED_STEPS = 40
 ROUNDS = 6
-"""Of taking one axle after the other. What one does to the other is a small part of what it does to itself."""
+"""Alternations between the axles; their coupling is weak, so few are needed."""
 NEAR = 1e-5
 """rad: near enough for Newton's method."""
 BRACKET_TOLERANCE = 1e-6
@@ -60,13 +60,13 @@ class _Balance:
     sides_by_yaw_rate: FloatArray
 
     def solved(self, moments: FloatArray, sides: FloatArray) -> Slips:
-        """The changes of both slip angles that take away moments and side forces."""
+        """Return the changes of both slip angles that cancel given moments and side forces."""
         scale = 1.0 / (self.moments_by_front * self.sides_by_rear - self.moments_by_rear * self.sides_by_front)
         front = (self.moments_by_rear * sides - moments * self.sides_by_rear) * scale
         return front, (moments * self.sides_by_front - self.moments_by_front * sides) * scale
 
     def size(self, wheelbase: float) -> FloatArray:
-        """Of the residuals, N."""
+        """Return the norm of the residuals in N."""
         return np.hypot(self.moments / wheelbase, self.sides)
 
 
@@ -138,7 +138,7 @@ class SteadyCar:
         return slips[0], slips[1]
 
     def stability(self, speed: FloatArray, rear_rate: FloatArray) -> FloatArray:
-        """How far turns are from the stability limit, as a share of L/vx less STABILITY_MARGIN, from d delta_r / d r (s)."""
+        """Return the distance to the stability limit, as a fraction of L/vx less STABILITY_MARGIN, from d delta_r/d r in s."""
         result: FloatArray = -rear_rate * np.maximum(speed, self.wheel_speed_min) / self.wheelbase - STABILITY_MARGIN
         return result
 
@@ -165,7 +165,7 @@ class SteadyCar:
             # Most that need more are few.
             some, angle = motion.of(rest), front_angle[rest]
             slips = slowly(some, angle, self.start(some.speed, some.yaw_rate))
-            turn = placed(turn, rest, self._by_newton(some, angle, slips, tolerance))
+            turn = replace_turns(turn, rest, self._by_newton(some, angle, slips, tolerance))
         return turn
 
     def corrected(self, speed: FloatArray, front_angle: FloatArray, yaw_rate: FloatArray, slips: Slips) -> Turns:
@@ -235,7 +235,7 @@ class SteadyCar:
         return slips[0], slips[1]
 
     def _balance(self, motion: Motion, front_angle: FloatArray, slips: Slips) -> _Balance:
-        """How far given slip angles are from a steady turn."""
+        """Return the residuals of given slip angles, zero in a steady turn."""
         slip_front, slip_rear = slips
         rolling, mass, wheelbase = motion.rolling, self.mass, self.wheelbase
         # The front axle first: its steering angle is given, so that the slip angle sets its lateral speed.

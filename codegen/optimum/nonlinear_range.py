@@ -20,8 +20,9 @@ import numpy as np
 
 from codegen.configuration import KM_H
 from codegen.errors import MapError
+from codegen.map_file.bounds import BOUNDS, Binding, TurnQuantities
 from codegen.optimum.brackets import shrink
-from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, placed
+from codegen.optimum.nonlinear_arrays import BoolArray, FloatArray, IndexArray, Turns, replace_turns
 from codegen.optimum.nonlinear_car import ANGLE_MAX, SteadyCar
 from codegen.optimum.problem import SteadyTurnProblem
 
@@ -38,17 +39,24 @@ ROUNDS_MAX = 40
 SAMPLE_TOLERANCE = 1e-7
 """rad: samples bracket and start, and are no result."""
 MEETING_TOLERANCE = 1e-13
-"""Of the yaw rate, relative, and of slip angles, in rad."""
+"""Tolerance of the yaw rate (relative) and of slip angles (rad)."""
 MEETING_ACCEPTED = 1e-11
 MEETING_STEPS = 12
 LIMIT_TOLERANCE = 1e-10
-"""Of the distance between two samples: the end of a curve."""
+"""Tolerance of the end of a curve, as a fraction of the sample distance."""
 SHORT_OF_BOUND = 1.0 - 1e-6
-"""Of the way from a sample to a slip bound: where rounding does not put the turn beyond it."""
+"""Fraction of the way from a sample to a slip bound, short enough that rounding does not exceed the bound."""
 BRACKET_TOLERANCE = 1e-13
 
-SLIP_FRONT, SLIP_REAR, SIDESLIP, REAR_ANGLE, END = range(5)
-"""Rows of `Turns.values`, and the end of the curve."""
+SIDESLIP, REAR_ANGLE = 2, 3
+"""Rows of `Turns.values` and `Turns.rates`."""
+
+CURVE_BOUNDS = tuple(sorted((bound for bound in BOUNDS if not bound.is_yaw_rate), key=lambda bound: not bound.is_grip))
+"""Bounds that are met along the curve, those of grip first; the others end it."""
+END = len(CURVE_BOUNDS)
+"""The end of the curve, where an index into CURVE_BOUNDS is expected."""
+GRIP = tuple(index for index, bound in enumerate(CURVE_BOUNDS) if bound.is_grip)
+REAR_BOUND = next(index for index, bound in enumerate(CURVE_BOUNDS) if bound.flag is Binding.REAR_ANGLE)
 NONE = -1
 
 
@@ -103,7 +111,7 @@ class Ranges:
 
     Attributes:
         low, high: rad/s. No yaw rate is feasible where `high` is below `low`.
-        low_by, high_by: the row of `Turns.values` whose bound sets it; END for the end of the curve, NONE for zero.
+        low_by, high_by: index into CURVE_BOUNDS of the bound that sets it; END for the end of the curve, NONE for zero.
         missed: by how much even the end of the curve exceeds a bound that is met from above (rad), or, where that is more, by
             how much straight travel misses the stability margin; zero or below where neither does.
     """
@@ -115,21 +123,47 @@ class Ranges:
     missed: FloatArray
 
 
-def bounds(problem: SteadyTurnProblem, car: SteadyCar) -> FloatArray:
-    """(4,) rad: of the magnitudes of `Turns.values`; inf for the rear angle of a car that does not steer it."""
-    rear = problem.rear_angle_max if problem.rear_angle_max > 0.0 else math.inf
-    return np.array([car.front.slip_max, car.rear.slip_max, problem.sideslip_max, rear])
+def limits(problem: SteadyTurnProblem) -> FloatArray:
+    """Return the limits (k,) of CURVE_BOUNDS; inf for the rear angle of a car that does not steer it."""
+    found = np.array([problem.limit_of(bound) for bound in CURVE_BOUNDS])
+    if problem.rear_angle_max <= 0.0:
+        found[REAR_BOUND] = math.inf
+    return found
+
+
+def bounded(points: Points, turns: Turns) -> FloatArray:
+    """Return the values (k, ...) of CURVE_BOUNDS at turns (..., p)."""
+    quantities = TurnQuantities(
+        points.speed, points.front_angle, turns.yaw_rate, turns.sideslip, *turns.slips, turns.rear_angle
+    )
+    return np.stack([bound.value(quantities) for bound in CURVE_BOUNDS])
+
+
+def bounded_rates(points: Points, turns: Turns) -> FloatArray:
+    """Return the derivatives (k, ...) of `bounded` by the yaw rate."""
+    front, rear, sideslip, rear_angle = turns.rates
+    quantities = TurnQuantities(points.speed, 0.0, 1.0, sideslip, front, rear, rear_angle)
+    return np.stack([bound.value(quantities) for bound in CURVE_BOUNDS])
+
+
+def yaw_rate_limit(problem: SteadyTurnProblem, speed: FloatArray) -> FloatArray:
+    """Return the yaw rate (p,) in rad/s at which the first of the bounds on it ends the curve."""
+    unit = TurnQuantities(speed, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    result: FloatArray = np.minimum.reduce(
+        [problem.limit_of(bound) / bound.value(unit) for bound in BOUNDS if bound.is_yaw_rate]
+    )
+    return result
 
 
 def curves(problem: SteadyTurnProblem, car: SteadyCar, points: Points) -> Curves:
     """Samples of the steady turns. Raises MapError where one is not found, with its operating point."""
     # Beyond the second one the bounds on angles alone leave nothing.
-    limit = np.minimum(problem.lateral_acceleration_max / points.speed, BEYOND_REACH * _reach(problem, car, points))
+    limit = np.minimum(yaw_rate_limit(problem, points.speed), BEYOND_REACH * _reach(problem, car, points))
     end = np.minimum(limit, BEYOND_GRIP * car.grip_yaw_rate(points.speed))
     found = _sampled(problem, car, points, end)
-    lowest = -bounds(problem, car)[:, np.newaxis]
+    lowest = -limits(problem)[:, np.newaxis]
     for _ in range(ROUNDS_MAX):
-        short = np.flatnonzero((end < limit) & ~(found.turns.values[:, -1] < lowest).any(axis=0))
+        short = np.flatnonzero((end < limit) & ~(bounded(points, found.turns)[:, -1] < lowest).any(axis=0))
         if not short.size:
             break
         end[short] = np.minimum(limit[short], ENLARGED * end[short])
@@ -139,7 +173,8 @@ def curves(problem: SteadyTurnProblem, car: SteadyCar, points: Points) -> Curves
 
 def _reach(problem: SteadyTurnProblem, car: SteadyCar, points: Points) -> FloatArray:
     """(p,) rad/s: the largest yaw rate that goes with slip angles, sideslip and rear angle inside their bounds."""
-    front, rear, sideslip, rear_angle = bounds(problem, car)
+    front, rear, sideslip = problem.front_slip_max, problem.rear_slip_max, problem.sideslip_max
+    rear_angle = problem.rear_angle_max or math.inf
     ahead = np.tan(np.minimum(points.front_angle + front, ANGLE_MAX))
     behind = math.tan(min(rear + min(rear_angle, REACH_WITHOUT_STEERING), ANGLE_MAX))
     rolling = np.maximum(points.speed, car.wheel_speed_min)
@@ -154,7 +189,7 @@ def _sampled(problem: SteadyTurnProblem, car: SteadyCar, points: Points, end: Fl
     turns = car.turns(speed, front_angle, (shares * end).ravel(), tolerance=SAMPLE_TOLERANCE)
     lost = np.flatnonzero(~turns.converged)
     if lost.size:
-        turns = placed(turns, lost, _out_of_reach(problem, car, Points(speed, front_angle)[lost], turns.yaw_rate[lost]))
+        turns = replace_turns(turns, lost, _out_of_reach(problem, car, Points(speed, front_angle)[lost], turns.yaw_rate[lost]))
     check(turns, Points(speed, front_angle))
     return Curves(points, turns.reshaped(shape))
 
@@ -165,7 +200,8 @@ def _out_of_reach(problem: SteadyTurnProblem, car: SteadyCar, points: Points, ya
     It does none where not even without regard to forces a sideslip and a rear angle inside their bounds go with slip angles
     inside theirs. Any slip angles inside theirs then violate a bound, and on the side on which the turn itself would.
     """
-    front, rear, sideslip, rear_angle = bounds(problem, car)
+    front, rear, sideslip = problem.front_slip_max, problem.rear_slip_max, problem.sideslip_max
+    rear_angle = problem.rear_angle_max or math.inf
     corners = [
         car.geometry(points.speed, points.front_angle, yaw_rate, (np.full(points.size, a), np.full(points.size, b)))
         for a in (-front, front)
@@ -190,13 +226,13 @@ def check(turns: Turns, points: Points) -> None:
 
 def _with(found: Curves, cells: IndexArray, others: Curves) -> Curves:
     """The curves with those of some operating points replaced."""
-    return Curves(found.points, placed(found.turns, cells, others.turns))
+    return Curves(found.points, replace_turns(found.turns, cells, others.turns))
 
 
 def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, lowest: FloatArray) -> Curves:
     """The curves, each ended where the turn comes too near to the stability limit, if that is inside the other bounds."""
     spare = car.stability(found.points.speed, found.turns.rates[REAR_ANGLE])
-    below = found.turns.values < lowest[:, np.newaxis]
+    below = bounded(found.points, found.turns) < lowest[:, np.newaxis]
     last = _first(below.any(axis=0) | (spare <= 0.0))
     cells = np.flatnonzero((last > 0) & (last < SAMPLES))
     last = last[cells]
@@ -204,7 +240,7 @@ def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, l
     left_low, left_high = spare[last - 1, cells], spare[last, cells]
 
     def left(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
-        """What is left to the limit."""
+        """Return the distance to the stability limit."""
         here = cells[some]
         points = found.points[here]
         turns = car.turns(points.speed, points.front_angle, yaw_rate, found.between(here, yaw_rate))
@@ -212,7 +248,7 @@ def _until_unstable(problem: SteadyTurnProblem, car: SteadyCar, found: Curves, l
         return car.stability(points.speed, turns.rates[REAR_ANGLE])
 
     # Beyond a slip bound the force goes on as no tyre's does: there the limit may be missed. It is asked for at the bound.
-    rows, at = np.nonzero(below[[SLIP_FRONT, SLIP_REAR]][:, last, cells])
+    rows, at = np.nonzero(below[list(GRIP)][:, last, cells])
     if at.size:
         met = meetings(car, found, cells[at], rows, lowest[rows, 0], last[at] - 1)
         np.minimum.at(high, at, low[at] + (met - low[at]) * SHORT_OF_BOUND)
@@ -235,13 +271,13 @@ def _first(there: BoolArray) -> IndexArray:
 def meetings(
     car: SteadyCar, found: Curves, cells: IndexArray, rows: IndexArray, target: FloatArray, left: IndexArray
 ) -> FloatArray:
-    """Yaw rates (k,) at which a row of `Turns.values` meets a value (rad), inside the cell of samples `left`, `left` + 1.
+    """Yaw rates (k,) at which a row of `bounded` meets a value, inside the cell of samples `left`, `left` + 1.
 
     Raises MapError where one is not found.
     """
     turns, points = found.turns, found.points[cells]
     low, high = turns.yaw_rate[left, cells], turns.yaw_rate[left + 1, cells]
-    values = turns.values
+    values = bounded(found.points, turns)
     here, there = values[rows, left, cells], values[rows, left + 1, cells]
     r = low + (high - low) * np.clip((target - here) / np.where(there == here, 1.0, there - here), 0.0, 1.0)
     front, rear = found.between(cells, r)
@@ -250,7 +286,7 @@ def meetings(
     for _ in range(MEETING_STEPS):
         turn = car.corrected(points.speed, points.front_angle, r, (front, rear))
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = -(turn.values[rows, picked] - target) / turn.rates[rows, picked]
+            step = -(bounded(points, turn)[rows, picked] - target) / bounded_rates(points, turn)[rows, picked]
         moved = np.clip(np.where(np.isfinite(step), r + step, r), low, high)
         new_front = turn.slip_front + turn.rates[0] * (moved - r)
         new_rear = turn.slip_rear + turn.rates[1] * (moved - r)
@@ -264,13 +300,13 @@ def meetings(
     if rest.size:
 
         def above(some: IndexArray, yaw_rate: FloatArray) -> FloatArray:
-            """How far the row is above its value there."""
+            """Return the excess of the bounded values over their targets."""
             chosen = rest[some]
             turns = car.turns(
                 points.speed[chosen], points.front_angle[chosen], yaw_rate, found.between(cells[chosen], yaw_rate)
             )
             check(turns, points[chosen])
-            return turns.values[rows[chosen], np.arange(some.size)] - target[chosen]
+            return bounded(points[chosen], turns)[rows[chosen], np.arange(some.size)] - target[chosen]
 
         ends = ((here - target)[rest], (there - target)[rest])
         r[rest] = shrink(above, low[rest], high[rest], *ends, BRACKET_TOLERANCE)[1]
@@ -278,9 +314,9 @@ def meetings(
 
 
 def ranges(problem: SteadyTurnProblem, car: SteadyCar, found: Curves) -> Ranges:
-    """What all bounds leave of the curves. Raises MapError where a meeting is not found."""
-    bound = bounds(problem, car)[:, np.newaxis, np.newaxis]
-    values = found.turns.values
+    """Return the feasible part of the curves. Raises MapError if a meeting is not found."""
+    bound = limits(problem)[:, np.newaxis, np.newaxis]
+    values = bounded(found.points, found.turns)
     low, low_by = _ends(car, found, values > bound, bound.ravel(), from_below=True)
     high, high_by = _ends(car, found, values < -bound, -bound.ravel(), from_below=False)
     exceeded = (values[:, -1] - bound[:, 0]).max(axis=0)

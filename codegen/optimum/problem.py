@@ -4,19 +4,21 @@
     subject to              steady state, |beta| <= beta_max, |vx r| <= ay_max,
                             |alpha_f| <= alpha_f_max, |alpha_r| <= alpha_r_max, |delta_r| <= delta_r_max
 
-Both solvers (`exact`, `ipopt`) take this description; neither knows the other.
+The solvers (`exact`, `nonlinear`, `ipopt`) all solve this problem.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, Case, Config
 from codegen.errors import ConfigError
+from codegen.map_file.bounds import BOUNDS, Bound, TurnQuantities
 from codegen.vehicle.single_track import SingleTrack
 from codegen.vehicle.tyre import AxleTyres
 
@@ -28,7 +30,7 @@ are reached together up to rounding, so binding constraints are a set)."""
 
 
 CRITICAL_SPEED_SHARE = 0.98
-"""Of an oversteering car's critical speed, that a map may reach."""
+"""Largest speed of a map as a fraction of an oversteering car's critical speed."""
 
 STABILITY_MARGIN = 1.0 - CRITICAL_SPEED_SHARE**2
 """The same for a turn: the rear angle must fall with the yaw rate by at least this share of the neutral car's L/vx. With linear
@@ -36,8 +38,7 @@ tyres it falls by 1/G = (L/vx) (1 - (vx/critical speed)^2)."""
 
 
 PEAK_SHARE = 0.9
-"""Of the slip angle at which a tyre's force peaks, that a slip bound may reach with the nonlinear tyre: there is hardly more
-force beyond, and nothing that more steering could add."""
+"""Largest slip bound of the nonlinear tyre, as a fraction of the slip angle of peak force. More slip hardly adds force."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +69,20 @@ class SteadyTurnProblem:
 
     @property
     def lateral_acceleration_cap(self) -> float:
-        """ay_cap in m/s^2: the largest steady lateral acceleration that the ay bound and both slip bounds allow."""
-        return min(
-            self.lateral_acceleration_max,
-            self.front_slip_max / self.car.front_slip_per_lateral_acceleration,
-            self.rear_slip_max / self.car.rear_slip_per_lateral_acceleration,
-        )
+        """ay_cap in m/s^2: the largest steady lateral acceleration that the grip bounds allow."""
+        unit = self.linear_turn(1.0, 0.0, 1.0, 0.0, 0.0)
+        return min(self.limit_of(bound) / abs(float(bound.value(unit))) for bound in BOUNDS if bound.is_grip)
+
+    def limit_of(self, bound: Bound) -> float:
+        """Return the limit of a bound, in its unit."""
+        return float(getattr(self, bound.limit))
+
+    def linear_turn(self, speed: Any, front_angle: Any, yaw_rate: Any, sideslip: Any, rear_angle: Any) -> TurnQuantities:
+        """Return the quantities of a steady turn with linear tyres, SI units; the slip angles follow from the others."""
+        lateral_acceleration = speed * yaw_rate
+        slip_front = -lateral_acceleration * self.car.front_slip_per_lateral_acceleration
+        slip_rear = -lateral_acceleration * self.car.rear_slip_per_lateral_acceleration
+        return TurnQuantities(speed, front_angle, yaw_rate, sideslip, slip_front, slip_rear, rear_angle)
 
 
 def breakpoints(config: Config) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""What a map asks of the tyres: slip angles in percent of their bounds, on the plant, at every operating point of the map.
+"""Slip angles of the plant in percent of their bounds, at every operating point of a map.
 
 The plant is the two-track car with Magic Formula tyres of the map's own configuration, in the steady turn with the map's yaw
 rate: as if the map were tracked exactly, whatever rear angle that takes.
@@ -37,7 +37,7 @@ class SlipUse:
 
 
 def slip_use(reference_map: ReferenceMap) -> SlipUse | None:
-    """Of a map; None for one that brings no car, or one whose tyres have no end to their linear range."""
+    """Return the slip use of a map; None if it has no car, or if the linear range of its tyres has no end."""
     config, case = reference_map.config, reference_map.case
     if config is None or case is None:
         return None
@@ -51,7 +51,7 @@ def slip_use(reference_map: ReferenceMap) -> SlipUse | None:
     row, column = np.nonzero(moving)
     turns = steady.turns_at(reference_map.speed[row], reference_map.front_angle[column], reference_map.yaw_rate[moving])
 
-    def placed(slip: FloatArray, bound: float) -> FloatArray:
+    def percent_of_bound(slip: FloatArray, bound: float) -> FloatArray:
         percent = np.full(moving.shape, np.nan)
         percent[moving] = np.where(turns.converged, 100.0 * np.abs(slip) / bound, np.nan)
         return percent
@@ -59,4 +59,8 @@ def slip_use(reference_map: ReferenceMap) -> SlipUse | None:
     unreached = np.zeros(moving.shape, dtype=np.bool_)
     unreached[moving] = ~turns.converged
     problem = steady.problem
-    return SlipUse(placed(turns.slip_front, problem.front_slip_max), placed(turns.slip_rear, problem.rear_slip_max), unreached)
+    return SlipUse(
+        percent_of_bound(turns.slip_front, problem.front_slip_max),
+        percent_of_bound(turns.slip_rear, problem.rear_slip_max),
+        unreached,
+    )

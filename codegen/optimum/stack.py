@@ -24,11 +24,11 @@ from codegen.optimum.solve import Method, solve_case
 __all__ = ["layer_configs", "lower_frictions", "on_road", "solve_stack"]
 
 CELL_BYTES = 3 * 8 + 2
-"""Of a solved cell in a file: three tables of float64 and two of one byte."""
+"""Size of a solved cell in a file: three tables of float64 and two of one byte."""
 
 DESIGN_TOLERANCE = 1e-9
 
-PLACE = "--friction"
+OPTION = "--friction"
 
 
 def solve_stack(
@@ -52,7 +52,7 @@ def solve_stack(
     lower = lower_frictions(config, friction)
     speed, front_angle = breakpoints(config)
     maps = len(lower) + 1
-    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.MAX_UNPACKED_BYTES, PLACE)
+    archive.check_size(maps * speed.size * front_angle.size * CELL_BYTES, archive.MAX_UNPACKED_BYTES, OPTION)
 
     def part(index: int) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(index * total + done, maps * total)
@@ -76,37 +76,37 @@ def _solve_layer(
 
 
 def lower_frictions(config: Config, friction: Sequence[float]) -> tuple[float, ...]:
-    """Those of the frictions that become layers, rising: all but the largest, which is that of the map itself.
+    """Return the frictions of the layers in rising order: all but the largest, which is that of the map itself.
 
     Raises:
-        ConfigError: fewer than two or too many, one that no road has, two that no estimate tells apart, or the largest is not
+        ConfigError: fewer than two or too many, one outside the plausible range, two too close together, or the largest is not
             `road.friction`.
     """
     rising = sorted(friction, key=lambda value: (math.isnan(value), value))
     design, limits = config.road.friction, tables.PLAUSIBLE["friction"]
     if len(rising) < 2:
-        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {PLACE} out"
-        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=PLACE, remedy=remedy)
+        remedy = f"list lower ones with the map's own, such as 0.5,{design:g}, or leave {OPTION} out"
+        raise ConfigError(f"{len(rising) or 'no'} friction, where two or more make a stack", where=OPTION, remedy=remedy)
     if len(rising) > tables.MAX_LAYERS + 1:
-        raise ConfigError(f"{len(rising)} frictions", where=PLACE, remedy=f"list at most {tables.MAX_LAYERS + 1}")
+        raise ConfigError(f"{len(rising)} frictions", where=OPTION, remedy=f"list at most {tables.MAX_LAYERS + 1}")
     for value in rising:
         if not limits.low <= value <= limits.high:
-            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=PLACE, remedy=limits.if_low)
+            raise ConfigError(f"{value:g} is outside {limits.low:g} to {limits.high:g}", where=OPTION, remedy=limits.if_low)
     for left, right in pairwise(rising):
         if right - left < tables.FRICTION_STEP_MIN - tables.FRICTION_STEP_SLACK:
             what = f"{right:.9g} is there twice" if left == right else f"{left:.9g} and {right:.9g} are too close together"
-            raise ConfigError(what, where=PLACE, remedy=f"leave {tables.FRICTION_STEP_MIN:g} or more between two frictions")
+            raise ConfigError(what, where=OPTION, remedy=f"leave {tables.FRICTION_STEP_MIN:g} or more between two frictions")
     if abs(rising[-1] - design) > DESIGN_TOLERANCE:
         raise ConfigError(
             f"the largest friction, {rising[-1]:.9g}, is not the one that the map itself is for, road.friction = {design:.9g}",
-            where=PLACE,
+            where=OPTION,
             remedy=f"set road.friction to {rising[-1]:.9g}, or let the list end with {design:.9g}",
         )
     return tuple(rising[:-1])
 
 
 def roads(config: Config, frictions: Sequence[float]) -> list[Config]:
-    """The configuration on each of some frictions, of which the last one is its own. Raises ConfigError: see `on_road`."""
+    """Return the configuration for each friction; the last is its own. Raises ConfigError: see `on_road`."""
     return [*(on_road(config, friction) for friction in frictions[:-1]), config]
 
 

@@ -1,6 +1,6 @@
-"""The steady-turn problem of a case behind one small interface, whatever its tyre model.
+"""One interface to the steady-turn problem for all tyre models.
 
-Who needs optima or edges takes `turns_of` a case, or `turns_behind` a map, and does not ask which tyre is at work.
+`turns_of` a case and `turns_behind` a map return optima and edges independent of the tyre model.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class SteadyTurns(Protocol):
 
     @property
     def method(self) -> str:
-        """How it is solved, as the `meta` of a map names it."""
+        """Name of the method in the `meta` of a map."""
         ...
 
     def without_rear_steering(self) -> SteadyTurns:
@@ -50,7 +50,7 @@ class SteadyTurns(Protocol):
         ...
 
     def edge(self, speed: FloatArray, front_angle_max: float = ...) -> Edge:
-        """Where the feasible front angles end, for speeds (n,); inf where it is not looked for: beyond a largest one (rad)."""
+        """Return the largest feasible front angles for speeds (n,); inf beyond the largest angle searched (rad)."""
         ...
 
     def lateral_acceleration_cap(self, asked: FloatArray, /) -> float:
@@ -60,7 +60,7 @@ class SteadyTurns(Protocol):
 
 @dataclass(frozen=True)
 class LinearTurns:
-    """With linear tyres on the single-track car: closed forms (see `exact`)."""
+    """Steady turns of the single-track car with linear tyres, in closed form (see `exact`)."""
 
     problem: SteadyTurnProblem
     method = "exact"
@@ -82,7 +82,7 @@ class LinearTurns:
         return exact.edge(self.problem, speed)
 
     def lateral_acceleration_cap(self, _asked: FloatArray, /) -> float:
-        """What the ay bound and both slip bounds allow: the same at every speed."""
+        """Return the lateral acceleration that the grip bounds allow, the same at every speed."""
         return self.problem.lateral_acceleration_cap
 
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config
 from codegen.emit.limiter_cut import LimiterCut, cut_text
 from codegen.errors import MapError
+from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import binding_text
 from codegen.optimum.slip_use import slip_use
 from codegen.optimum.turns import turns_behind
 from codegen.plausibility.car import distinct, is_limit_beyond_actuator

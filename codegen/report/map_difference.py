@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from codegen.configuration import KM_H
 from codegen.errors import MapError
+from codegen.map_file.bounds import BOUNDS
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import BINDING_NAMES
 from codegen.optimum.slip_use import ABOVE, SlipUse, slip_use
 from codegen.report.summary import TYRE, map_summary
 
@@ -135,7 +135,7 @@ class MapDifference:
         if self.outside:
             yield "outside of the other's axes", str(self.outside), "-"
         yield "lateral acceleration up to [m/s^2]", *(f"{side.lateral_acceleration_max_m_s2:.4g}" for side in sides)
-        for name in ("none", *BINDING_NAMES.values()):
+        for name in ("none", *(bound.label for bound in BOUNDS)):
             counts = [None if side.binding_cells is None else side.binding_cells[name] for side in sides]
             if any(counts):
                 label = "nothing binds [cells]" if name == "none" else f"{name} binds [cells]"
@@ -236,7 +236,7 @@ def _side(one: ReferenceMap, used: SlipUse | None) -> Side:
     if one.active is not None:
         flags = one.active[one.feasible]
         binding = {"none": int((flags == 0).sum())}
-        binding |= {name: int((flags & int(flag) != 0).sum()) for flag, name in BINDING_NAMES.items()}
+        binding |= {bound.label: int((flags & int(bound.flag) != 0).sum()) for bound in BOUNDS}
     return Side(
         tyre_model=one.tyre_model,
         feasible_cells=summary.feasible_cells,

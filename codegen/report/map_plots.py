@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H, preset
-from codegen.map_file.map import Binding, ReferenceMap
-from codegen.map_file.tables import binding_text
+from codegen.map_file.bounds import BOUNDS, Binding, binding_text
+from codegen.map_file.map import ReferenceMap
 from codegen.report.published import PAPER_TABLE, TABLE_FRONT_ANGLE_DEG, TABLE_SPEED_KM_H
 from codegen.report.style import (
     BLACK,
@@ -48,11 +48,7 @@ if TYPE_CHECKING:
 BINDING_COLOURS = {
     int(Binding.NONE): "#F4F1E6",
     int(Binding.SLIP_FRONT | Binding.SLIP_REAR): VERMILION,
-    int(Binding.REAR_ANGLE): BLUE,
-    int(Binding.SIDESLIP): ORANGE,
-    int(Binding.LATERAL_ACCELERATION): GREEN,
-    int(Binding.SLIP_FRONT): PURPLE,
-    int(Binding.SLIP_REAR): SKY,
+    **{int(bound.flag): bound.colour for bound in BOUNDS},
 }
 OTHER_COLOURS = ("#999933", "#882255", "#44AA99", "#332288", "#DDCC77")
 """For sets of constraints without a colour of their own (P. Tol's muted scheme); what is rarer still shares grey."""

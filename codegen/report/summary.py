@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from codegen.configuration import KM_H
+from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import binding_text
 
 if TYPE_CHECKING:
     from hil_sim.metrics import Evaluation

@@ -135,7 +135,7 @@ def single_track(config: Config, tyre_model: TyreModel) -> Model:
 
 
 def _arm_losses(config: Config) -> tuple[float, float]:
-    """m of a steered axle's arm that are lost for each rad and m/s^2: half a track times the share of the load that moves."""
+    """Return the loss of a steered axle's arm in m for each rad and m/s^2: half the track times the load transfer share."""
     front, rear = load_shares_per_lateral_acceleration(config)
     return 0.5 * config.vehicle.track_m * front, 0.5 * config.vehicle.track_m * rear
 

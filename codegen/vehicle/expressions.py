@@ -1,4 +1,4 @@
-"""What the models of the car are made of: a model of CasADi functions, and the tyre's formula as an expression.
+"""Parts of the car models: a model as CasADi functions, and the tyre force as an expression.
 
 The quantities of a tyre may be numbers or symbols of CasADi.
 """
@@ -22,7 +22,7 @@ class Model:
         states, inputs, outputs: the names of the elements of x, u and y, in order, SI units.
         derivative: (x, u) -> x'.
         jacobian: (x, u) -> (df/dx, df/du).
-        output: (x, u) -> y, where the model has outputs beside its states.
+        output: (x, u) -> y, None if the model has no outputs.
     """
 
     name: str
@@ -46,7 +46,7 @@ def curve_argument(tyre: MagicFormulaTyre, slip: Any) -> Any:
 
 def curve(tyre: MagicFormulaTyre, x: Any) -> Any:
     """The formula's curve, from -1 to 1."""
-    return ca.sin(tyre.shape_factor * ca.atan(x - tyre.curvature_factor * (x - ca.atan(x))))
+    return tyre.curve.value(tyre, x, ca)
 
 
 def axle_curve(tyre: MagicFormulaTyre, x: Any, loss: float) -> Any:

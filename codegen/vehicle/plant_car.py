@@ -1,7 +1,4 @@
-"""The car as the two-track plant knows it: one set of quantities, as numbers of a configuration or as symbols.
-
-Every quantity that stays as it is while the car drives is here, in SI; what the plant makes of them is in `dynamics`.
-"""
+"""Constant quantities of the two-track plant's car in SI units, as numbers of a configuration or as symbols."""
 
 from __future__ import annotations
 
@@ -13,13 +10,14 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from codegen.configuration import Config
+from codegen.configuration import Config, Tyres
+from codegen.vehicle.curves import CURVES
 from codegen.vehicle.tyre import MagicFormulaTyre, static_wheel_loads
 
 FloatArray = npt.NDArray[np.float64]
 
-_TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name != "nominal_friction")
-"""What the plant takes of a tyre: the nominal friction has gone into the stiffness factor."""
+_TYRE = tuple(field.name for field in fields(MagicFormulaTyre) if field.name not in ("nominal_friction", "curve"))
+"""Factors of a tyre that the plant uses; the stiffness factor already includes the nominal friction."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Chassis:
 _CHASSIS = tuple(field.name for field in fields(Chassis))
 
 PLANT_PARAMETERS = (*_CHASSIS, *(f"{axle}_{name}" for axle in ("front", "rear") for name in _TYRE))
-"""Names of what makes one car of the plant another, in order: those of `Chassis`, then `front_` and `rear_` with the factors of
+"""Names of the plant's parameters, in order: those of `Chassis`, then `front_` and `rear_` with the factors of
 `tyre.MagicFormulaTyre`. SI units."""
 
 
@@ -96,12 +94,14 @@ class PlantCar:
         )
 
     @classmethod
-    def from_symbols(cls, parameters: Any) -> PlantCar:
-        """The car whose quantities are the elements of a column of symbols, in the order of PLANT_PARAMETERS."""
+    def from_symbols(cls, parameters: Any, tyres: Tyres) -> PlantCar:
+        """Make a car of a column of symbols, in the order of PLANT_PARAMETERS, with the curves of `tyres`."""
         symbols = {name: parameters[index] for index, name in enumerate(PLANT_PARAMETERS)}
         front, rear = (
-            MagicFormulaTyre(**{name: symbols[f"{axle}_{name}"] for name in _TYRE}, nominal_friction=math.nan)
-            for axle in ("front", "rear")
+            MagicFormulaTyre(
+                **{name: symbols[f"{axle}_{name}"] for name in _TYRE}, nominal_friction=math.nan, curve=CURVES[tyre.curve]
+            )
+            for axle, tyre in (("front", tyres.front), ("rear", tyres.rear))
         )
         return cls(Chassis(**{name: symbols[name] for name in _CHASSIS}), front, rear)
 

@@ -91,7 +91,7 @@ def two_track_of_parameters(config: Config) -> ParametricModel:
     With p = `plant_parameters(config)` its functions are those of `two_track(config)`.
     """
     p = plant_symbols()
-    car = PlantCar.from_symbols(p)
+    car = PlantCar.from_symbols(p, config.tyre)
     if config.plant.relaxation_length_m <= 0.0:
         car = replace(car, chassis=replace(car.chassis, relaxation_length=0.0))
     x, u, derivative, output = _two_track(car)

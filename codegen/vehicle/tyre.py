@@ -7,7 +7,7 @@ alpha = beta + ... - delta, the force on the car is Fy = -F(alpha); the models i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from codegen.configuration import Config, Tyre
 from codegen.errors import ConfigError
+from codegen.vehicle.curves import CURVES, MAGIC_FORMULA, TyreCurve
 from codegen.vehicle.roots import bracketed_root
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,6 +37,7 @@ class MagicFormulaTyre:
         horizontal_shift: S_H, rad; the formula's argument is alpha - S_H, as the paper has it.
         vertical_shift: S_V, N.
         static_load: Fz0, N.
+        curve: shape of the force.
         nominal_friction: the friction at which `cornering_stiffness` and the slip bound are taken.
     """
 
@@ -48,17 +50,15 @@ class MagicFormulaTyre:
     vertical_shift: float
     static_load: float
     nominal_friction: float
+    curve: TyreCurve = MAGIC_FORMULA
 
     @classmethod
     def from_config(cls, tyre: Tyre, static_load: float, nominal_friction: float) -> MagicFormulaTyre:
-        """Resolve B from the cornering stiffness where that is given: B = C_alpha/(C D) at static load (N) and friction."""
+        """Resolve B from the cornering stiffness if that is given: B = C_alpha/(C D), at static load (N) and friction."""
         peak = nominal_friction * tyre.peak_factor_p1 * static_load
         factor = tyre.stiffness_factor_b_per_rad
-        if tyre.cornering_stiffness_n_per_rad is not None:
-            factor = tyre.cornering_stiffness_n_per_rad / (tyre.shape_factor_c * peak)
-        assert factor is not None  # the configuration has exactly one of the two
-        return cls(
-            stiffness_factor=factor,
+        resolved = cls(
+            stiffness_factor=1.0 if factor is None else factor,
             shape_factor=tyre.shape_factor_c,
             curvature_factor=tyre.curvature_factor_e,
             peak_factor=tyre.peak_factor_p1,
@@ -67,7 +67,12 @@ class MagicFormulaTyre:
             vertical_shift=tyre.vertical_shift_n,
             static_load=static_load,
             nominal_friction=nominal_friction,
+            curve=CURVES[tyre.curve],
         )
+        if tyre.cornering_stiffness_n_per_rad is None:
+            return resolved
+        slope = float(resolved.curve.initial_slope(resolved))
+        return replace(resolved, stiffness_factor=tyre.cornering_stiffness_n_per_rad / (slope * peak))
 
     def peak(self, load: float, friction: float) -> float:
         """D in N at a wheel load (N) and friction; zero where the load sensitivity would make it negative."""
@@ -76,24 +81,17 @@ class MagicFormulaTyre:
 
     @property
     def cornering_stiffness(self) -> float:
-        """C_alpha = B C D in N/rad: the slope at zero slip, at static load and nominal friction, without shifts."""
-        return self.stiffness_factor * self.shape_factor * self.peak(self.static_load, self.nominal_friction)
+        """C_alpha in N/rad (B C D): slope at zero slip, static load and nominal friction, without shifts."""
+        slope = self.stiffness_factor * float(self.curve.initial_slope(self))
+        return slope * self.peak(self.static_load, self.nominal_friction)
 
     @property
     def peak_slip(self) -> float:
-        """Slip angle in rad, without shifts, at which the force is largest: where C atan(X - E (X - atan X)) = pi/2.
+        """Slip angle in rad, without shifts, at which the force is largest.
 
         Load and friction do not move it. inf where the force rises all the way.
         """
-        if self.shape_factor <= 1.0:
-            return math.inf
-        bent, e = math.tan(0.5 * math.pi / self.shape_factor), self.curvature_factor
-        if e == 1.0:
-            return math.tan(bent) / self.stiffness_factor if bent < 0.5 * math.pi else math.inf
-        # X - E (X - atan X) rises by at least the smaller of 1 and 1 - E, and by at most the larger one.
-        low, high = 0.0, bent / min(1.0, 1.0 - e)
-        x = bracketed_root(lambda x: x - e * (x - math.atan(x)) - bent, low, high)
-        return x / self.stiffness_factor
+        return self.curve.peak(self) / self.stiffness_factor
 
     def force(self, slip_angle: npt.ArrayLike, load: float | None = None, friction: float | None = None) -> FloatArray:
         """F in N for slip angles (rad, any shape) with the shifts; load and friction default to static and nominal."""
@@ -103,15 +101,13 @@ class MagicFormulaTyre:
         return self._shape(slip) * self.peak(load, friction) + self.vertical_shift
 
     def _shape(self, slip: FloatArray) -> FloatArray:
-        x = self.stiffness_factor * slip
-        e = self.curvature_factor
-        result: FloatArray = np.sin(self.shape_factor * np.arctan(x - e * (x - np.arctan(x))))
+        result: FloatArray = self.curve.value(self, self.stiffness_factor * slip, np)
         return result
 
     def departure(self, slip_angle: npt.ArrayLike) -> FloatArray:
         """|F/(C_alpha alpha) - 1| at static load without shifts, for slip angles (rad) other than zero."""
         slip = np.asarray(slip_angle, dtype=np.float64)
-        result: FloatArray = np.abs(self._shape(slip) / (self.stiffness_factor * self.shape_factor * slip) - 1.0)
+        result: FloatArray = np.abs(self._shape(slip) / (self.stiffness_factor * self.curve.initial_slope(self) * slip) - 1.0)
         return result
 
     def slip_bound(self, departure: float, where: str = "tyre") -> float:

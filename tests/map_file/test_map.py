@@ -102,7 +102,7 @@ def test_a_solved_map_is_read_whole() -> None:
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", np.longdouble, np.uint8, ">i2"])
 def test_numbers_of_any_kind_order_and_compression_become_float64(dtype: Any, tmp_path: Path) -> None:
-    """Whatever the content of the infeasible cells, and beside keys that nobody knows."""
+    """Infeasible cells may hold any content, and unknown keys are ignored."""
     arrays = solved_arrays()
     arrays["vx"], arrays["feasible"] = arrays["vx"].astype(dtype), arrays["feasible"].astype(dtype)
     arrays["yaw_rate"][3, 2], arrays["beta"][3, 2] = np.inf, 1e9

@@ -125,7 +125,7 @@ class Turns:
 
     @property
     def feasible(self) -> npt.NDArray[np.bool_]:
-        """Where no constraint is violated."""
+        """Whether each turn violates no constraint."""
         result: npt.NDArray[np.bool_] = np.all([share <= 1.0 for share in self.used.values()], axis=0)
         return result
 

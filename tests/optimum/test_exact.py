@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @pytest.mark.parametrize(("case", "printed"), [("fws", 15.35), ("4ws-1", 26.82), ("4ws-2", 21.35)])
 def test_yaw_rates_of_the_papers_table(case: str, printed: float) -> None:
-    """The table names 43.9 km/h and fits 43.35 km/h better: most likely it was read one grid column beside its label."""
+    """The table names 43.9 km/h and fits 43.35 km/h better: most likely it was read one grid column off its label."""
     problem = SteadyTurnProblem.from_config(PAPER, PAPER.case(case))
     for speed_km_h, tolerance in ((43.9, 0.02), (43.35, 0.006)):
         found = exact.solve(problem, np.array([speed_km_h * KM_H]), np.radians([4.0])).yaw_rate[0, 0]
@@ -56,7 +56,7 @@ def test_brute_force_on_random_cars() -> None:
 
 
 def test_a_left_turn_even_without_a_weight_on_sideslip() -> None:
-    """Where grip limits the turn to both sides, -r^2 alone is the same to the right: rounding must not choose."""
+    """If grip limits the turn to both sides, -r^2 is equal to the right and to the left: rounding must not choose."""
     rng = np.random.default_rng(20_240_613)
     for _ in range(100):
         config = random_config(rng, rear_steering=True)

@@ -32,7 +32,7 @@ from tests.optimum.cars import CASE, PAPER, changed, nonlinear, paper_map
 
 
 def test_against_a_dense_search() -> None:
-    """In a random cell; and for a heavy car whose rear tyre hardly rises at its bound: stability ends the curve before it."""
+    """Check a random cell, and a heavy car whose rear tyre hardly rises at its bound, so that stability ends the curve."""
     rng = np.random.default_rng(100)
     light, heavy = random_car(rng), random_car(np.random.default_rng([1, 14]))
     anywhere = random_cells(NonlinearTurns.from_config(light, light.cases[CASE]), light, rng, 1)

@@ -31,7 +31,7 @@ class CPlant:
         self.states = self.model.states
 
     def rows(self, what: str, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """What `plant_derivative` or `plant_output` gives."""
+        """Return the result of `plant_derivative` or `plant_output`."""
         kind, names = ("plant_state_t", self.states) if what == "derivative" else ("plant_output_t", PLANT_OUTPUTS)
         result, found = self._ffi.new(f"{kind} *"), []
         for x, u in zip(states, inputs, strict=True):

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.configuration import KM_H
+from codegen.map_file.bounds import binding_text
 from codegen.map_file.map import ReferenceMap
-from codegen.map_file.tables import binding_text
 from codegen.report.html.blocks import EMPTY, INK, Chart, Cuts, Gallery
 from codegen.report.html.charts import (
     axis,

@@ -1,0 +1,89 @@
+"""The bounds of the optimisation: one list for the solvers, the `active` flags of the map file, the report and the explorer."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+class Binding(enum.IntFlag):
+    """Set of the bounds that bind in a cell; several may be reached together."""
+
+    NONE = 0
+    SIDESLIP = 1
+    LATERAL_ACCELERATION = 2
+    SLIP_FRONT = 4
+    SLIP_REAR = 8
+    REAR_ANGLE = 16
+
+
+@dataclass(frozen=True)
+class TurnQuantities:
+    """Quantities of a steady turn, or their derivatives: numbers, arrays or CasADi expressions. SI units, rad."""
+
+    speed: Any
+    front_angle: Any
+    yaw_rate: Any
+    sideslip: Any
+    slip_front: Any
+    slip_rear: Any
+    rear_angle: Any
+
+    @property
+    def lateral_acceleration(self) -> Any:
+        """Steady lateral acceleration vx r in m/s^2."""
+        return self.speed * self.yaw_rate
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One bound, |value| <= limit.
+
+    Attributes:
+        flag: bit in `active`.
+        label: name in texts and legends.
+        unit: SI unit of value and limit.
+        colour: colour of the cells in which this bound alone binds.
+        limit: attribute of `optimum.problem.SteadyTurnProblem` with the limit; infinite where there is none.
+        value: the bounded quantity. It must be linear in all quantities but the speed, so that the same function gives its
+            derivatives, and must not rise with the yaw rate unless `is_yaw_rate`.
+        is_grip: the value of the linear car is proportional to the lateral acceleration.
+        is_yaw_rate: the value is proportional to the yaw rate at each speed.
+        is_variable: the value is a variable of IPOPT, which bounds it directly.
+    """
+
+    flag: Binding
+    label: str
+    unit: str
+    colour: str
+    limit: str
+    value: Callable[[TurnQuantities], Any]
+    is_grip: bool = False
+    is_yaw_rate: bool = False
+    is_variable: bool = False
+
+
+BOUNDS = (
+    Bound(Binding.SIDESLIP, "sideslip", "rad", "#E69F00", "sideslip_max", lambda turn: turn.sideslip, is_variable=True),
+    Bound(
+        Binding.LATERAL_ACCELERATION,
+        "lateral acceleration",
+        "m/s^2",
+        "#009E73",
+        "lateral_acceleration_max",
+        lambda turn: turn.lateral_acceleration,
+        is_grip=True,
+        is_yaw_rate=True,
+    ),
+    Bound(Binding.SLIP_FRONT, "front slip", "rad", "#CC79A7", "front_slip_max", lambda turn: turn.slip_front, is_grip=True),
+    Bound(Binding.SLIP_REAR, "rear slip", "rad", "#56B4E9", "rear_slip_max", lambda turn: turn.slip_rear, is_grip=True),
+    Bound(Binding.REAR_ANGLE, "rear angle", "rad", "#0072B2", "rear_angle_max", lambda turn: turn.rear_angle, is_variable=True),
+)
+"""All bounds, by rising flag."""
+
+
+def binding_text(flags: int) -> str:
+    """Name a set of binding bounds, such as "front slip + rear slip"; "none" for an optimum inside all of them."""
+    return " + ".join(bound.label for bound in BOUNDS if flags & bound.flag) or "none"
