@@ -1,1 +1,1 @@
-"""What leaves the project for other tools."""
+"""Exports to other tools."""

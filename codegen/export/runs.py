@@ -1,4 +1,4 @@
-"""A run for other tools: MF4, Parquet or CSV by the extension, with the columns, names and bits of the CSV.
+"""Export a run as MF4, Parquet or CSV, selected by the extension. Columns, names and values are those of the CSV.
 
 | format | written by | unit and meaning of a column | status |
 |---|---|---|---|
@@ -6,7 +6,7 @@
 | `.parquet` | pyarrow | the file's metadata, key `columns`, JSON | uint8, its names in the metadata |
 | `.csv` | `hil_sim.recording` | the unit in the name | whole number |
 
-All else is float64, unchanged. No clock and no path: equal runs give equal bytes, with the same versions of the packages.
+All other columns are float64. Files contain no clock time and no path, so equal runs give equal bytes with the same packages.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a run: its name, which holds the unit too, the unit as engineers write it, and what it is."""
+    """A column of a run: name with a suffix for the unit, the unit itself, and its meaning."""
 
     name: str
     unit: str
@@ -61,7 +61,7 @@ COLUMNS = (
 
 
 def check_formats(paths: Iterable[Path]) -> None:
-    """Refuse, before a run, a file whose extension has no format, or whose format needs a package that is missing.
+    """Check before a run that each extension has a format and the package for it is installed.
 
     Raises:
         CodegenError: with the path, and what to name or install instead.
@@ -77,10 +77,10 @@ def check_formats(paths: Iterable[Path]) -> None:
 
 
 def save(record: FloatArray, path: Path) -> None:
-    """Write a recording in the format of the extension; what stood at `path` stays until the new file is complete.
+    """Write a recording in the format of the extension, replacing `path` atomically.
 
     Args:
-        record: (samples, 12), columns RECORD_COLUMNS.
+        record: (samples, columns), RECORD_COLUMNS.
         path: `.mf4`, `.parquet` or `.csv`.
 
     Raises:
@@ -91,7 +91,7 @@ def save(record: FloatArray, path: Path) -> None:
 
 
 def to_mf4(record: FloatArray) -> bytes:
-    """A recording as ASAM MDF 4.1: one channel group, its master `time_s`, packed. It starts at EPOCH: there is no clock."""
+    """Return a recording as compressed ASAM MDF 4.1: one channel group with the master `time_s`, starting at EPOCH."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import FileHistory
 
@@ -126,7 +126,7 @@ def to_mf4(record: FloatArray) -> bytes:
 
 
 def to_parquet(record: FloatArray) -> bytes:
-    """A recording as Parquet, packed with Snappy, which every reader has."""
+    """Return a recording as Parquet, compressed with Snappy, which every reader supports."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -143,7 +143,7 @@ def to_parquet(record: FloatArray) -> bytes:
 
 @dataclass(frozen=True)
 class Format:
-    """How a recording becomes a file, and the package that this needs."""
+    """A file format: function that encodes a recording, and the package it requires."""
 
     content: Callable[[FloatArray], bytes]
     package: str | None = None
@@ -162,7 +162,7 @@ def _values(record: FloatArray, name: str) -> npt.NDArray[np.float64] | npt.NDAr
 
 
 def _status_texts() -> dict[str, object]:
-    """The conversion of asammdf from value to text; another value stays a number."""
+    """Return the value-to-text conversion for asammdf; unknown values stay numbers."""
     texts: dict[str, object] = {}
     for number, status in enumerate(Status):
         texts |= {f"val_{number}": status.value, f"text_{number}": status.name}

@@ -1,9 +1,10 @@
-"""Many closed loops at once: cars, disturbances and noise differ, the scenario and the controller's C are shared.
+"""Batches of closed-loop runs. Cars, disturbances and noise differ; the scenario and the controller's C are shared.
 
-The two-track plant of `BATCH_LANES` runs is computed together, by vector instructions where compiler and machine have them; the
-controller of each run is the C of the build, called once a sample. A run gives the same bits in whatever company it is.
+The two-track plant of `BATCH_LANES` runs is computed together, with vector instructions where compiler and machine support
+them. The controller of each run is the C of the build, called once a sample. The result of a run does not depend on the rest
+of the batch, bit for bit.
 
-Against the single run (`closed_loop`) of the same car, results differ by rounding, see DIFFERENCE_MAX.
+Results differ from the single run (`closed_loop`) of the same car by rounding, see DIFFERENCE_MAX.
 """
 
 from __future__ import annotations
@@ -36,16 +37,17 @@ IntArray = npt.NDArray[np.integer[Any]]
 BoolArray = npt.NDArray[np.bool_]
 
 DIFFERENCE_MAX = 1e-11
-"""Most that a number of a run may differ from that of the single run, in its SI unit, while the car does not spin.
+"""Largest difference between a batch run and the single run, in SI units, while the car does not spin.
 
-The vector functions are good to 4 units in the last place and those of single numbers to 1, and divisions by what stays
-constant are products with its reciprocal: some twenty roundings, 1e-14 of an acceleration of 10 m/s^2, each plant step. A
-stable car forgets within some hundred steps, near the limit of its grip some thousand: 1e-13 rad/s. Found between vectors and
-none in 8,000 runs of random cars, step steer and sine with dwell: at most 1.5e-13 rad/s of yaw rate and 1.6e-12 m/s^2."""
+Vector functions are accurate to 4 units in the last place, scalar functions to 1. Divisions by constants become products with
+the reciprocal. Together these make about twenty roundings a plant step, 1e-14 of an acceleration of 10 m/s^2. Their effect
+decays within about a hundred steps, near the limit of grip within about a thousand, and so reaches 1e-13 rad/s. Measured with
+and without vectors in 8,000 runs of random cars, step steer and sine with dwell: at most 1.5e-13 rad/s and 1.6e-12 m/s^2."""
 
 DIFFERENCE_MAX_FLIPPED = 1e-6
-"""The same where a measured signal falls on the other side when it is rounded to single precision for the controller, once in
-some ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
+"""As DIFFERENCE_MAX, where a measured signal rounds to the other neighbour in single precision.
+
+This happens about once in ten million samples: 6e-8 rad of front angle are 5e-7 rad/s of reference at 8 (rad/s)/rad."""
 
 NOISES = 3
 _SPEED, _FRICTION = INPUT_COLUMNS.index("speed"), INPUT_COLUMNS.index("friction")
@@ -54,18 +56,18 @@ _RELAXATION = PLANT_PARAMETERS.index("relaxation_length")
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """What each of n runs has of its own. An array (n,), or a number for all of them.
+    """Values that differ between the n runs of a batch: an array (n,), or one number for all runs.
 
     Attributes:
         cars: (n, k), rows from `vehicle.dynamics.plant_parameters`, columns PLANT_PARAMETERS.
-        speed_factor: of the scenario's speed, above zero.
-        wheel_factor: of its steering-wheel command.
-        friction: of the road, in place of the scenario's; where that changes over time, this one over the configuration's
-            multiplies it. None: the scenario's.
-        friction_estimate: for the controller, in place of the scenario's; NaN: none.
-        delay_samples: control samples between computing a command and its acting, 0 to 100.
-        command_factor: of the rear angle command when it acts: it multiplies the gain of the loop, exactly; 1 leaves all bits.
-        controlled: False leaves the rear command at zero: the passive car.
+        speed_factor: multiplies the scenario's speed; above zero.
+        wheel_factor: multiplies the scenario's steering-wheel command.
+        friction: replaces the road friction of the scenario. A friction that changes over time is instead multiplied by this
+            value over that of the configuration. None keeps the scenario's.
+        friction_estimate: replaces the scenario's estimate for the controller; NaN: no estimate.
+        delay_samples: control samples from computing a command until it acts, 0 to 100.
+        command_factor: multiplies the rear angle command, and so the loop gain, when the command acts; 1 changes no bit.
+        controlled: False keeps the rear command at zero: the passive car.
         noise: (samples, 3, n), added to measured speed (m/s), front angle (rad) and yaw rate (rad/s). None: none.
     """
 
@@ -82,7 +84,7 @@ class Lanes:
 
 @dataclass(frozen=True)
 class BatchSoftware:
-    """A compiled build with the plant for many cars. Without state: calls may run side by side in threads.
+    """A compiled build with the plant for many cars. It has no state; threads may call it concurrently.
 
     Attributes:
         software: the controller of the build in the batch's own library; it makes parameter structs.
@@ -105,7 +107,7 @@ class BatchSoftware:
 
     @property
     def delay_max(self) -> int:
-        """The most samples that a command may be late."""
+        """Largest command delay, in control samples."""
         return int(self.software.compiled.lib.BATCH_DELAY_MAX)
 
     def parameters(self, **changes: float) -> Any:
@@ -119,13 +121,13 @@ class BatchSoftware:
         parameters: Any | None = None,
         columns: Sequence[str] = RECORD_COLUMNS,
     ) -> FloatArray:
-        """All runs, in this thread, the interpreter's lock released.
+        """Simulate all runs in this thread, without holding the interpreter lock.
 
         Args:
             profile: (samples * steps_per_sample, 6), columns INPUT_COLUMNS: the scenario that all runs share. Speed above zero.
-            lanes: what each run has of its own.
-            parameters: of the controller, from `parameters`; None takes the build's.
-            columns: of RECORD_COLUMNS, those wanted; no other is computed or stored.
+            lanes: values that differ between the runs.
+            parameters: controller parameters from `parameters`; None uses the build's.
+            columns: subset of RECORD_COLUMNS to compute and store.
 
         Returns:
             (columns, samples, n).
@@ -165,7 +167,7 @@ class BatchSoftware:
         return profile, profile.shape[0] // steps
 
     def _own(self, profile: FloatArray, lanes: Lanes, samples: int) -> tuple[FloatArray, dict[str, npt.NDArray[Any]]]:
-        """The profile with its friction as a factor, and the arrays of batch_runs_t."""
+        """Return the profile with friction as a factor, and the arrays of batch_runs_t."""
         cars = np.ascontiguousarray(lanes.cars, dtype=np.float64)
         if cars.ndim != 2 or cars.shape[1] != len(PLANT_PARAMETERS):
             raise ValueError(f"cars of shape {cars.shape}; needed: (n, {len(PLANT_PARAMETERS)}), columns PLANT_PARAMETERS")
@@ -214,7 +216,7 @@ def load_batch(build: Path, isa: Isa | None = None) -> BatchSoftware:
     """Compile the C of a build folder for many runs at once; see `compile_batch` for `isa`.
 
     Raises:
-        BuildError: not a build folder, no compiler, C that does not compile, or no vectors of the level that was asked for.
+        BuildError: not a build folder, no compiler, C that does not compile, or unavailable vectors of the requested level.
     """
     manifest = read_build(build)
     require_can_side(manifest, build)
@@ -235,18 +237,18 @@ def compile_batch(
 
     Args:
         files: path -> content of the build.
-        manifest: of the build.
-        config: sampling times, nominal friction, and whether tyres have a relaxation length; None takes the build's.
-        isa: vector instructions; None takes the best that compiler and machine offer.
+        manifest: manifest of the build.
+        config: gives sampling times, nominal friction, and whether tyres have a relaxation length; None: the build's.
+        isa: vector instructions; None uses the best level that compiler and machine support.
         mode: see `compile_library`.
-        edited: files of the build that are no longer as generated.
+        edited: files of the build that were changed after generation.
 
     Raises:
         BuildError: as `load_batch`.
     """
     config = config or configuration.parse(manifest["configuration"], "manifest.json: configuration")
     prefix, precision = manifest["options"]["prefix"], manifest["options"]["precision"]
-    # The model of the car for an ECU takes no part, and calls functions that must not be seen in the library.
+    # The ECU's vehicle model is not used here. `is_vectorised` would reject its scalar calls.
     left_out = {f"include/{prefix}_dynamics.h", f"src/{prefix}_dynamics.c"}
     taken = {path: content for path, content in files.items() if path.startswith(("include/", "src/")) and path not in left_out}
     public = [path for path in taken if path.startswith("include/") and path != f"include/{prefix}_sections.h"]
@@ -268,7 +270,7 @@ def compile_batch(
 
 
 def _require(isa: Isa) -> None:
-    # Run where they do not exist, such instructions would end the process.
+    # Unsupported instructions would terminate the process.
     if not machine_runs(isa):
         raise BuildError(f"this machine has no instructions of {isa}", remedy='take "none", or leave the choice')
     if not compiler_offers(isa):

@@ -1,4 +1,4 @@
-"""The C of the batch: many closed loops at once around the controller of a build."""
+"""Render the C of the batch: closed loops of many runs around the controller of a build."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ from codegen.sil.vector import FUNCTIONS
 from codegen.vehicle.dynamics import ParametricModel, two_track_of_parameters
 
 LANES = 8
-"""Runs that are computed together: what one vector of AVX-512 holds. Twice as many gain a few percent, and cost more where a
-batch does not fill its last lanes."""
+"""Runs that are computed together: the doubles of one AVX-512 vector.
+
+Twice as many gain a few percent, but waste more when a batch does not fill its last lanes."""
 
 PLANT_UNIT = "batch/batch_plant.c"
 """The source whose loops become vectors."""
 
 _UNRECORDED = ("position_x", "position_y", "heading")
-"""States on which no other column depends: they are left out unless a signal is one of them."""
+"""States that no column depends on; omitted unless a signal reads them."""
 _SOURCES = {each.source for each in RECORDED}
 
 
 def batch_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
-    """The files of the batch for a controller of this prefix and precision.
+    """Return the C files of the batch for a controller of this prefix and precision.
 
-    Of the configuration it takes only whether the tyres have a relaxation length: the car of each run is data.
+    The configuration only decides whether the tyres have a relaxation length; the car of each run is data.
     """
     model = two_track_of_parameters(config)
     context = {
@@ -73,7 +74,7 @@ def _plant_view(model: ParametricModel) -> dict[str, Any]:
 
 
 def _function(model: ParametricModel, name: str, states: Sequence[str], results: Sequence[str]) -> Any:
-    """Some results of a model over some of its states, the others at zero: derivatives of states, or outputs."""
+    """Return selected derivatives or outputs of a model as a function of selected states; other states are zero."""
     state = ca.SX.sym("state", len(states))
     u = ca.SX.sym("input", len(model.inputs))
     p = ca.SX.sym("parameter", len(model.parameters))

@@ -1,4 +1,4 @@
-"""Where compiled files are kept."""
+"""Location of the cache of compiled files."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from codegen.errors import BuildError
 
 
 def cache_folder() -> Path:
-    """The folder of compiled files, made if it does not exist; nothing in it is needed, all of it can be removed.
+    """Return the cache folder, creating it if necessary. Its content can be deleted at any time.
 
-    `$ARS_CACHE`, else `$XDG_CACHE_HOME/ars-codegen`, else `~/.cache/ars-codegen`; where that cannot be written, a temporary
-    folder that is private to the user.
+    The folder is `$ARS_CACHE`, else `$XDG_CACHE_HOME/ars-codegen`, else `~/.cache/ars-codegen`. If it is not writable, a
+    temporary folder that is private to the user replaces it.
     """
     named = os.environ.get("ARS_CACHE")
     shared = os.environ.get("XDG_CACHE_HOME", "")
     try:
         if named:
             folder = Path(named).absolute()
-        elif Path(shared).is_absolute():  # the XDG specification ignores a relative one
+        elif Path(shared).is_absolute():  # the XDG specification requires relative paths to be ignored
             folder = Path(shared, "ars-codegen")
         else:
             folder = Path.home() / ".cache" / "ars-codegen"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
+    except (OSError, RuntimeError):  # RuntimeError: no home folder
         return _temporary_folder()
 
 
@@ -39,7 +39,7 @@ def _temporary_folder() -> Path:
         folder = Path(tempfile.gettempdir(), f"ars-codegen-{os.getuid()}")
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        # Code is loaded from here: whatever another user could have put in that place is not taken.
+        # Code is loaded from here, so a folder that another user could write to is rejected.
         status = folder.lstat()
         if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077:
             return folder

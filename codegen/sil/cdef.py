@@ -1,4 +1,4 @@
-"""cffi's declarations (`cdef`), derived from the real headers by the compiler's own preprocessor: they cannot drift apart."""
+"""Derive the declarations for cffi (`cdef`) from the real headers with the compiler's preprocessor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PRAGMA_PACK = re.compile(r"^\s*#\s*pragma\s+pack\b", re.MULTILINE)
 
 
 def _write_stand_ins(folder: Path) -> None:
-    """Headers with what the C standard promises of them and nothing else, for the parser; cffi knows these types."""
+    """Write minimal standard headers for the parser; cffi knows their types."""
     widths = [f"{kind}{bits}" for kind in ("", "_least", "_fast") for bits in (8, 16, 32, 64)]
     types = [f"{sign}int{width}_t" for sign in ("", "u") for width in (*widths, "ptr", "max")]
     limits = [f"#define {sign}INT{bits}_MAX __{sign}INT{bits}_MAX__" for sign in ("", "U") for bits in (8, 16, 32, 64)]
@@ -34,7 +34,7 @@ def _write_stand_ins(folder: Path) -> None:
 
 
 def _declaration(node: Any, for_dlopen: bool) -> Any | None:
-    """What cffi takes of one top-level node of a header; None for nothing."""
+    """Return the part of a top-level node that cffi accepts, or None."""
     if isinstance(node, c_ast.StaticAssert | c_ast.Pragma):
         return None
     if isinstance(node, c_ast.FuncDef):
@@ -46,7 +46,7 @@ def _declaration(node: Any, for_dlopen: bool) -> Any | None:
             return None
         node.storage, node.funcspec = [], []
     elif for_dlopen and isinstance(node.type, c_ast.TypeDecl | c_ast.PtrDecl) and "extern" in node.storage:
-        # cffi refuses to read a constant from a plain library, yet reads a variable.
+        # In ABI mode cffi reads variables but not constants.
         node.type.quals = [qualifier for qualifier in node.type.quals if qualifier != "const"]
     elif for_dlopen and "static" in node.storage and not _is_integer(node.init):
         return None
@@ -60,7 +60,7 @@ def _is_integer(value: Any) -> bool:
 
 
 def _refuse_set_layout(text: str) -> None:
-    # cffi would take such a struct for one of natural layout and read the wrong bytes.
+    # cffi would assume natural layout for such a struct and read the wrong bytes.
     attributes = (found[0] for found in _ATTRIBUTE.finditer(text) if _LAYOUT_WORD.search(found[0]))
     if _PRAGMA_PACK.search(text) or any(attributes):
         raise BuildError(
@@ -76,20 +76,20 @@ def derive_cdef(
     for_dlopen: bool = False,
     folder: Path | None = None,
 ) -> str:
-    """The declarations of C headers in the form that `ffi.cdef` takes.
+    """Return the declarations of C headers in the form that `ffi.cdef` accepts.
 
-    Macros are gone (an enum or `static const int` stays), so are bodies, static assertions and attributes.
+    Macros, function bodies, static assertions and attributes are removed; enums and `static const int` remain.
 
     Args:
-        headers: the public headers in include order; of the C standard library they may include stdint, stdbool and stddef.
-        include_folders: where those look for others of the project.
-        flags: the compiler's flags; those that define macros or name a standard matter.
-        for_dlopen: leave out what a plain shared library cannot show.
-        folder: where relative paths start; default: the current folder.
+        headers: public headers in include order. They may include stdint, stdbool and stddef, but no other standard header.
+        include_folders: search folders for other headers of the project.
+        flags: compiler flags; only macro definitions and the language standard have an effect.
+        for_dlopen: omit declarations that a plain shared library does not export.
+        folder: base of relative paths; default: the current folder.
 
     Raises:
-        BuildError: the headers do not preprocess or parse, or set the layout of a struct (packed, aligned), which cannot be
-            carried over.
+        BuildError: the headers do not preprocess or parse, or set the layout of a struct (packed, aligned), which is not
+            supported.
     """
     includes = [word for header in headers for word in ("-include", str(header))]
     with tempfile.TemporaryDirectory(prefix="ars-stand-ins-") as stand_ins:
@@ -98,7 +98,7 @@ def derive_cdef(
         result = run([*compiler_command(), *flags, "-E", "-nostdinc", *search, *includes, "-xc", "/dev/null"], folder)
     require_success(result, "the public headers")
     _refuse_set_layout(result.stdout)
-    # The line markers are kept up to here: with them the parser names header and line of what it does not understand.
+    # Line markers let the parser report header and line of an error.
     try:
         parsed = c_parser.CParser().parse(_ATTRIBUTE.sub("", result.stdout))
     except c_parser.ParseError as error:
@@ -110,7 +110,7 @@ def derive_cdef(
 
 
 def parsed_ffi(cdef: str) -> Any:
-    """An FFI that knows the declarations `cdef`; BuildError where cffi does not take one."""
+    """Return an FFI with the declarations `cdef`. Raises BuildError if cffi rejects one."""
     ffi = cffi.FFI()
     try:
         ffi.cdef(cdef)

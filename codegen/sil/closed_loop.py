@@ -1,4 +1,4 @@
-"""The closed loop: plant and controller in C, run as a whole or stepped from Python with the same bits."""
+"""The closed loop of plant and controller in C, run in one call or stepped from Python with identical results."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from codegen.sil.software import RECORD_COLUMNS, Software
 FloatArray = npt.NDArray[np.float64]
 
 INPUT_COLUMNS = ("speed", "steering_wheel_command", "friction", "friction_estimate", "yaw_moment", "inhibit")
-"""Columns of a scenario, a row for each plant step: m/s, rad, -, - (NaN: none), N m, 0 or 1."""
+"""Columns of a scenario with one row for each plant step: m/s, rad, -, - (NaN: no estimate), N m, 0 or 1."""
 
 
 Driver = Callable[[tuple[float, float, float], float, float], float]
-"""From position (m forward, m to the left, heading in rad), sideslip (rad) and yaw rate (rad/s) to the wheel's angle (rad)."""
+"""Steering-wheel angle (rad) from position (m forward, m left, heading in rad), sideslip (rad) and yaw rate (rad/s)."""
 
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """How a run is wired.
+    """Options of a closed-loop run.
 
     Attributes:
-        controlled: False leaves the rear command at zero: the passive car.
-        delay_samples: control samples between computing a command and its acting; None takes the configuration's.
-        through_can: signals and command go through protected CAN frames, with their quantisation, as on a bus.
-        parameters: a C parameter struct (see `Software.parameters`); None takes the build's.
+        controlled: False keeps the rear command at zero: the passive car.
+        delay_samples: control samples from computing a command until it acts; None uses the configuration's.
+        through_can: pass signals and command through protected CAN frames, with their quantisation.
+        parameters: C parameter struct (see `Software.parameters`); None uses the build's.
     """
 
     controlled: bool = True
@@ -41,7 +41,7 @@ class LoopOptions:
 
 
 class ClosedLoop:
-    """Plant and one controller, with their states; each run goes on where the last one ended until `reset`."""
+    """Plant and one controller with their states. A run continues from the end of the last one unless `reset` is called."""
 
     def __init__(self, software: Software, options: LoopOptions | None = None) -> None:
         options = LoopOptions() if options is None else options
@@ -65,11 +65,11 @@ class ClosedLoop:
         self.reset()
 
     def reset(self) -> None:
-        """All states to zero."""
+        """Set all states to zero."""
         self._lib.loop_init(self.state, self._parameters)
 
     def run(self, inputs: FloatArray) -> FloatArray:
-        """A whole run in C.
+        """Run the loop entirely in C.
 
         Args:
             inputs: (samples * steps_per_sample, 6), columns INPUT_COLUMNS.
@@ -91,11 +91,11 @@ class ClosedLoop:
         return record
 
     def run_stepped(self, inputs: FloatArray, driver: Driver | None = None) -> FloatArray:
-        """The same run with the loop in Python: controller and plant are called sample by sample and step by step.
+        """Do the same run with the loop in Python, which calls controller and plant step by step.
 
         Args:
-            inputs: as `run` takes them.
-            driver: turns the steering wheel in each sample, in place of its column of the inputs.
+            inputs: as for `run`.
+            driver: sets the steering wheel in each sample and replaces its column of the inputs.
         """
         inputs, samples = self._checked(inputs)
         ffi, lib, software = self._software.ffi, self._lib, self._software
@@ -147,7 +147,7 @@ class ClosedLoop:
 
 
 def _value(signal: SignalDefinition, scenario: Mapping[str, float], plant: Any, output: Any) -> float | bool:
-    """Value of a signal from the car, from a row of the scenario, and from state and output structs of the plant."""
+    """Return the value of a signal, read from a scenario row or from the state or output struct of the plant."""
     if not signal.source:
         return False if signal.is_flag else math.nan
     if signal.origin == "scenario":

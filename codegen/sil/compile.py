@@ -1,12 +1,11 @@
-"""C sources compiled with cffi, cached and loaded.
+"""Compile C sources with cffi, cache the result and load it.
 
-The cffi declarations (`cdef`) are derived from the real headers by the compiler's own preprocessor, so they cannot drift
-from them. Two ways to load:
+The compiler's preprocessor derives the cffi declarations (`cdef`) from the real headers. There are two modes:
 
-- API mode: the C and the glue that cffi writes become a Python extension; the C compiler checks every declaration.
-- ABI mode, where Python's headers are not installed: the C becomes a plain shared library, opened with `ffi.dlopen`.
+- API mode compiles the C and cffi's glue to a Python extension; the C compiler checks every declaration.
+- ABI mode, used without Python's headers, compiles a plain shared library and opens it with `ffi.dlopen`.
 
-cffi releases the GIL around every call in both.
+cffi releases the GIL around every call in both modes.
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ __all__ = ["DEFAULT_FLAGS", "Library", "Mode", "cache_folder", "compile_library"
 
 DEFAULT_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-Wall", "-Wextra", "-Werror")
 CACHE_FORMAT = 1
-"""To be raised when the contents of a cache entry, or the way it is built, change."""
+"""Version of the cache; increase it when the content of an entry or the way it is built changes."""
 
 Mode = Literal["auto", "api", "abi"]
 
 _SOURCE_PATH = re.compile(r"[\w.+-]+(/[\w.+-]+)*", re.ASCII)
-# What only concerns the user's C: the glue that cffi writes, and Python's headers, keep neither the standard nor the warnings.
+# Flags for the user's C only: cffi's glue and Python's headers violate the standard and cause warnings.
 _STRICTNESS = re.compile(r"-W(?![lap],).*|-std=.*|-ansi|-pedantic.*")
 
 
@@ -53,9 +52,9 @@ class Library:
     """A loaded C library.
 
     Attributes:
-        ffi: the cffi FFI that knows its types (`ffi.new("ars_controller_t *")`).
-        lib: its functions, constants and objects as attributes. Objects that are const in C must not be written.
-        path: the compiled file, in the cache.
+        ffi: cffi FFI with the library's types (`ffi.new("ars_controller_t *")`).
+        lib: functions, constants and objects as attributes. Do not write objects that are const in C.
+        path: compiled file in the cache.
         mode: "api" or "abi". In ABI mode `static` functions and `static` objects of a header are missing, integers excepted.
     """
 
@@ -67,7 +66,7 @@ class Library:
 
 @dataclass(frozen=True)
 class _Job:
-    """Everything that decides what the compiled file is."""
+    """All inputs that determine the compiled file."""
 
     name: str
     sources: Mapping[str, bytes]
@@ -80,7 +79,7 @@ class _Job:
 
     @functools.cached_property
     def module_name(self) -> str:
-        """Also the stem of the file names; it holds the key, so no two libraries are ever loaded under one name."""
+        """Module name and stem of the file names. It includes the cache key, so it is unique for each library."""
         every_flag = (*self.flags, *(flag for flags in self.unit_flags.values() for flag in flags))
         native = tuple(flag for flag in every_flag if flag.endswith("=native"))
         description = {
@@ -121,19 +120,19 @@ def compile_library(
     unit_flags: Mapping[str, Sequence[str]] | None = None,
     mode: Mode = "auto",
 ) -> Library:
-    """Compile C sources, or take them from the cache, and load them; the same input gives the same object in one process.
+    """Compile C sources, or find them in the cache, and load them. Equal inputs give the same object in one process.
 
     Args:
-        name: for people, in the file's name.
-        sources: relative path with "/" -> content, of all .c and .h files.
-        headers: which of them are public, in include order.
-        include_folders: relative to the same root.
-        flags: for the compiler; those on warnings and the standard hold for the sources only, not for cffi's glue.
-        unit_flags: path of a .c file -> flags for it alone, after the others; the linker does not get them.
-        mode: "auto" takes "api" where Python's headers are installed, else "abi".
+        name: readable part of the file name.
+        sources: relative path with "/" -> content of every .c and .h file.
+        headers: paths of the public headers, in include order.
+        include_folders: search folders relative to the same root.
+        flags: compiler flags; those for warnings and the standard do not apply to cffi's glue.
+        unit_flags: path of a .c file -> additional flags for that file, not for the linker.
+        mode: "auto" selects "api" if Python's headers are installed, else "abi".
 
     Raises:
-        BuildError: no compiler, C that does not compile or load, a header that cffi cannot take, a full disk.
+        BuildError: no compiler, C that does not compile or load, a header that cffi does not support, a full disk.
     """
     job = _Job(
         name=name,
@@ -151,7 +150,7 @@ def compile_library(
     for unit in job.unit_flags:
         if unit not in job.sources:
             raise BuildError("flags for a file that is not among the sources", where=unit)
-    with _loading:  # one build at a time in a process: threads that want the same library wait for it
+    with _loading:  # one build at a time: threads that need the same library wait for it
         if job.module_name not in _loaded:
             _loaded[job.module_name] = _open(job, cache_folder())
         return _loaded[job.module_name]
@@ -180,7 +179,9 @@ def _resolved_mode(mode: Mode) -> str:
 def _open(job: _Job, cache: Path) -> Library:
     entry = _read_entry(job, cache)
     if entry is not None:
-        with contextlib.suppress(BuildError):  # whole, yet it does not load, e.g. after a change of the C library: build again
+        with contextlib.suppress(
+            BuildError
+        ):  # an intact entry may fail to load, e.g. after an update of the C library: build again
             return _load(job, entry)
     try:
         return _load(job, _build(job, cache))
@@ -197,8 +198,10 @@ def _library_path(job: _Job, cache: Path, digest: str) -> Path:
 
 
 def _read_entry(job: _Job, cache: Path) -> _Entry | None:
-    """The cached entry; None where it is missing or damaged. To map a truncated library would end the process, so its
-    digest is compared first."""
+    """Return the cached entry, or None if it is missing or damaged.
+
+    Loading a truncated library would terminate the process, so the digest is checked first.
+    """
     try:
         index = json.loads((cache / f"{job.module_name}.json").read_text(encoding="utf-8"))
         path = _library_path(job, cache, index["sha256"])
@@ -211,13 +214,13 @@ def _read_entry(job: _Job, cache: Path) -> _Entry | None:
 def _build(job: _Job, cache: Path) -> _Entry:
     with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as scratch_name:
         scratch = Path(scratch_name)
-        tree = scratch / "tree"  # apart, so that no source can take the name of a file made here
+        tree = scratch / "tree"  # separate, so that no source collides with a file created here
         for path, content in job.sources.items():
             (tree / path).parent.mkdir(parents=True, exist_ok=True)
             (tree / path).write_bytes(content)
         units = sorted(path for path in job.sources if path.endswith(".c"))
         search = [f"-I{folder}" for folder in job.include_folders]
-        # First the sources: what is wrong in a header is then told by the compiler, not by a parser.
+        # Sources first, so that the compiler reports errors in headers, not the parser.
         for number, unit in enumerate(units):
             command = [*job.compiler, *job.flags, *job.unit_flags.get(unit, ()), *search, "-c", unit, "-o", f"../{number}.o"]
             require_success(run(command, tree), unit)
@@ -239,7 +242,7 @@ def _build(job: _Job, cache: Path) -> _Entry:
 
 
 def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> None:
-    # What FFI.emit_c_code calls, without the line that it prints on standard output.
+    # As FFI.emit_c_code, which also prints a line to standard output.
     includes = "".join(f'#include "{header}"\n' for header in job.headers)
     make_c_source(ffi, job.module_name, includes, str(tree.parent / "glue.c"))
     flags = [flag for flag in job.flags if not _STRICTNESS.fullmatch(flag)]
@@ -249,8 +252,10 @@ def _compile_glue(job: _Job, ffi: Any, tree: Path, search: Sequence[str]) -> Non
 
 
 def _publish(job: _Job, cache: Path, scratch: Path, cdef: str) -> _Entry:
-    """Move what was built into the cache: the library under a name made of its content, then the index that names it, each
-    in one step. A reader in another process sees the old entry or the new one, and never overwrites a file in use."""
+    """Move the library to the cache under its digest, then the index that refers to it.
+
+    Both moves are atomic: other processes see the old entry or the new one, and no file in use is overwritten.
+    """
     digest = hashlib.sha256((scratch / "library.so").read_bytes()).hexdigest()
     path = _library_path(job, cache, digest)
     index = scratch / "index.json"
@@ -270,5 +275,5 @@ def _load(job: _Job, entry: _Entry) -> Library:
         loader.exec_module(module)
         return Library(module.ffi, module.lib, entry.path, job.mode)
     except (ImportError, OSError) as error:
-        reason = str(error).rpartition(f"{entry.path}: ")[2]  # the path is long, and its end is what matters
+        reason = str(error).rpartition(f"{entry.path}: ")[2]  # without the long path
         raise BuildError(f"the compiled C does not load: {reason}", where=job.name) from error

@@ -17,7 +17,7 @@ from codegen.vehicle.dynamics import Model, two_track
 
 @dataclass(frozen=True)
 class PlantInput:
-    """What acts on the car: m/s, rad at the steering wheel, rad at the rear wheels, peak friction, N m."""
+    """Inputs of the car: m/s, rad at the steering wheel, rad at the rear wheels, peak friction, N m."""
 
     speed: float
     steering_wheel_command: float
@@ -28,7 +28,7 @@ class PlantInput:
 
 @dataclass(frozen=True)
 class PlantSample:
-    """The car at one time: rad, rad/s, m/s^2; in `recorded` the values of the signals `RECORDED` that this car has, by role."""
+    """Outputs of the car at one time, in rad, rad/s and m/s^2; `recorded`: value of each signal in `RECORDED`, by role."""
 
     front_angle: float
     yaw_rate: float
@@ -40,7 +40,7 @@ class PlantSample:
     recorded: Mapping[str, float] = field(default_factory=dict)
 
     def recorded_values(self) -> list[float]:
-        """Values of all signals `RECORDED`, in order; NaN where this car has none."""
+        """Return the values of all signals in `RECORDED`, in order; NaN for those that this car does not have."""
         return [self.recorded.get(each.role, math.nan) for each in RECORDED]
 
 
@@ -48,8 +48,8 @@ class Plant:
     """The two-track car of a configuration, starting straight ahead with all states zero.
 
     Args:
-        config: of the car, and the step.
-        model: another car, with the states, inputs and outputs of `two_track` among its own.
+        config: configuration of the car and its time step.
+        model: another car; its states, inputs and outputs include those of `two_track`.
 
     Raises:
         BuildError: the C does not compile here.
@@ -64,7 +64,7 @@ class Plant:
         self._output: Any = library.ffi.new("plant_output_t *")
 
     def sample(self, acting: PlantInput) -> PlantSample:
-        """The car as it is now. The rear angle command makes no difference to it."""
+        """Return the current outputs. The rear angle command does not affect them."""
         self._set(acting)
         self._lib.plant_output(self._state, self._input, self._output)
         state, output = self._state, self._output
@@ -81,11 +81,11 @@ class Plant:
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """m forward and m to the left in the road frame, heading in rad."""
+        """Position in the road frame: m forward, m left, heading in rad."""
         return self._state.position_x, self._state.position_y, self._state.heading
 
     def advance(self, acting: Iterable[PlantInput]) -> None:
-        """One plant step for each input."""
+        """Advance by one plant step for each input."""
         for values in acting:
             self._set(values)
             self._lib.plant_step(self._state, self._input, self._step)
@@ -100,7 +100,7 @@ class Plant:
 
 
 def plant_sources(config: Config, model: Model | None = None) -> dict[str, bytes]:
-    """The C of the plant, the two-track car or another model: plant.h and plant.c."""
+    """Return plant.h and plant.c of the two-track car or of another model."""
     model = two_track(config) if model is None else model
     assert model.output is not None  # the plant has outputs by construction
     context = {

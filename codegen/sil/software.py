@@ -1,6 +1,6 @@
-"""The generated controller and the plant as compiled C, with a typed Python face.
+"""The generated controller and the plant as compiled C, with a typed Python interface.
 
-`load` compiles a build folder together with the plant of its configuration; what runs is the C of that folder and nothing else.
+`load` compiles a build folder together with the plant of its configuration.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ RECORD_COLUMNS = (
     *(each.variable for each in RECORDED),
     "status",
 )
-"""Columns of a run, in order; time at the sample, everything else as it is at that time."""
+"""Columns of a run, in order. All values belong to the time of the sample."""
 
 
 class Status(enum.IntEnum):
-    """What a step of the controller did; the C enum `<prefix>_status_t`."""
+    """Status of a controller step; the C enum `<prefix>_status_t`."""
 
     TRACKING = 0
     LIMITED = 1
@@ -59,7 +59,7 @@ class Status(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Command:
-    """What the controller asks for: rad, rad/s, and why."""
+    """Result of a controller step: rear angle (rad), yaw-rate reference (rad/s) and status."""
 
     rear_angle: float
     yaw_rate_reference: float
@@ -72,10 +72,10 @@ class Software:
 
     Attributes:
         compiled: the cffi module; `lib` holds every public C function.
-        prefix: of the C names.
-        precision: of the controller's numbers.
-        config: the configuration of the build.
-        edited: files of the build folder that are no longer as generated.
+        prefix: prefix of the C names.
+        precision: precision of the controller's numbers.
+        config: configuration of the build.
+        edited: files of the build folder that were changed after generation.
     """
 
     compiled: Library
@@ -86,15 +86,15 @@ class Software:
 
     @property
     def ffi(self) -> Any:
-        """The cffi object."""
+        """The cffi FFI of the library."""
         return self.compiled.ffi
 
     def function(self, name: str) -> Any:
-        """The C function or object `<prefix>_<name>`."""
+        """Return the C function or object `<prefix>_<name>`."""
         return getattr(self.compiled.lib, f"{self.prefix}_{name}")
 
     def new(self, name: str) -> Any:
-        """A zeroed C struct `<prefix>_<name>_t` that Python owns."""
+        """Return a zeroed C struct `<prefix>_<name>_t`, owned by Python."""
         return self.ffi.new(f"{self.prefix}_{name}_t *")
 
     @property
@@ -107,7 +107,7 @@ class Software:
         return bool(self.function("selftest")())
 
     def parameters(self, **changes: float) -> Any:
-        """A copy of the default parameter struct with some fields changed (SI units).
+        """Return a copy of the default parameter struct with some fields changed (SI units).
 
         Raises:
             ValueError: the struct has no such field.
@@ -124,7 +124,7 @@ class Software:
     def map_yaw_rate(
         self, speed: npt.ArrayLike, front_angle: npt.ArrayLike, friction: npt.ArrayLike = math.nan
     ) -> npt.NDArray[Any]:
-        """The C lookup over arrays that broadcast together: m/s, rad, friction (NaN: the map's own) -> rad/s."""
+        """Look up the yaw rate (rad/s) in C for broadcast arrays of m/s, rad and friction (NaN: the map's friction)."""
         arrays = np.broadcast_arrays(*(np.asarray(values, dtype=self.real) for values in (speed, front_angle, friction)))
         flat = [np.ascontiguousarray(array).ravel() for array in arrays]
         result = np.empty(flat[0].size, dtype=self.real)
@@ -137,18 +137,18 @@ class Software:
         return result.reshape(arrays[0].shape)
 
     def task(self, parameters: Any | None = None) -> Task:
-        """A cyclic task of its own, as an ECU runs it."""
+        """Return a new instance of the ECU's cyclic task."""
         chosen = self.parameters() if parameters is None else parameters
         name = task_name(self.config.controller.sampling_time_s)
         return Task(self.ffi, self.new("task"), chosen, self.function, name)
 
     def controller(self, rear_angle: float = 0.0, parameters: Any | None = None) -> Controller:
-        """A controller instance of its own, initialised at a rear angle (rad)."""
+        """Return a new controller instance, initialised at a rear angle (rad)."""
         return Controller(self, rear_angle, parameters)
 
 
 class Controller:
-    """One instance of the generated controller. Not shared between threads; any number may run side by side."""
+    """One instance of the generated controller. Instances are independent; do not share one between threads."""
 
     def __init__(self, software: Software, rear_angle: float = 0.0, parameters: Any | None = None) -> None:
         self._software = software
@@ -159,18 +159,18 @@ class Controller:
         self.init(rear_angle)
 
     def init(self, rear_angle: float) -> None:
-        """Start from the angle (rad) that the actuator holds."""
+        """Initialise at the current angle of the actuator (rad)."""
         self._software.function("controller_init")(self.state, rear_angle)
 
     def step(self, measurement: Measurement) -> Command:
-        """One sample."""
+        """Run one sample."""
         for field in fields(measurement):
             setattr(self._measurement, field.name, getattr(measurement, field.name))
         command = self._step(self.state, self.parameters, self._measurement)
         return Command(command.rear_angle, command.yaw_rate_reference, Status(command.status))
 
     def run(self, measurements: Sequence[Measurement]) -> list[Command]:
-        """Many samples in one call of C."""
+        """Run many samples in one call of C."""
         prefix, ffi = self._software.prefix, self._software.ffi
         samples = ffi.new(f"{prefix}_measurement_t[]", len(measurements))
         commands = ffi.new(f"{prefix}_command_t[]", len(measurements))
@@ -182,7 +182,7 @@ class Controller:
 
 
 def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAULT_FLAGS) -> Software:
-    """Compile the C of a build folder with the plant of a configuration (by default the build's own).
+    """Compile the C of a build folder with the plant of a configuration (default: that of the build).
 
     Raises:
         BuildError: not a build folder, no compiler, or C that does not compile.
@@ -194,7 +194,7 @@ def load(build: Path, config: Config | None = None, flags: Sequence[str] = DEFAU
 
 
 def require_can_side(manifest: Mapping[str, Any], build: Path) -> None:
-    """Refuse a build that knows nothing of CAN. Raises BuildError."""
+    """Raise BuildError if the build has no CAN task."""
     if f"include/{manifest['options']['prefix']}_task.h" not in manifest["files"]:
         raise BuildError("the build has no CAN side; an older codegen made it", where=build, remedy="build it again")
 
@@ -220,7 +220,7 @@ def compile_build(
 
 
 def bench_sources(config: Config, prefix: str, precision: Precision) -> dict[str, bytes]:
-    """The C of the plant and of the closed loop around a controller of this prefix and precision."""
+    """Return the C of the plant and of the closed loop around a controller of this prefix and precision."""
     context = {
         "build": {"prefix": prefix, "PREFIX": prefix.upper()},
         "real": c_type(precision),

@@ -1,4 +1,4 @@
-"""The Python face of the generated cyclic task: frames in, one frame out."""
+"""Python interface of the generated cyclic task: frames in, one frame out."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 COUNTERS = ("cycles", "late_cycles", "early_cycles", "lost_samples")
-"""Counters of a task, for its caller to read."""
+"""Public counters of a task."""
 
 
 class Task:
-    """One `<prefix>_task_t` with its functions. Not shared between threads; any number may run side by side."""
+    """One `<prefix>_task_t` with its functions. Instances are independent; do not share one between threads."""
 
     def __init__(self, ffi: Any, state: Any, parameters: Any, function: Callable[[str], Any], period_name: str) -> None:
         self.state = state
@@ -22,18 +22,18 @@ class Task:
         function("task_init")(state, parameters)
 
     def on_can_frame(self, identifier: int, data: bytes) -> None:
-        """A classical data frame with an 11-bit identifier came from the bus."""
+        """Receive a classical data frame with an 11-bit identifier."""
         self._on_can_frame(self.state, identifier, data, len(data))
 
     @property
     def is_complete(self) -> bool:
-        """Whether both messages of the car came since the last run."""
+        """Whether both messages of the car arrived since the last run."""
         return bool(self._is_complete(self.state))
 
     def run(self) -> tuple[int, bytes]:
-        """One sample: identifier and data of the frame to send."""
+        """Run one sample and return identifier and data of the frame to send."""
         return self._run(self.state, self._data), bytes(self._buffer)
 
     def counters(self) -> dict[str, int]:
-        """Name to count, see COUNTERS."""
+        """Return the value of each counter in COUNTERS."""
         return {name: getattr(self.state, name) for name in COUNTERS}

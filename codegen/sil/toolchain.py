@@ -1,4 +1,4 @@
-"""The user's C compiler: found, identified, run, and its first error told in one line."""
+"""Find, identify and run the user's C compiler, and report its first error in one line."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _LINK_ERROR_LINE = re.compile(r"(?P<text>(?:multiple definition|undefined refere
 
 
 def find_compiler() -> str:
-    """The command of the C compiler: `$CC` (it may hold arguments), else the first of cc, gcc and clang on the PATH.
+    """Return the command of the C compiler: `$CC` (may include arguments), else the first of cc, gcc and clang on the PATH.
 
     Raises:
-        BuildError: there is none, or `$CC` names something that cannot be run.
+        BuildError: no compiler was found, or `$CC` cannot be run.
     """
     command = os.environ.get("CC", "").strip()
     if command:
@@ -46,14 +46,14 @@ def find_compiler() -> str:
 
 
 def compiler_command() -> tuple[str, ...]:
-    """`find_compiler` as words, the first an absolute path."""
-    # Absolute, because the compiler is started in other folders; links are kept, for some compilers go by their name.
+    """Return `find_compiler` split into words; the first is an absolute path."""
+    # Absolute, because the compiler starts in other folders. Symbolic links stay: some compilers depend on their name.
     program, *arguments = shlex.split(find_compiler())
     return (str(Path(shutil.which(program) or program).absolute()), *arguments)
 
 
 def run(command: Sequence[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run the compiler in `folder`, its messages in English. One that is killed leaves temporary files: they are put there."""
+    """Run the compiler in `folder` with English messages. Its temporary files go to `folder` too."""
     environment = {**os.environ, "LC_ALL": "C"} | ({} if folder is None else {"TMPDIR": str(folder.absolute())})
     try:
         return subprocess.run(
@@ -71,7 +71,7 @@ def run(command: Sequence[str], folder: Path | None = None) -> subprocess.Comple
 
 
 def require_success(result: subprocess.CompletedProcess[str], where: str) -> None:
-    """Raise the first error of the compiler as a BuildError; `where` stands in when it names no line of a file."""
+    """Raise the first error of the compiler as a BuildError, located at `where` if it names no file and line."""
     if result.returncode == 0:
         return
     if result.returncode < 0:
@@ -86,11 +86,11 @@ def require_success(result: subprocess.CompletedProcess[str], where: str) -> Non
 
 @functools.lru_cache(maxsize=16)
 def compiler_identity(command: tuple[str, ...], native_flags: tuple[str, ...]) -> tuple[str, ...]:
-    """Version and target; with flags like -march=native also what the compiler makes of this machine."""
+    """Return version, target, and with flags such as -march=native a hash of the macros that they define."""
     version = run([*command, "--version"])
     if version.returncode != 0 or not version.stdout.strip():
         raise BuildError("the compiler does not answer --version", where=shlex.join(command), remedy="set CC to a C compiler")
     target = run([*command, "-dumpmachine"]).stdout.strip()
-    # A cache in a home that several machines share must not hand one machine's instructions to another.
+    # Machines that share a home, and so the cache, may support different instructions.
     macros = run([*command, *native_flags, "-dM", "-E", "-xc", "/dev/null"]).stdout if native_flags else ""
     return version.stdout.strip().splitlines()[0], target, hashlib.sha256(macros.encode()).hexdigest()

@@ -1,6 +1,6 @@
-"""Which vector instructions the compiler can use for the batch, and this machine can run.
+"""Detect the vector instructions that compiler and machine support for the batch.
 
-Vectors need GCC and a GNU C library that has sin, cos and atan for them (libmvec; atan since 2.35).
+Vectors require GCC and the vector sin, cos and atan of the GNU C library (libmvec; atan since 2.35).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from codegen.sil.compile import Library, compile_library
 from codegen.sil.toolchain import compiler_command
 
 Isa = Literal["x86-64-v4", "x86-64-v3", "none"]
-"""Level of the x86-64 psABI: AVX-512, AVX2 with FMA; "none": one number after the other, by any compiler on any machine."""
+"""Level of the x86-64 psABI: AVX-512, AVX2 with FMA; "none": scalar code for any compiler and machine."""
 
 ISAS: tuple[Isa, ...] = ("x86-64-v4", "x86-64-v3", "none")
 """Best first."""
 
 FUNCTIONS = ("sin", "cos", "atan")
-"""Of the mathematical library, that the batch calls."""
+"""Functions of the mathematical library that the batch calls."""
 
 _COMMON = (
     "-O3",
-    # Else GCC makes one call of sin(x) and cos(x), for which there is no vector form.
+    # Otherwise GCC merges sin(x) and cos(x) into sincos, which has no vector form.
     "-fno-builtin-sin",
     "-fno-builtin-cos",
     "-DBATCH_VECTOR_LIBRARY",
@@ -35,10 +35,10 @@ FLAGS: dict[Isa, tuple[str, ...]] = {
     "x86-64-v3": (*_COMMON, "-march=x86-64-v3", "-mprefer-vector-width=256"),
     "none": (),
 }
-"""Beside the flags of every source, for the one whose loops are to become vectors."""
+"""Additional flags for the source with the vectorised loops."""
 
 _PREFIX: dict[Isa, str] = {"x86-64-v4": "_ZGVeN8v_", "x86-64-v3": "_ZGVdN4v_"}
-"""Of a vector function's name, by the x86-64 vector function ABI."""
+"""Name prefix of vector functions in the x86-64 vector function ABI."""
 
 _V3 = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
 _NEEDED: dict[Isa, set[str]] = {
@@ -46,7 +46,7 @@ _NEEDED: dict[Isa, set[str]] = {
     "x86-64-v3": _V3,
     "none": set(),
 }
-"""What Linux calls the instructions of a level; abm: lzcnt."""
+"""Instructions of each level, by their names in /proc/cpuinfo; abm means lzcnt."""
 
 _PROBE = {
     "probe.h": "void probe(double *x);\n",
@@ -69,7 +69,7 @@ _PROBE = {
 
 
 def machine_runs(isa: Isa) -> bool:
-    """Whether processor and system offer the instructions of a level, as Linux tells."""
+    """Whether Linux reports the instructions of a level for this machine."""
     return _NEEDED[isa] <= _processor_flags()
 
 
@@ -85,13 +85,13 @@ def _processor_flags() -> set[str]:
 
 
 def compiler_offers(isa: Isa) -> bool:
-    """Whether the compiler makes vector calls of the mathematical functions at a level."""
+    """Whether the compiler vectorises the mathematical functions at a level."""
     return isa == "none" or _probed(compiler_command(), isa)
 
 
 @functools.lru_cache(maxsize=16)
 def _probed(compiler: tuple[str, ...], isa: Isa) -> bool:
-    del compiler  # found again by compile_library; here only for the memory of the answer
+    del compiler  # only a key of the cache; compile_library finds the compiler itself
     try:
         library = compile_library(
             "vector_probe", _PROBE, ["probe.h"], include_folders=(".",), unit_flags={"probe.c": FLAGS[isa]}
@@ -102,9 +102,9 @@ def _probed(compiler: tuple[str, ...], isa: Isa) -> bool:
 
 
 def is_vectorised(library: Library, isa: Isa) -> bool:
-    """Whether a library calls each of FUNCTIONS for vectors of a level, and none of them for a single number.
+    """Whether the dynamic symbols of a library show only vector calls of FUNCTIONS at a level.
 
-    To be seen in the names of its dynamic symbols. True for "none", which promises nothing.
+    Always true for "none".
     """
     if isa == "none":
         return True
@@ -115,5 +115,5 @@ def is_vectorised(library: Library, isa: Isa) -> bool:
 
 
 def best_isa() -> Isa:
-    """The best level that compiler, mathematical library and machine offer together. Raises BuildError: no compiler."""
+    """Return the best level that compiler, mathematical library and machine support. Raises BuildError: no compiler."""
     return next(isa for isa in ISAS if machine_runs(isa) and compiler_offers(isa))

@@ -1,4 +1,4 @@
-"""A campaign from its plan to its file: what is missing is driven, by any engine, and nothing that was driven is lost."""
+"""Run a campaign with any engine and merge its results. An interrupted campaign resumes with its missing chunks."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ Progress = Callable[[int, int], None]
 
 
 def run_campaign(plan: Plan, folder: Path, engine: Engine, progress: Progress | None = None) -> Path:
-    """Drive all runs that the folder does not have yet, and make one file of them.
+    """Simulate the runs that the folder does not contain yet and merge all runs into one file.
 
-    Each chunk is on disk, whole, before the next is counted: after Ctrl-C, a kill or a loss of power the same call goes on
-    where that one ended.
+    Each chunk is complete on disk before it counts as done. After Ctrl-C, a kill or a loss of power, the same call resumes.
 
     Args:
-        progress: called with (runs done, runs in all).
+        progress: called with (runs done, total runs).
 
     Returns:
-        The path of the Parquet file, a row for each run in the order of their numbers.
+        The path of the Parquet file, with one row for each run, by run number.
 
     Raises:
         CodegenError: see `store.open_folder`, `chunk.run_chunk` and the engine.
-        KeyboardInterrupt: Ctrl-C; its text tells what is kept.
+        KeyboardInterrupt: Ctrl-C; its text names the number of chunks kept.
     """
     store.require_pyarrow()
     for controller in plan.controllers:
-        software(plan, controller)  # what does not compile is told before anything is written
+        software(plan, controller)  # report compile errors before anything is written
     store.prepare(folder)
     with store.locked(folder):
         there = store.open_folder(folder, plan)

@@ -1,4 +1,4 @@
-"""One chunk of a campaign: its samples drawn, driven by every controller in every scenario, and measured."""
+"""Simulate one chunk of a campaign: its samples with every controller in every scenario, and their metrics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hil_sim.metrics.step import slip_bounds
 
 FloatArray = npt.NDArray[np.float64]
 Table = dict[str, npt.NDArray[Any]]
-"""Column to values, a row for each run, in the order of their numbers."""
+"""Column name -> values, one row for each run, by run number."""
 
 DRIVEN = ("speed_km_h", "steering_wheel_angle_deg", "friction", "friction_estimate")
 MASS = PLANT_PARAMETERS.index("mass")
@@ -35,16 +35,16 @@ MASS = PLANT_PARAMETERS.index("mass")
 _LOCK = threading.Lock()
 _COMPILED: dict[tuple[str, str, str], BatchSoftware] = {}
 COMPILED_MAX = MAX_CONTROLLERS
-"""Builds that a process keeps compiled, those that were used last: a worker of a cluster may serve campaign after campaign."""
+"""Number of most recently used compiled builds that a process keeps. Cluster workers may serve many campaigns."""
 
 
 def software(plan: Plan, controller: Controller) -> BatchSoftware:
-    """A controller compiled with the batch plant of the plan's car: once in each process, but for COMPILED_MAX others since.
+    """Return a controller compiled with the batch plant of the plan's car; the process caches the last COMPILED_MAX.
 
     Raises:
         BuildError: it does not compile, or this machine lacks the campaign's instructions.
     """
-    # The plant is of the plan's configuration: that of the first controller, whichever this one is.
+    # The plan's configuration, that of its first controller, defines the plant.
     key = (controller.digest, hashlib.sha256(plan.config.model_dump_json().encode()).hexdigest(), plan.isa)
     with _LOCK:
         found = _COMPILED.pop(key, None)
@@ -65,7 +65,7 @@ def software(plan: Plan, controller: Controller) -> BatchSoftware:
 
 @dataclass(frozen=True)
 class Work:
-    """What an engine calls, here or on another machine: the number of a chunk -> its table."""
+    """The function that an engine calls, locally or on another machine: chunk number -> table."""
 
     plan: Plan
 
@@ -75,7 +75,7 @@ class Work:
 
 
 def run_chunk(plan: Plan, chunk: int) -> Table:
-    """All runs of a chunk: run, sample, scenario, controller, what varied, what was driven, and every figure.
+    """Simulate all runs of a chunk. The table holds run, sample, scenario, controller, factors, conditions and figures.
 
     Raises:
         CodegenError: the car cannot do a scenario at a drawn speed, or the C does not compile.
@@ -108,7 +108,7 @@ def _varied(factors: Mapping[str, FloatArray], driven: lanes.Conditions) -> Tabl
 
 
 def _map_yaw_rate(plan: Plan, controller: Controller, driven: lanes.Conditions, record: FloatArray) -> FloatArray:
-    """(n,) rad/s: what the controller's map gives at the end of a recording (columns, samples, n), columns COLUMNS."""
+    """Return the map's yaw rate (n,) in rad/s at the end of a recording (columns, samples, n), columns COLUMNS."""
     look_up = software(plan, controller).software.function("map_yaw_rate_on_road")
     front_angle = record[COLUMNS.index("front_angle_rad"), -1]
     places = zip(driven.speed_km_h * KM_H, front_angle, driven.friction_estimate, strict=True)
@@ -116,7 +116,7 @@ def _map_yaw_rate(plan: Plan, controller: Controller, driven: lanes.Conditions, 
 
 
 def _figures(plan: Plan, profile: Profile, record: FloatArray, batch: Lanes, map_yaw_rate: FloatArray) -> Figures:
-    """Of a recording (columns, samples, n), columns COLUMNS."""
+    """Return the figures of a recording (columns, samples, n), columns COLUMNS."""
     runs = Runs(
         time=np.arange(record.shape[1], dtype=np.float64) * plan.config.controller.sampling_time_s,
         signals=dict(zip(COLUMNS, record, strict=True)),
@@ -138,13 +138,14 @@ def _joined(tables: list[Table]) -> Table:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """One run again, and the same sample with the other controllers.
+    """One repeated run, and the same sample with the other controllers.
 
     Attributes:
-        key: which it is. controller: its name.
-        records: controller to recording (samples, 12), columns RECORD_COLUMNS; the run's own first.
-        row: its row of the table, without what it does not have and without names.
-        profile: what was driven.
+        key: sample, scenario and controller of the run.
+        controller: name of its controller.
+        records: controller name -> recording (samples, columns), RECORD_COLUMNS; the run's own controller first.
+        row: numbers of its row in the table, without NaN.
+        profile: the scenario's profile.
     """
 
     key: RunKey
@@ -155,7 +156,7 @@ class Replayed:
 
 
 def replay(plan: Plan, run: int) -> Replayed:
-    """One run of a campaign, with its whole recording: the same numbers as in the campaign.
+    """Repeat one run of a campaign with a complete recording. The figures equal those of the campaign.
 
     Raises:
         CodegenError: there is no such run; see also `run_chunk`.
@@ -167,7 +168,7 @@ def replay(plan: Plan, run: int) -> Replayed:
     profile, own = plan.profiles[key.scenario], plan.controllers[key.controller]
     driven = lanes.conditions(plan.config, profile, factors, len(samples))
     every = lanes.lanes(plan.spec, samples, key.scenario, profile, plan.config, factors, driven)
-    # A run is the same in any company, but NumPy sums a lonely column in another order than one of several.
+    # Two runs, because NumPy sums a single column in another order than one of several.
     alone_at = [at, (at + 1) % len(samples)] if len(samples) > 1 else [at]
     alone = lanes.only(every, alone_at)
     records, figures_of_run = {}, Figures()

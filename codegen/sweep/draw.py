@@ -1,5 +1,6 @@
-"""The cars and roads of a campaign, by number: any of them can be drawn again alone, and a number names the same one whatever
-controllers and scenarios drive it.
+"""Draw the samples (cars and roads) of a campaign.
+
+A sample depends only on the spec and its number, so each can be drawn alone. It is the same for all controllers and scenarios.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ from codegen.sweep.spec import FACTORS, Spec, Values
 FloatArray = npt.NDArray[np.float64]
 
 BLOCK = 1024
-"""Samples that share the random stream of a factor: a stream for each would take longer than what is drawn from it."""
+"""Samples that share a random stream of a factor. Creating one stream for each sample would take longer than drawing."""
 _NOISE_STREAM = 1_000_000
-"""Numbers of the random streams of noise begin here; those of factors are their places in FACTORS."""
+"""First stream number for noise; the stream number of a factor is its index in FACTORS."""
 
 
 def draw(spec: Spec, samples: range) -> dict[str, FloatArray]:
-    """Factor to its values (len(samples),) for samples by their numbers, in the units of the factors' names.
+    """Return factor -> values (len(samples),) for sample numbers, in the unit of the factor's name.
 
-    Every factor has a random stream of its own: another factor in the spec leaves its values as they are.
+    Every factor has its own random stream, so adding a factor to the spec does not change the values of others.
     """
     if spec.design == "factorial":
         return _factorial(spec.factors, samples)
@@ -34,10 +35,10 @@ def draw(spec: Spec, samples: range) -> dict[str, FloatArray]:
 
 
 def noise(spec: Spec, samples: range, scenario: int, steps: int) -> FloatArray:
-    """Standard normal numbers (steps, 3, len(samples)) of a scenario, by its place in the spec.
+    """Return standard normal numbers (steps, 3, len(samples)) for a scenario, given by its index in the spec.
 
-    They are the same for all controllers, so that they meet the same. Every sample has a stream of its own: in a long scenario
-    a block of them would not fit into memory.
+    All controllers get the same numbers. Every sample has its own stream, because a block of samples in a long scenario would
+    not fit into memory.
     """
     found = np.empty((len(samples), steps, 3))
     for row, sample in zip(found, samples, strict=True):
@@ -50,14 +51,14 @@ def _stream(spec: Spec, block: int, number: int) -> np.random.Generator:
 
 
 def _of_blocks(values: Values, spec: Spec, place: int, samples: range) -> FloatArray:
-    """Drawn block by whole block, so that what comes out does not depend on where a chunk begins."""
+    """Draw whole blocks, so that the values do not depend on where a chunk begins."""
     first, last = samples.start // BLOCK, (samples.stop - 1) // BLOCK
     drawn = np.concatenate([_random(values, _stream(spec, block, place), BLOCK) for block in range(first, last + 1)])
     return drawn[samples.start - first * BLOCK :][: len(samples)]
 
 
 def _factorial(factors: Mapping[str, Values], samples: range) -> dict[str, FloatArray]:
-    """All combinations; the last factor of the spec changes fastest."""
+    """Return all combinations of levels; the last factor of the spec changes fastest."""
     number = np.arange(samples.start, samples.stop)
     found: dict[str, FloatArray] = {}
     for key, values in reversed(list(factors.items())):
@@ -76,7 +77,7 @@ def _random(values: Values, stream: np.random.Generator, count: int) -> FloatArr
     assert values.normal is not None  # checked by the spec, as the next
     assert values.within is not None
     (mean, deviation), (low, high) = values.normal, values.within
-    # By the inverse of the distribution, cut to the window: exact, and as quick for a narrow one.
+    # Inverse of the truncated distribution: exact, and equally fast for a narrow window.
     from scipy.special import ndtr, ndtri
 
     first, last = ndtr((np.array([low, high]) - mean) / deviation)

@@ -1,4 +1,4 @@
-"""Who drives the chunks: threads of this machine, or the workers of a Dask cluster. The results are the same.
+"""Engines that run the chunks: local threads, or the workers of a Dask cluster. The results are equal.
 
 An engine yields (number of the chunk, its result) as chunks end, in any order, with only so many under way that memory stays
 as it is however long the campaign.
@@ -21,7 +21,7 @@ from codegen.sweep.versions import versions
 
 ADDRESS, PORT_MAX = re.compile(r"[a-z]+://[^\s/]+:(?P<port>\d{1,9})\Z"), 65_535
 AHEAD = 2
-"""Chunks under way for each worker: one that is driven, one that waits."""
+"""Chunks submitted for each worker: one running, one waiting."""
 CONNECT_TIMEOUT = 20.0
 """s"""
 DEATHS_MAX = 10
@@ -36,19 +36,19 @@ Work = Callable[[int], Any]
 
 
 class Engine(Protocol):
-    """Runs work over numbers."""
+    """Runs a function for each number."""
 
     def run(self, work: Work, numbers: Iterable[int]) -> Iterator[tuple[int, Any]]:
-        """(number, work(number)) for all numbers, in any order."""
+        """Yield (number, work(number)) for all numbers, in any order."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Threads:
-    """Threads of this process: the C runs without the interpreter's lock."""
+    """Threads of this process; the C releases the interpreter lock."""
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = cores() if workers is None else workers
@@ -68,7 +68,7 @@ class Threads:
                     for future in done:
                         yield under_way.pop(future), future.result()
             finally:
-                # An error, Ctrl-C, or a caller that has enough: what has not begun does not begin.
+                # After an error, Ctrl-C or an early exit of the caller, cancel chunks that have not started.
                 for future in under_way:
                     future.cancel()
 
@@ -177,7 +177,7 @@ class Dask:
                     future.cancel()
 
     def _lost(self, future: Any) -> bool:
-        """Whether a chunk has no result because the workers that drove it died."""
+        """Whether a chunk has no result because its workers died."""
         return future.status == "error" and isinstance(future.exception(), self._killed)
 
     def _gone(self) -> CodegenError:
@@ -188,7 +188,7 @@ class Dask:
         )
 
     def close(self) -> None:
-        """Leave the cluster, which goes on."""
+        """Disconnect from the cluster, which keeps running."""
         with self._silence:
             for _ in range(CLOSINGS_MAX):
                 # A client whose scheduler is gone closes itself as well. Where both give up one connection, asyncio refuses the
@@ -200,7 +200,7 @@ class Dask:
 
 @contextlib.contextmanager
 def _silent(names: tuple[str, ...]) -> Iterator[None]:
-    """Loggers of these names and all below them say nothing."""
+    """Silence the loggers of these names and their children."""
     known = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in names]
     loggers = [logging.getLogger(name) for name in {*names, *known}]
     for logger in loggers:

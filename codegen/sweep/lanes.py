@@ -1,6 +1,6 @@
-"""From the factors of samples to what the batch in C takes.
+"""Convert the factors of samples to the inputs of the batch.
 
-What a factor does not name stays as it is, the slope of the tyres at zero slip among it, as in `hil_sim.suite.plants`.
+Factors change only what they name. A change of the tyre peak keeps the slope at zero slip, as in `hil_sim.suite.plants`.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ FloatArray = npt.NDArray[np.float64]
 Factors = Mapping[str, FloatArray]
 
 FRICTION_ESTIMATE_MIN = 0.02
-"""An estimate with a large error downwards is still that of a road."""
+"""Lower bound of the friction estimate after its error is added."""
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What a scenario's samples are driven with, (n,) each, in the units of `sweep.toml`: also where no factor names it."""
+    """Conditions of the samples in a scenario, (n,) each, in the units of `sweep.toml`, whether or not a factor varies them."""
 
     speed_km_h: FloatArray
     steering_wheel_angle_deg: FloatArray
@@ -37,7 +37,7 @@ class Conditions:
 
 
 def cars(config: Config, factors: Factors, count: int) -> FloatArray:
-    """Rows (count, k) of PLANT_PARAMETERS. Raises ConfigError where a centre of gravity leaves the wheelbase."""
+    """Return rows (count, k) of PLANT_PARAMETERS. Raises ConfigError if a centre of gravity comes too near an axle."""
 
     def factor(key: str) -> FloatArray:
         return 1.0 + _of(factors, key, count) / 100.0
@@ -65,7 +65,7 @@ def cars(config: Config, factors: Factors, count: int) -> FloatArray:
 
 
 def conditions(config: Config, profile: Profile, factors: Factors, count: int) -> Conditions:
-    """Speed, amplitude and road of the samples in one scenario. Raises CodegenError where the car cannot do it."""
+    """Return speed, amplitude and road of the samples in one scenario. Raises CodegenError if the car cannot do it."""
     speed = factors.get("speed_km_h", np.full(count, profile.speed / KM_H))
     angle = factors.get("steering_wheel_angle_deg")
     if angle is None:
@@ -86,7 +86,7 @@ def lanes(
     factors: Factors,
     driven: Conditions,
 ) -> Lanes:
-    """Some samples (their numbers) in one scenario (its place in the spec), for any controller."""
+    """Return batch inputs for sample numbers in one scenario (index in the spec), for any controller."""
     count = driven.speed_km_h.size
     period = round(config.controller.sampling_time_s / config.plant.sampling_time_s)
     return Lanes(
@@ -101,7 +101,7 @@ def lanes(
 
 
 def only(every: Lanes, places: list[int]) -> Lanes:
-    """Some of several."""
+    """Return the lanes at the given indices."""
     values = {field.name: getattr(every, field.name) for field in fields(every)}
     noise = values.pop("noise")
     return Lanes(

@@ -1,7 +1,7 @@
-"""A campaign as numbers: which run is which, and everything that a worker needs to drive any of them.
+"""The plan of a campaign: numbering of its runs, and all data that a worker needs to simulate them.
 
-Runs are numbered from 0: sample by sample, in each scenario by scenario, in each controller by controller. A chunk is a fixed
-count of samples, whatever the engine, so that nothing in the results depends on who drove it.
+Run numbers start at 0. The controller changes fastest, then the scenario, then the sample. The number of samples in a chunk
+does not depend on the engine, so neither do the results.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from codegen.sweep.spec import Spec
 from hil_sim.scenarios import SCENARIOS, Scenario, find
 
 RUNS_PER_CHUNK = 512
-"""About: enough for the vector units and for the interpreter's own work to vanish, few enough to be lost without pain."""
+"""Approximate runs in a chunk: enough to hide the interpreter's overhead, few enough to repeat after an interruption."""
 CHUNK_BYTES = 128 * 2**20
-"""Most that a chunk's recording, noise and intermediate arrays may take: a long scenario has fewer samples in a chunk."""
+"""Memory limit for recording, noise and intermediate arrays of a chunk. Long scenarios get fewer samples in a chunk."""
 NUMBERS_PER_SAMPLE = 24
-"""In memory at once for each sample of the controller and run: nine columns, the noise as drawn and added, the work on them."""
+"""Numbers held for each control sample of a run: nine columns, the noise as drawn and as added, intermediate results."""
 
 LENGTH_MIN = {"step": 2.0, "sine-with-dwell": 3.8}
-"""s after the driver begins, by kind of scenario: a second to rise and one to be steady; the sine with dwell and 1.75 s."""
+"""Minimum length after the start of steering, in s, by kind: 1 s rise and 1 s steady; sine with dwell plus 1.75 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,13 @@ class Controller:
     """One controller of a campaign.
 
     Attributes:
-        name: in the spec.
-        files: content by path of its build, `include/` and `src/`; that of another controller for the passive car.
-        manifest: of that build.
-        digest: SHA-256 of both.
+        name: name in the spec.
+        files: path -> content of `include/` and `src/` of its build; the passive car uses another controller's build.
+        manifest: manifest of that build.
+        digest: SHA-256 of its configuration and files.
         controlled: False for the passive car.
-        folder: of the build, for messages. edited: its files that are no longer as generated.
+        folder: build folder, for messages.
+        edited: files of the build that were changed after generation.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Controller:
 
 @dataclass(frozen=True)
 class RunKey:
-    """Which run: number of its sample, its scenario and its controller (indices)."""
+    """Sample number, scenario index and controller index of a run."""
 
     sample: int
     scenario: int
@@ -72,13 +73,13 @@ class RunKey:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything of a campaign but its results. It can be sent to another machine.
+    """A campaign without its results. It can be sent to another machine.
 
     Attributes:
-        spec: what varies.
-        config: the car, and what of the bench belongs to it: that of the first controller's build.
+        spec: the specification of the campaign.
+        config: configuration of the first controller's build, which defines car and bench.
         controllers, profiles: in the order of the spec.
-        isa: of the batch in C.
+        isa: vector instructions of the batch.
     """
 
     spec: Spec
@@ -89,7 +90,7 @@ class Plan:
 
     @property
     def samples_per_chunk(self) -> int:
-        """Samples of every chunk but the last: by the spec and the sampling times alone, whatever the engine."""
+        """Samples in every chunk but the last. Spec, profiles and sampling times determine it, not the engine."""
         steps = round(self.config.controller.sampling_time_s / self.config.plant.sampling_time_s)
         longest: int = max(profile.inputs.shape[0] // steps for profile in self.profiles)
         held: int = CHUNK_BYTES // (8 * NUMBERS_PER_SAMPLE * longest)
@@ -97,21 +98,21 @@ class Plan:
 
     @property
     def chunk_count(self) -> int:
-        """Chunks in all."""
+        """Total number of chunks."""
         return -(-self.spec.sample_count // self.samples_per_chunk)
 
     def samples_of(self, chunk: int) -> range:
-        """Numbers of the samples of a chunk."""
+        """Return the sample numbers of a chunk."""
         first = chunk * self.samples_per_chunk
         return range(first, min(first + self.samples_per_chunk, self.spec.sample_count))
 
     def runs_of(self, chunk: int) -> range:
-        """Numbers of the runs of a chunk."""
+        """Return the run numbers of a chunk."""
         samples, each = self.samples_of(chunk), len(self.profiles) * len(self.controllers)
         return range(samples.start * each, samples.stop * each)
 
     def key(self, run: int) -> RunKey:
-        """Which run a number names. Raises CodegenError where there is none."""
+        """Return the key of a run number. Raises CodegenError if there is no such run."""
         if not 0 <= run < self.spec.run_count:
             raise CodegenError(f"there is no run {run}", where="--replay", remedy=f"0 to {self.spec.run_count - 1}")
         rest, controller = divmod(run, len(self.controllers))
@@ -119,7 +120,7 @@ class Plan:
         return RunKey(sample, scenario, controller)
 
     def facts(self) -> dict[str, Any]:
-        """What the results depend on, for JSON: equal facts, equal bytes. Builds and scenarios by digest, wherever they are."""
+        """Return all inputs of the results, for JSON. Builds and scenarios are identified by digest, not by path."""
         return {
             "spec": self.spec.model_dump(mode="json", exclude_none=True, exclude={"controllers", "scenarios"}),
             "controllers": {controller.name: controller.digest for controller in self.controllers},
@@ -131,7 +132,7 @@ class Plan:
 
 
 def read(path: Path, isa: Isa | None = None) -> Plan:
-    """The plan of a `sweep.toml`; builds are looked for from its folder.
+    """Read the plan of a `sweep.toml`; build paths are relative to its folder.
 
     Raises:
         CodegenError: the spec, a build or a scenario cannot be used.
@@ -214,7 +215,7 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
     profile = profile_of(scenario, config, spec.lead_s, spec.length_s)
     speeds = spec.factors.get("speed_km_h")
     if speeds is not None and "steering_wheel_angle_deg" not in spec.factors:
-        # The ends tell whether the car can do the manoeuvre at all speeds between.
+        # If the car can do the manoeuvre at both ends, it can at all speeds between.
         profile.amplitudes(config, np.array(speeds.extremes) * KM_H)
     told = not np.isnan(profile.estimate)
     if told and "friction" in spec.factors and "friction_estimate_error" not in spec.factors:
@@ -227,10 +228,10 @@ def _profile(spec: Spec, name: str, config: Config, path: Path) -> Profile:
 
 
 def _check_length(spec: Spec, scenario: Scenario, path: Path) -> None:
-    """That what is driven after the driver begins is there, and long enough for the figures."""
+    """Check that the scenario lasts long enough after the start of steering for `length_s` and for the figures."""
     longest, shortest = scenario.duration - scenario.steer_time, LENGTH_MIN[scenario.kind]
     length = longest if spec.length_s is None else spec.length_s
-    # To a nanosecond: 12.1 s less 10 s are not 2.1 s to the last bit.
+    # Compared to a nanosecond: in floating point, 12.1 - 10 is not 2.1.
     if length > longest + 1e-9:
         raise ConfigError(
             f"{scenario.name} ends {longest:g} s after the driver begins, before {length:g} s",

@@ -1,4 +1,4 @@
-"""A scenario as a batch drives it: one course of time for all runs, which speed and amplitude of each run multiply."""
+"""Input profile of a scenario for a batch. All runs share it; each run scales its speed and steering amplitude."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hil_sim.scenarios import Kind, Scenario
 FloatArray = npt.NDArray[np.float64]
 
 REFERENCE_ANGLE_DEG = 90.0
-"""At the steering wheel: the amplitude of every profile, before the factor of a run."""
+"""Steering-wheel amplitude of every profile, before the factor of a run is applied."""
 
 SPEED, WHEEL = INPUT_COLUMNS.index("speed"), INPUT_COLUMNS.index("steering_wheel_command")
 
@@ -27,12 +27,12 @@ class Profile:
     """One scenario of a campaign.
 
     Attributes:
-        scenario: what is driven.
+        scenario: the scenario.
         inputs: (steps, 6), columns INPUT_COLUMNS, at the scenario's own speed and REFERENCE_ANGLE_DEG.
-        steer_time: s of `inputs` at which the driver begins.
-        speed: m/s.
-        friction: of the scenario's road.
-        estimate: of the friction that the controller is given there; NaN for none.
+        steer_time: start of steering in `inputs`, in s.
+        speed: in m/s.
+        friction: road friction of the scenario.
+        estimate: friction estimate for the controller; NaN: none.
     """
 
     scenario: Scenario
@@ -44,12 +44,12 @@ class Profile:
 
     @property
     def name(self) -> str:
-        """Of the scenario."""
+        """Name of the scenario."""
         return self.scenario.name
 
     @property
     def kind(self) -> Kind:
-        """Of the scenario."""
+        """Kind of the scenario."""
         return self.scenario.kind
 
     @property
@@ -63,7 +63,7 @@ class Profile:
         return found.hexdigest()
 
     def amplitudes(self, config: Config, speeds: FloatArray) -> FloatArray:
-        """The scenario's own amplitude (rad at the steering wheel) at speeds (n,) in m/s, for the configured car.
+        """Return the scenario's own steering-wheel amplitude (n,) in rad for speeds (n,) in m/s and the configured car.
 
         Raises:
             CodegenError: the car cannot do it at one of them.
@@ -72,7 +72,7 @@ class Profile:
             return np.full(speeds.shape, np.radians(self.scenario.settings.steering_wheel_angle_deg))
         wheel = self.inputs[:, WHEEL]
         at = int(np.abs(wheel).argmax())
-        # The same instant of the whole scenario, which begins earlier than the profile.
+        # The same instant in the whole scenario, which begins before the profile.
         time = np.array([at * config.plant.sampling_time_s + self.scenario.steer_time - self.steer_time])
         each, place = np.unique(speeds, return_inverse=True)
         found = np.empty(each.shape)
@@ -84,10 +84,10 @@ class Profile:
 
 
 def profile_of(scenario: Scenario, config: Config, lead: float, length: float | None) -> Profile:
-    """The profile of a scenario from `lead` s before the driver begins, to `length` s after it (None: to the scenario's end).
+    """Return the profile from `lead` s before the start of steering to `length` s after it (None: end of the scenario).
 
     Raises:
-        CodegenError: the car cannot do the scenario, or its speed or friction changes on the way.
+        CodegenError: the car cannot do the scenario, or an input other than the steering changes during it.
     """
     settings = replace(scenario.settings, steering_wheel_angle_deg=REFERENCE_ANGLE_DEG)
     inputs = replace(scenario, settings=settings).inputs(config)

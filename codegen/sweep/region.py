@@ -35,7 +35,7 @@ SPEEDS_KM_H = tuple(float(speed) for speed in range(20, 381, 20))
 FRICTIONS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 MASSES_PERCENT = (-20.0, 0.0, 20.0)
 TURN_SHARE = 0.5
-"""Of friction times gravity: the lateral acceleration of the turn."""
+"""Lateral acceleration of the turn, as a fraction of friction times gravity."""
 
 PULSE_DEG, PULSE_FROM, PULSE_TO = 0.05, 0.5, 0.7
 """At the front wheels, s. So small that neither tyres nor actuator leave their linear range while a stable loop answers."""
@@ -97,13 +97,13 @@ class Region:
 
     @property
     def undecided(self) -> BoolArray:
-        """Cells too near to the border for a drive of some seconds to tell."""
+        """Cells too close to the stability boundary for a simulation of a few seconds to decide."""
         near: BoolArray = np.abs(self.growth) < NEAR
         return near
 
     @property
     def contradicted(self) -> BoolArray:
-        """Cells where the drive says otherwise than the linearisation; none where nothing was driven."""
+        """Cells where simulation and linearisation disagree; none without a simulation."""
         if self.driven is None:
             return np.zeros(self.stable.shape, dtype=bool)
         otherwise: BoolArray = (self.driven != self.stable) & ~self.undecided
@@ -111,7 +111,7 @@ class Region:
 
     @property
     def margin_sample(self) -> BoolArray:
-        """Cells whose gain margin is driven."""
+        """Cells whose gain margin is simulated."""
         place = np.indices(self.stable.shape).sum(axis=0)
         chosen: BoolArray = (place % MARGIN_EVERY == 0) & np.isfinite(self.gain_limit)
         return chosen
@@ -142,13 +142,13 @@ class Region:
 
     @property
     def disagreeing(self) -> BoolArray:
-        """Cells where the drive says otherwise than the linearisation, of the loop or of its gain margin."""
+        """Cells where simulation and linearisation disagree about the loop or its gain margin."""
         cells: BoolArray = self.contradicted | self.margin_contradicted
         return cells
 
     @property
     def disagreeing_from(self) -> float | None:
-        """The lowest speed of such a cell, km/h; None where there is none."""
+        """Lowest speed of such a cell in km/h; None if there is none."""
         found = np.flatnonzero(self.disagreeing.any(axis=(0, 1)))
         return self.speeds_km_h[int(found[0])] if found.size else None
 
@@ -233,7 +233,7 @@ def _limits(car: SampledCar, kp: FloatArray, ki: FloatArray, margins: Margins) -
 
 
 def _gains_about(limit: FloatArray) -> list[FloatArray]:
-    """Factors of the gain just within and just beyond a limit."""
+    """Return the gain factors just within and just beyond a limit."""
     return [np.where(limit < 1.0, limit / share, limit * share) for share in MARGIN_SHARES]
 
 

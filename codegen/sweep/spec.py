@@ -1,4 +1,4 @@
-"""`sweep.toml`: which controllers and scenarios a campaign drives, and what varies from car to car.
+"""`sweep.toml`: controllers, scenarios and varied factors of a campaign.
 
     design = "monte-carlo"              # or "factorial"
     samples = 1000                      # monte-carlo: cars and roads; a factorial design has as many as its values combine to
@@ -41,7 +41,7 @@ MAX_CONTROLLERS = 20
 WHOLE = {"samples": (1, MAX_SAMPLES), "seed": (0, 2**63 - 1), "points": (2, MAX_POINTS)}
 """Keys of whole numbers: the smallest and the largest that is taken."""
 PASSIVE = "passive"
-"""A controller's name that needs no build: the rear wheels stay straight."""
+"""Name of the passive car, which needs no build: its rear wheels stay straight."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ FACTORS: Mapping[str, Factor] = {
     "yaw_rate_noise_deg_s": Factor(0.0, 20.0, 0.0, "standard deviation of the measured yaw rate"),
 }
 NOISE = ("speed_noise_m_s", "front_angle_noise_deg", "yaw_rate_noise_deg_s")
-"""In the order of the noise array of `codegen.sil.batch`."""
+"""Noise factors, in the order of the noise array of `codegen.sil.batch`."""
 
 _Number = Annotated[float, BeforeValidator(check_number)]
 _Pair = Annotated[list[_Number], Field(min_length=2, max_length=2)]
@@ -120,7 +120,7 @@ class Values(Section):
 
     @property
     def extremes(self) -> tuple[float, float]:
-        """The smallest and the largest value that can come."""
+        """Smallest and largest possible value."""
         ends = self.values or self.uniform or self.within
         assert ends is not None  # exactly one is given
         return min(ends), max(ends)
@@ -171,7 +171,7 @@ def _checked_factors(factors: dict[str, Values]) -> dict[str, Values]:
 
 
 class Spec(Section):
-    """The whole of `sweep.toml`."""
+    """Content of `sweep.toml`."""
 
     schema_version: Literal[1] = 1
     design: Literal["monte-carlo", "factorial"] = "monte-carlo"
@@ -217,18 +217,18 @@ class Spec(Section):
 
     @property
     def sample_count(self) -> int:
-        """Cars and roads."""
+        """Number of samples (cars and roads)."""
         if self.samples is not None:
             return self.samples
         return math.prod(len(values.levels or []) for values in self.factors.values())
 
     @property
     def run_count(self) -> int:
-        """Samples by scenarios by controllers."""
+        """Number of runs: samples times scenarios times controllers."""
         return self.sample_count * len(self.scenarios) * len(self.controllers)
 
     def digest(self) -> str:
-        """SHA-256 of what it says, in hexadecimal digits; comments and order of keys do not count."""
+        """SHA-256 of the parsed content, in hexadecimal digits; independent of comments and key order."""
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 

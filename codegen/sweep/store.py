@@ -48,18 +48,18 @@ FACTS, PARTS, RUNS = "campaign.json", "parts", "runs.parquet"
 
 
 def require_pyarrow() -> None:
-    """Raise CodegenError where pyarrow is missing."""
+    """Raise CodegenError if pyarrow is missing."""
     if importlib.util.find_spec("pyarrow") is None:
         raise CodegenError("pyarrow is missing", where="codegen sweep", remedy='pip install "ars-codegen[sweep]"')
 
 
 def facts_text(plan: Plan) -> str:
-    """What the results depend on, as it stands in `campaign.json`."""
+    """Return the content of `campaign.json`: all inputs of the results."""
     return json.dumps({**plan.facts(), "tools": versions()}, indent=1) + "\n"
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder where it is missing. Raises CodegenError."""
+    """Create the folder if it is missing. Raises CodegenError."""
     if (folder.exists() or folder.is_symlink()) and not folder.is_dir():
         raise CodegenError("not a folder", where=folder, remedy="name a folder for the campaign")
     with _Writable(folder):
@@ -89,7 +89,7 @@ def open_folder(folder: Path, plan: Plan) -> set[int]:
 
 
 def check_same(folder: Path, plan: Plan) -> None:
-    """Refuse a folder that is not of this campaign. Raises CodegenError."""
+    """Raise CodegenError if the folder belongs to another campaign."""
     there = _facts(folder)
     if there is None:
         raise CodegenError("no campaign is there", where=folder, remedy="name the folder that codegen sweep wrote")
@@ -171,13 +171,13 @@ def _other(content: bytes, plan: Plan, folder: Path, remedy: str) -> CodegenErro
 
 
 class _Writable:
-    """Tells an OSError as the user's."""
+    """Converts an OSError to a CodegenError."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def __enter__(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, OSError):
@@ -187,19 +187,19 @@ class _Writable:
 
 
 def part_path(folder: Path, chunk: int) -> Path:
-    """Of the part of a chunk."""
+    """Return the path of the part of a chunk."""
     return folder / PARTS / f"{chunk:08d}.parquet"
 
 
 def kept(folder: Path, plan: Plan) -> int:
-    """Chunks that a campaign that stops now does not drive again."""
+    """Return the number of complete chunks."""
     if (folder / RUNS).is_file():
         return plan.chunk_count
     return sum(1 for _ in (folder / PARTS).glob("[0-9]*.parquet"))
 
 
 def save_part(folder: Path, chunk: int, table: Table, plan: Plan) -> None:
-    """Write the part of a chunk, whole or not at all. Raises CodegenError."""
+    """Write the part of a chunk atomically. Raises CodegenError."""
     import pyarrow.parquet as pq
 
     content = io.BytesIO()

@@ -29,7 +29,7 @@ Group = tuple[str, str]
 BINS = 4096
 QUANTILES = (0.05, 0.5, 0.95)
 WORST = 5
-"""Runs that are told of each figure."""
+"""Number of worst runs reported for each figure."""
 
 JUDGED: Mapping[str, bool] = {
     "overshoot_percent": True,
@@ -42,7 +42,7 @@ JUDGED: Mapping[str, bool] = {
     "yaw_rate_ratio_1_75_s_percent": True,
     "lateral_displacement_m": False,
 }
-"""Figures of which the worst runs are told: whether the largest is the worst, else the smallest."""
+"""Figures with a report of the worst runs. True: the largest value is the worst; False: the smallest."""
 
 
 @dataclass
@@ -70,11 +70,11 @@ class Figure:
 
     @property
     def edges(self) -> FloatArray:
-        """(BINS + 1,) of the bins."""
+        """Bin edges, (BINS + 1,)."""
         return self.low + (self.high - self.low) * np.arange(BINS + 1) / BINS
 
     def add(self, values: FloatArray) -> None:
-        """First reading: more runs. (T. F. Chan, G. H. Golub, R. J. LeVeque, 1979: sums that keep their digits.)"""
+        """First pass: update count, mean, deviation and extremes (stable sums: Chan, Golub, LeVeque, 1979)."""
         if not values.size:
             return
         mean, count = float(values.mean()), self.count + values.size
@@ -85,7 +85,7 @@ class Figure:
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
     def sort_in(self, values: FloatArray) -> None:
-        """Second reading: the same runs again, into the histogram."""
+        """Second pass: add the same runs to the histogram."""
         if values.size:
             width = (self.high - self.low) or 1.0
             self.histogram += np.bincount(
@@ -93,7 +93,7 @@ class Figure:
             )
 
     def finish(self) -> None:
-        """Quantiles from the histogram: in the middle of the bin that holds them, but never beyond an end."""
+        """Compute the quantiles from the histogram, as the middle of their bins."""
         if not self.count:
             return
         reached = np.cumsum(self.histogram)
@@ -111,7 +111,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Worst:
-    """A run that is among the worst of a figure."""
+    """One of the worst runs of a figure."""
 
     run: int
     value: float

@@ -1,4 +1,4 @@
-"""Versions of what the numbers of a campaign come from: kept with the results, and the same on all workers of a cluster."""
+"""Package versions that affect the results of a campaign. They are stored with it and must match on all workers."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ PACKAGES = ("numpy", "scipy", "casadi")
 
 @cache
 def versions() -> dict[str, str]:
-    """Name to version: of this package, and of those that draw, compute and generate."""
+    """Return name -> version of this package and of PACKAGES."""
     return {"codegen": __version__, **{name: version(name) for name in PACKAGES}}

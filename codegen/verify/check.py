@@ -1,7 +1,7 @@
-"""What every check of `codegen verify` takes, and what it gives.
+"""Input and result of the checks of `codegen verify`.
 
-A check is a function `check(subject, effort) -> Outcome`. It reads the files of the subject and nothing else of the folder, and
-raises only for what keeps it from running; see `codegen.verify.runner`.
+A check is a function `check(subject, effort) -> Outcome`. It reads only the files of the subject, and raises an exception only
+if it cannot run; see `codegen.verify.runner`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from codegen.emit.manifest import read_build
 
 
 class Verdict(StrEnum):
-    """What came of a check. Not run is never passed."""
+    """Verdict of a check. A check that was not run never counts as passed."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -30,16 +30,16 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a check.
+    """Result of a check.
 
     Attributes:
-        shows: what it shows of the code, one sentence without its full stop.
-        figure: the one figure for the table, such as "0 mismatches in 300,000 steps".
+        shows: property that the check shows, one sentence without a full stop.
+        figure: main figure for the table, such as "0 mismatches in 300,000 steps".
         verdict: passed, failed or not run.
         findings: each fault in one line, with file and line where there is one; for a check that was not run, why.
-        figures: everything that was measured, as JSON values; no times and nothing of the machine's paths.
-        limits: what it does not show, each a sentence for the safety manual.
-        tools: name to version of what it ran with.
+        figures: all measurements, as JSON values, without times and paths.
+        limits: what the check does not show, as sentences for the safety manual.
+        tools: name -> version of the tools used.
     """
 
     shows: str
@@ -53,10 +53,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is run.
+    """Extent of a check.
 
     Attributes:
-        quick: what answers in half a minute.
+        quick: whether to run only what finishes in half a minute.
     """
 
     quick: bool = False
@@ -67,11 +67,11 @@ class Subject:
     """The build under check.
 
     Attributes:
-        name: of the folder, for messages.
-        files: content by relative POSIX path; all that the manifest names.
-        manifest: of the build.
-        edited: paths whose content is not what the build wrote.
-        manifest_sha256: of the manifest's file.
+        name: name of the folder, for messages.
+        files: relative POSIX path -> content of all files in the manifest.
+        manifest: manifest of the build.
+        edited: paths of files changed after generation.
+        manifest_sha256: SHA-256 of the manifest file.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Subject:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """The build in a folder.
+        """Read the build in a folder.
 
         Raises:
             BuildError, ConfigError: not a build, or a file of it cannot be read.
@@ -94,12 +94,12 @@ class Subject:
 
     @property
     def prefix(self) -> str:
-        """Of the C names."""
+        """Prefix of the C names."""
         return str(self.manifest["options"]["prefix"])
 
     @property
     def is_single(self) -> bool:
-        """Whether it computes in single precision."""
+        """Whether the build computes in single precision."""
         return bool(self.manifest["options"]["precision"] == "single")
 
     @property

@@ -1,4 +1,4 @@
-"""The host's gcc: found, and told from a clang that answers to its name, as macOS has one."""
+"""Find the host's gcc, and distinguish it from a clang of that name, as on macOS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MISSING = "gcc: it is not on the PATH, and what it shows was not run; install it
 
 @functools.cache
 def gcc() -> str | None:
-    """Its path, or None where there is none."""
+    """Return the path of gcc, or None if there is none."""
     program = shutil.which("gcc")
     if program is None:
         return None
@@ -21,5 +21,5 @@ def gcc() -> str | None:
 
 
 def gcc_version(program: str) -> str:
-    """As it tells it."""
+    """Return the version line of gcc."""
     return compiler_identity((program,), ())[0]

@@ -34,13 +34,13 @@ _STEERING = (
     *("wheelbase", "understeer_coefficient", "rear_arm", "rear_slip_per_lateral_acceleration"),
     *("sideslip_max", "rear_angle_max"),
 )
-"""Of the linear car, in the order of `SteeringConstants`."""
+"""Constants of the linear car, in the order of `SteeringConstants`."""
 _OF_THE_TYRES = ("understeer_coefficient", "rear_slip_per_lateral_acceleration")
 _NUMBER = re.compile(r"(?<!\w)[-+]?\d[\d.]*(?:e[-+]?\d+)?", re.IGNORECASE)
 
 
 def lookup_of(subject: Subject) -> Lookup:
-    """The reference of a build, in its precision.
+    """Return the reference of a build, in its precision.
 
     Raises:
         BuildError: the sources hold no such tables, caps or car.
@@ -98,7 +98,7 @@ def _cars_of(bounds: _Constants, count: int) -> list[SteeringConstants]:
 
 @dataclass(frozen=True)
 class _Constants:
-    """The constants of a source by their names, arrays flat."""
+    """Return the constants of a source by name; arrays are flat."""
 
     path: str
     found: Mapping[str, Numbers]

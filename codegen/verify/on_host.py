@@ -1,4 +1,4 @@
-"""What the checks ask before they run the C of a build, unguarded, on this machine."""
+"""Checks before the C of a build runs unguarded on this machine."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from codegen.verify.check import Subject
 from codegen.verify.packages import MissingTool
 
 HOST_FLAGS = tuple(flag for flag in DEFAULT_FLAGS if flag != "-Werror")
-"""Of this machine's compiler. What it warns of is judged by another check."""
+"""Flags for this machine's compiler. Another check judges its warnings."""
 
 
 def require_compiler() -> None:
-    """Refuse to go on without a C compiler of this machine. Raises MissingTool."""
+    """Raise MissingTool if this machine has no C compiler."""
     try:
         find_compiler()
     except BuildError as error:
@@ -23,16 +23,16 @@ def require_compiler() -> None:
 
 
 class MightNotReturn(CodegenError):
-    """A call of the C might never return, or nobody can read whether it does: what would run it is not run."""
+    """A call of the C might not terminate, or this cannot be decided; the check is not run."""
 
 
 def compiled(subject: Subject) -> Software:
-    """The C of a build, to be run by this process.
+    """Compile and load the C of a build in this process.
 
     Raises:
-        MissingTool: `ziglang` is not installed, without which its loops cannot be judged.
-        BuildError: it does not compile.
-        MightNotReturn: it has a loop without a fixed number of rounds, or cannot be read.
+        MissingTool: `ziglang`, which the check of loops requires, is not installed.
+        BuildError: the C does not compile.
+        MightNotReturn: a loop has no fixed bound, or the C cannot be parsed.
     """
     software = compile_build(subject.files, subject.manifest, flags=HOST_FLAGS)
     try:

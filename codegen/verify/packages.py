@@ -1,4 +1,4 @@
-"""The packages of the extra `verify`: imported when they are first needed."""
+"""Import the packages of the extra `verify` on demand."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ EXTRA = 'pip install "ars-codegen[verify]"'
 
 
 class MissingTool(CodegenError):
-    """A package or a program that a check needs is not there: the check is not run."""
+    """A package or program that a check requires is missing, so the check is not run."""
 
 
 def module(name: str, package: str) -> Any:
-    """A module of a package.
+    """Return a module of a package.
 
     Raises:
-        MissingTool: it is not installed, or is one that has no such module.
+        MissingTool: the package is not installed, or has no such module.
     """
     try:
         return importlib.import_module(name)
@@ -28,6 +28,6 @@ def module(name: str, package: str) -> Any:
 
 
 def require(name: str) -> None:
-    """Refuse to go on without a package that is called as a program. Raises MissingTool."""
+    """Raise MissingTool if a package that is called as a program is missing."""
     if importlib.util.find_spec(name) is None:
         raise MissingTool("it is not installed", where=name, remedy=EXTRA)

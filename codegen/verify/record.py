@@ -1,4 +1,4 @@
-"""What a run of the checks leaves beside the build: `verify.json` and `verify.md`. Neither is named by the manifest."""
+"""Write the record of a verification into the build folder: `verify.json` and `verify.md`, which the manifest does not list."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ JSON, MANUAL = BESIDE
 
 
 def to_dict(report: Report) -> dict[str, Any]:
-    """The report as JSON values: no times, and nothing of the machine but the versions of its tools."""
+    """Return the report as JSON values, without times; tool versions are its only data of the machine."""
     subject = report.subject
     options = subject.manifest["options"]
     return {
@@ -54,13 +54,14 @@ def _outcome(outcome: Outcome) -> dict[str, Any]:
 
 
 def render(report: Report) -> bytes:
-    """The bytes of `verify.json`; also what `--json` writes."""
+    """Return the content of `verify.json` and of `--json`."""
     return (json.dumps(to_dict(report), indent=1, allow_nan=False) + "\n").encode()
 
 
 def write(report: Report, folder: Path) -> bool:
-    """Write both files into the build's folder; False where they stay as they are, because those of a whole run of the same
-    files stand there and this one was quick.
+    """Write both files into the build folder.
+
+    Return False if this run was quick and the folder has the record of a full run of the same files, which is then kept.
 
     Raises:
         CodegenError: one cannot be written.
@@ -74,7 +75,7 @@ def write(report: Report, folder: Path) -> bool:
 
 
 def require_place(folder: Path) -> None:
-    """Refuse, before the checks run, what could not be written after them. Raises CodegenError."""
+    """Raise CodegenError before the checks run if the record could not be written after them."""
     for name in BESIDE:
         path = folder / name
         if os.path.lexists(path) and not path.is_file():
@@ -84,7 +85,7 @@ def require_place(folder: Path) -> None:
 
 
 def _stands_for(folder: Path, manifest_sha256: str, edited: tuple[str, ...]) -> bool:
-    """Whether a whole run of these very files is recorded."""
+    """Whether a full run of exactly these files is recorded."""
     try:
         found = json.loads((folder / JSON).read_bytes())
         same = found["build"]["manifest_sha256"] == manifest_sha256 and not (edited or found["edited"])

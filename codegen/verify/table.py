@@ -16,7 +16,7 @@ from codegen.verify.runner import CHECKS, LEFT_OUT, Report
 WIDTH_MIN, WIDTH_USUAL, WIDTH_MAX = 80, 120, 160
 """Columns; as wide as the terminal, the usual where there is none."""
 WIDTH_FOR_ALL = 100
-"""Below it there is no room for what a check shows."""
+"""Minimum width for the column with the property that a check shows."""
 
 FINDINGS_TOLD = 10
 """Of each check; all of them are in the JSON."""
@@ -25,7 +25,7 @@ TITLES = {check.name: check.title for check in CHECKS}
 
 
 def table(report: Report, columns: int | None = None) -> str:
-    """Check, what it shows, figure and verdict; no line is longer than the columns there are, by default the terminal's."""
+    """Return rows of check, property, figure and verdict, limited to a number of columns (default: the terminal's)."""
     width = min(max(columns or shutil.get_terminal_size((WIDTH_USUAL, 0)).columns, WIDTH_MIN), WIDTH_MAX)
     is_wide = width >= WIDTH_FOR_ALL
     drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False, width=width, show_edge=False)
@@ -47,7 +47,7 @@ def table(report: Report, columns: int | None = None) -> str:
 
 
 def findings(report: Report) -> Iterator[str]:
-    """What is wrong with, or missing for, each check that did not pass; a line each. What `--quick` leaves out is not told."""
+    """Return one line for each check that failed or lacks a tool. Checks that `--quick` skips are omitted."""
     for name, outcome in report.outcomes.items():
         if outcome.verdict is not Verdict.PASSED and not _was_left_out(outcome):
             for finding in outcome.findings[:FINDINGS_TOLD]:

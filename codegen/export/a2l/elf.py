@@ -1,4 +1,4 @@
-"""Where the variables of a program lie and of which types they are: an ELF with its DWARF, by pyelftools."""
+"""Addresses and types of the variables of a program, read from ELF and DWARF with pyelftools."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from codegen.errors import BuildError, CodegenError
 from codegen.files import read_file
 
 ELF_BYTES_MAX = 2**30
-"""A program with all its debug information; what is larger is none for an ECU."""
+"""Largest program file with debug information, in bytes."""
 
 Kind = Literal["float", "unsigned", "signed"]
 
 _STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\.(?P<field>[A-Za-z_]\w*)|\[(?P<index>\d+)\]")
 _ADDRESS_OF, _ADDRESS_AT = 0x03, 0xA1  # DW_OP_addr, DW_OP_addrx: DWARF 5, section 7.7.1
 _KINDS: dict[int, Kind] = {0x02: "unsigned", 0x04: "float", 0x05: "signed", 0x06: "signed", 0x07: "unsigned", 0x08: "unsigned"}
-"""By DW_AT_encoding (section 7.8): boolean, float, signed, signed char, unsigned, unsigned char."""
+"""Kind by DW_AT_encoding (section 7.8): boolean, float, signed, signed char, unsigned, unsigned char."""
 _STRUCTS = ("DW_TAG_structure_type", "DW_TAG_class_type", "DW_TAG_union_type")
 _SCOPES = ("DW_TAG_subprogram", "DW_TAG_lexical_block", "DW_TAG_namespace")
 _TRANSPARENT = ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type")
 DEPTH_MAX = 8
-"""Of structs inside structs that are looked through for an object of a type."""
+"""Nesting depth of structs that are searched for an object of a type."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,9 @@ class Place:
     """An object in memory, or a part of one.
 
     Attributes:
-        address: of the target. size: bytes of one number. count: how many numbers lie there, one behind the other.
+        address: address on the target.
+        size: bytes of one number.
+        count: number of consecutive numbers.
     """
 
     address: int
@@ -63,9 +65,9 @@ class Elf:
     """A linked program.
 
     Attributes:
-        name: of its file.
-        content: its bytes.
-        is_little: the byte order of the target.
+        name: file name.
+        content: bytes of the file.
+        is_little: whether the target is little-endian.
     """
 
     def __init__(self, name: str, content: bytes) -> None:
@@ -117,7 +119,7 @@ class Elf:
         return self._numbers(path, address, ctype)
 
     def instances(self, type_name: str) -> list[str]:
-        """Paths of all objects of a named type, inside structs too."""
+        """Return the paths of all objects of a named type, including members of structs."""
         paths: set[str] = set()
         with _whole(self.name):
             for name, variables in self._variables.items():
@@ -127,7 +129,7 @@ class Elf:
         return sorted(paths)
 
     def bytes_at(self, address: int, size: int) -> bytes | None:
-        """What the program puts there at its start; None for what it does not hold, such as memory that is cleared."""
+        """Return the initial bytes at an address; None if the file does not contain them, as for zeroed memory."""
         with _whole(self.name):
             for segment in self._file.iter_segments("PT_LOAD"):
                 offset = address - segment["p_vaddr"]
@@ -207,7 +209,7 @@ class Elf:
 
 @contextmanager
 def _whole(name: str) -> Iterator[None]:
-    """Of a file that is cut or damaged, pyelftools tells in many ways."""
+    """Convert the exceptions of pyelftools for truncated or damaged files to BuildError."""
     try:
         yield
     except CodegenError:
@@ -220,7 +222,7 @@ def _whole(name: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Rest:
-    """What is left of an array of several dimensions behind an index."""
+    """Remaining dimensions of an array after indexing."""
 
     element: Any
     lengths: tuple[int, ...]
@@ -242,7 +244,7 @@ def _parsed(name: str, content: bytes) -> Any:
 
 
 def children(entry: Any) -> Iterator[Any]:
-    """The entries right below one.
+    """Yield the direct children of an entry.
 
     Raises:
         ValueError: in a damaged file, one leads back to one before it (DW_AT_sibling), and so on for ever.
@@ -265,7 +267,7 @@ def _variables_below(entry: Any) -> Iterator[Any]:
 
 
 def _offset(member: Any) -> int:
-    """Of a member in its struct: a number, or before DWARF 3 an expression (DW_OP_plus_uconst)."""
+    """Return the offset of a member in its struct: a number, or before DWARF 3 an expression (DW_OP_plus_uconst)."""
     if "DW_AT_data_member_location" not in member.attributes:
         return 0
     location = member.attributes["DW_AT_data_member_location"].value
@@ -290,11 +292,11 @@ def _stripped(ctype: Any) -> Any:
 
 ALIASES_MAX = 100
 LENGTH_MAX = 100_000
-"""Objects in an array of tasks; more is damage, not a program."""
+"""Largest array of tasks; a larger one indicates a damaged file."""
 
 
 def aliases(ctype: Any) -> Iterator[Any]:
-    """A type, what it is another name of, and so on, down to the type itself.
+    """Yield a type and the types that it is an alias of, down to the underlying type.
 
     Raises:
         ValueError: in a damaged file, the names go round in a circle.
@@ -308,7 +310,7 @@ def aliases(ctype: Any) -> Iterator[Any]:
 
 
 def _size_of(ctype: Any) -> int:
-    """Bytes of an object."""
+    """Return the size of an object of a type, in bytes."""
     ctype = _stripped(ctype)
     if ctype.tag == "DW_TAG_array_type":
         return math.prod(_lengths(ctype)) * _size_of(_referenced(ctype, "DW_AT_type"))

@@ -1,4 +1,4 @@
-"""The A2L of a build with the addresses of a program that the build was linked into."""
+"""Fill the A2L of a build with the addresses of a linked program."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _UNSIGNED = {1: "UBYTE", 2: "UWORD", 4: "ULONG"}
 
 @dataclass(frozen=True)
 class Filled:
-    """What `codegen a2l` writes.
+    """Result of `codegen a2l`.
 
     Attributes:
-        text: of the A2L.
-        places: by name of the object.
-        left_out: measurements that the program does not have.
-        instance: path of the task or controller that the measurements are of; "" where there is none.
-        segment: first address and bytes of the calibration data.
-        edited: files of the build that are not as they were built.
+        text: content of the A2L.
+        places: object name -> location.
+        left_out: measurements that the program does not contain.
+        instance: path of the measured task or controller; "" if there is none.
+        segment: first address and size in bytes of the calibration data.
+        edited: files of the build that were changed after generation.
     """
 
     text: str
@@ -58,12 +58,12 @@ class _Instance:
 
 
 def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
-    """The A2L of a build with a program's addresses, byte order and types.
+    """Return the A2L of a build with a program's addresses, byte order and types.
 
     Args:
         build: folder of the build.
         elf: the program.
-        instance: path of the object of the task or the controller, such as `ecu.task`; None looks for it.
+        instance: path of the task or controller object, such as `ecu.task`; None searches for it.
 
     Raises:
         BuildError: no build; a program without this build, or with another one; several instances.
@@ -93,13 +93,13 @@ def fill(build: Path, elf: Elf, instance: str | None = None) -> Filled:
 
 
 def _without(text: str, name: str) -> str:
-    """An A2L that no longer mentions a measurement."""
+    """Return the A2L without any reference to a measurement."""
     text = re.sub(rf"^ *{re.escape(name)}\n", "", text, flags=re.MULTILINE)
     return re.sub(rf"(?<= ){re.escape(name)} (?=\S+ \S)", "NO_INPUT_QUANTITY ", text)
 
 
 class _Blocks:
-    """Fills one object after the other, and keeps where it lies."""
+    """Fills the A2L objects one by one and records their locations."""
 
     def __init__(self, elf: Elf, prefix: str, real: int, instance: _Instance) -> None:
         self.elf, self.prefix, self.real, self.instance = elf, prefix, real, instance
@@ -159,7 +159,7 @@ class _Blocks:
 
 
 def _check_same_build(elf: Elf, prefix: str, identity: str) -> Place:
-    """That the program holds the build; where it says which one it is."""
+    """Check that the program contains this build, and return the location of its identity."""
     place = elf.place(f"{prefix}_epk")
     if place is None:
         raise BuildError(
@@ -197,7 +197,7 @@ def _found(elf: Elf, prefix: str, wanted: str | None) -> _Instance:
 
 
 def _moved(link: str, prefix: str, instance: _Instance) -> str | None:
-    """A path from the name that the build gives to the program's own object; None where that has no such part."""
+    """Replace the build's object name in a path by the program's; None if that object has no such member."""
     inside = link.removeprefix(f"{prefix}_{INSTANCE}")
     if instance.what == "task":
         return instance.path + inside

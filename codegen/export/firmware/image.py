@@ -1,4 +1,4 @@
-"""The image of a firmware project: built, run in QEMU, and held against the software in the loop."""
+"""Build the image of a firmware project, run it in QEMU, and compare it with the software in the loop."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Toolchain = Literal["gcc", "zig"]
 
 GCC, QEMU = "arm-none-eabi-gcc", "qemu-system-arm"
 RUN_LIMIT = 300.0
-"""s, after which an image that does not end is stopped; a run takes about one."""
+"""Time limit of a run in s; a run takes about 1 s."""
 
 VARIABLES_OF_MAKE = ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES", "BUILD", "TOOLCHAIN", "QEMU", "ZIG")
-"""Taken out of its environment: another make may run this command, and no variable of the user's may change the image."""
+"""Variables removed from the environment of make, because a calling make or the user could change the image with them."""
 
 LAST_WORDS = ("end:", "fault:", "self-test failed", "main returned")
 
@@ -44,21 +44,21 @@ class Sizes:
 
 @dataclass(frozen=True)
 class ImageRun:
-    """What an image did.
+    """Result of running an image.
 
     Attributes:
-        toolchain: that built it.
-        compared: frames held against the software in the loop.
-        different: those of them that are missing, too many, or have another byte.
-        first_difference: the first of them in words, "" where there is none.
+        toolchain: toolchain that built the image.
+        compared: number of frames compared with the software in the loop.
+        different: number of missing, extra or different frames.
+        first_difference: description of the first one; "" if there is none.
         faults: exceptions that ended the program: 0 or 1.
-        message: the last line that the program wrote.
-        exit_code: its own; 0 where all is well.
-        cycles, ticks: runs of the task, and ticks of the timer that began them.
+        message: last line of the program's output.
+        exit_code: exit code of the program; 0 for success.
+        cycles, ticks: runs of the task, and timer ticks that started them.
         lost_samples: cycles without a good sample.
-        fpu: whether the FPU computed.
-        stack: bytes of the program's stack that were used.
-        sizes: of the image.
+        fpu: whether the FPU was used.
+        stack: bytes of stack used.
+        sizes: memory sizes of the image.
     """
 
     toolchain: str
@@ -77,17 +77,17 @@ class ImageRun:
 
     @property
     def passed(self) -> bool:
-        """Whether the image did just what the software in the loop did, on time and without a fault."""
+        """Whether all frames equal those of the software in the loop, on time and without a fault."""
         same = self.different == 0 and self.ticks == self.cycles == self.compared
         return same and self.fpu and self.faults == 0 and self.exit_code == 0
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the result for JSON."""
         return {**asdict(self), "passed": self.passed}
 
 
 def choose_toolchain(wanted: str | None) -> Toolchain:
-    """The toolchain to build with: the one that is asked for, else GCC where it is installed, else zig's clang.
+    """Return the toolchain: the requested one, else GCC if installed, else zig's clang.
 
     Raises:
         CodegenError: it is not installed.
@@ -104,7 +104,7 @@ def choose_toolchain(wanted: str | None) -> Toolchain:
 
 
 def require_tools() -> None:
-    """Refuse to go on without make and QEMU. Raises CodegenError."""
+    """Raise CodegenError if make or QEMU is missing."""
     for program, package in (("make", "make"), (QEMU, "qemu-system-arm")):
         if shutil.which(program) is None:
             remedy = f"install it (Debian, Ubuntu: apt install {package}), or leave out --run"
@@ -112,7 +112,7 @@ def require_tools() -> None:
 
 
 def run_image(files: Mapping[str, bytes], expected: Sequence[str], toolchain: Toolchain) -> ImageRun:
-    """Build the files of a project in a folder of their own, run the image, and compare what it sends.
+    """Build a project in a temporary folder, run the image, and compare its frames.
 
     Raises:
         CodegenError: make or QEMU is missing, or QEMU fails.
@@ -134,7 +134,7 @@ def run_image(files: Mapping[str, bytes], expected: Sequence[str], toolchain: To
 
 
 def image_sizes(image: bytes) -> Sizes:
-    """What an image takes, by the section headers of a 32-bit little-endian ELF file (ELF specification 1.2, figure 1-8)."""
+    """Return the memory sizes of an image, a 32-bit little-endian ELF (specification 1.2, figure 1-8: section headers)."""
     offset, entry_size, count = (struct.unpack_from(form, image, at)[0] for form, at in (("<I", 32), ("<H", 46), ("<H", 48)))
     write, allocated, no_bits = 1, 2, 8
     flash = ram = 0
@@ -179,7 +179,7 @@ def _build(folder: Path, toolchain: Toolchain) -> Sizes:
 
 
 def _run(folder: Path, toolchain: Toolchain) -> subprocess.CompletedProcess[str]:
-    """What QEMU did with the image, started as `make run` would: make itself hides the exit code."""
+    """Run the image in QEMU as `make run` does, without make, which would hide the exit code."""
     told = _make(folder, toolchain, "--dry-run", "run")
     require_success(told, "make run")
     try:

@@ -21,10 +21,10 @@ from hil_sim.scenarios import find
 
 SCENARIO = "step-steer"
 WHAT = "firmware"
-"""In the manifest: what tells such a folder from a build."""
+"""Manifest entry that distinguishes a firmware project from a build."""
 
 CLOCK_HZ = 25_000_000
-"""Of QEMU's mps2-an386 (Arm DAI 0386: SYSCLK)."""
+"""Clock of QEMU's mps2-an386 (Arm DAI 0386: SYSCLK)."""
 
 SYSTICK_RELOAD_MAX = 2**24 - 1
 MADE_BY_MAKE = "build"
@@ -46,7 +46,7 @@ class TraceFrame:
 
 @dataclass(frozen=True)
 class FirmwareView:
-    """What the templates know."""
+    """Context of the templates."""
 
     build_name: str
     build_id: str
@@ -66,12 +66,12 @@ class FirmwareView:
 
 @dataclass(frozen=True)
 class Project:
-    """A project and what its image has to do.
+    """A firmware project and the expected frames of its image.
 
     Attributes:
-        folder: its files.
-        sent: the frames, as text, that its image must send, one a cycle.
-        edited: files of the build that are not as they were built.
+        folder: files of the project.
+        sent: expected frames as text, one for each cycle.
+        edited: files of the build that were changed after generation.
     """
 
     folder: Folder
@@ -80,7 +80,7 @@ class Project:
 
 
 def project(build: Path) -> Project:
-    """Make the project of a build; nothing is written.
+    """Return the project of a build without writing files.
 
     Raises:
         BuildError: not a build, one of double precision, or C that does not compile.
@@ -113,7 +113,7 @@ def project(build: Path) -> Project:
 
 
 def refuse_target(target: Path) -> None:
-    """Refuse to write where something would be lost.
+    """Check that writing a project to a folder destroys nothing.
 
     Raises:
         BuildError: another kind of folder of ours stands there, or a firmware project in which a file was changed; or it

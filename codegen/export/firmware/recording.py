@@ -1,4 +1,4 @@
-"""A whole drive as frames: what the car sent, and what the software in the loop answered."""
+"""Frames of a complete run: those of the car and the answers of the software in the loop."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Drive:
 
 
 def record(software: Software, scenario: Scenario) -> Drive:
-    """Drive the compiled task and the plant in closed loop, as `codegen sil --can` does, and keep the frames."""
+    """Run the compiled task and the plant in closed loop, as `codegen sil --can` does, and return the frames."""
     node, task = PlantNode(software.config, scenario, precision=software.precision), software.task()
     received, sent = [], []
     for cycle in range(node.cycles):
@@ -40,5 +40,5 @@ def record(software: Software, scenario: Scenario) -> Drive:
 
 
 def frame_text(frame: Frame) -> str:
-    """A frame as the firmware prints it, and candump -L too: 201#0011223344556677."""
+    """Return a frame in the format of the firmware and of candump -L: 201#0011223344556677."""
     return f"{frame.id:03X}#{frame.data.hex().upper()}"

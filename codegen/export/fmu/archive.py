@@ -1,4 +1,4 @@
-"""The zip archive that an FMU is; the same files give the same bytes."""
+"""The zip archive of an FMU; equal files give equal bytes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Mapping
 
 DESCRIPTION = "modelDescription.xml"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The first time that the format can hold."""
+"""Earliest time that the format can represent."""
 
 
 def pack(files: Mapping[str, bytes]) -> bytes:
-    """The archive of files by path: the description first, the others in order."""
+    """Return the archive of path -> content: the description first, the others sorted."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(files, key=lambda path: (path != DESCRIPTION, path)):

@@ -1,4 +1,4 @@
-"""The shared library of an FMU, compiled for the platform that this runs on."""
+"""Compile the shared library of an FMU for the current platform."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from codegen.sil.compile import DEFAULT_FLAGS
 from codegen.sil.toolchain import compiler_command, require_success, run
 
 FLAGS = (*DEFAULT_FLAGS, "-fvisibility=hidden")
-"""Those of the SIL, so that the bits are the same; only FMI functions are seen from outside."""
+"""Compiler flags of the SIL, for identical results; only FMI functions are exported."""
 
 _ARCHITECTURES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
 
 
 def library_path(version: Version, identifier: str) -> str:
-    """Where the binary lies in the archive. FMI 3.0 names the processor; FMI 2.0 only system and word length.
+    """Return the path of the binary in the archive. FMI 3.0 names the processor; FMI 2.0 only system and word length.
 
     Raises:
-        BuildError: a platform that has no name here.
+        BuildError: the platform is not supported.
     """
     system = next((name for name in ("linux", "darwin") if sys.platform.startswith(name)), None)
     architecture = _ARCHITECTURES.get(platform.machine().lower())
@@ -35,7 +35,7 @@ def library_path(version: Version, identifier: str) -> str:
 
 
 def compile_binary(sources: Mapping[str, bytes], name: str) -> bytes:
-    """The shared library `name` of C sources; the same sources and compiler give the same bytes.
+    """Compile C sources to the shared library `name`; equal sources and compilers give equal bytes.
 
     Raises:
         BuildError: no compiler, or C that does not compile.

@@ -17,7 +17,7 @@ from codegen.export.fmu.variables import Variable
 
 STATUS_TYPE = "Status"
 STOP_TIME = 10.0
-"""s, of the default experiment."""
+"""Duration of the default experiment, in s."""
 
 _TYPES: dict[Version, Mapping[str, str]] = {
     "2": {"real": "Real", "integer": "Integer", "boolean": "Boolean", "status": "Enumeration"},
@@ -30,12 +30,12 @@ Attributes = dict[str, str]
 
 @dataclass(frozen=True)
 class Description:
-    """What a model description says.
+    """Content of a model description.
 
     Attributes:
-        identifier: a name in C, of the binary's file too.
-        communication_step: s, that is proposed to the simulator; a whole multiple of internal_step.
-        token: which ties the description to its sources.
+        identifier: C identifier of the model, and file name of the binary.
+        communication_step: step proposed to the simulator, in s; a whole multiple of internal_step.
+        token: ties the description to its sources.
         sources: .c files, for FMI 2.0.
     """
 
@@ -54,7 +54,7 @@ class Description:
 
 
 def model_description(given: Description) -> bytes:
-    """The content of modelDescription.xml."""
+    """Return the content of modelDescription.xml."""
     third = given.version == "3"
     attributes = {
         "fmiVersion": "3.0" if third else "2.0",
@@ -133,7 +133,7 @@ def _variability(variable: Variable) -> str:
 
 
 def _of_type(variable: Variable) -> Attributes:
-    """Attributes that belong to the type: declared type, unit, range and start."""
+    """Return the attributes of the type: declared type, unit, range and start."""
     found: Attributes = {}
     if variable.kind == "status":
         found["declaredType"] = STATUS_TYPE
@@ -173,7 +173,7 @@ def _variable_3(parent: ET.Element, variable: Variable, reference: str) -> None:
 
 
 def _structure(root: ET.Element, given: Description) -> None:
-    """Outputs, and what each follows at once. FMI 2.0 counts the variables from 1, FMI 3.0 names their value references."""
+    """Add the outputs and their direct dependencies. FMI 2.0 uses 1-based indices, FMI 3.0 value references."""
     third = given.version == "3"
     number = {each.name: str(k if third else k + 1) for k, each in enumerate(given.variables)}
     structure = ET.SubElement(root, "ModelStructure")
@@ -192,7 +192,7 @@ def _structure(root: ET.Element, given: Description) -> None:
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
-    """The content of sources/buildDescription.xml of FMI 3.0."""
+    """Return the content of sources/buildDescription.xml of FMI 3.0."""
     root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
     configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": identifier})
     files = ET.SubElement(configuration, "SourceFileSet", {"language": "C99"})

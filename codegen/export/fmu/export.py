@@ -1,4 +1,4 @@
-"""From a build to an FMU."""
+"""Export a build as an FMU."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class Fmu:
     """An FMU in memory.
 
     Attributes:
-        content: of the file.
-        identifier: of the model, in C.
+        content: bytes of the file.
+        identifier: C identifier of the model.
         token: the GUID of FMI 2.0, the instantiation token of FMI 3.0: a SHA-256 of description, sources and flags.
         platform: folder of the binary, such as "x86_64-linux".
-        internal_step: s; communication steps are whole multiples of it.
+        internal_step: in s; communication steps are whole multiples of it.
         variables: by value reference.
-        edited: files of the build that are no longer as generated; the FMU holds them as they are.
+        edited: files of the build that were changed after generation; the FMU contains the changed files.
     """
 
     content: bytes
@@ -49,7 +49,7 @@ class Fmu:
 
 
 def make_fmu(build: Path, what: What, version: Version) -> Fmu:
-    """The FMU of a build's controller, of the car of its configuration, or of both in closed loop.
+    """Return the FMU of a build's controller, of the car of its configuration, or of both in closed loop.
 
     Raises:
         CodegenError: no build, no compiler, C that does not compile, or fmpy is missing.
@@ -131,7 +131,7 @@ class _Maker:
         )
 
     def token(self) -> str:
-        """SHA-256 of all that is not the token itself, nor made by the compiler of this machine."""
+        """Return the SHA-256 of all content except the token and the compiled binary."""
         content = {"flags": list(FLAGS), "description": hashlib.sha256(self.description("")).hexdigest()}
         hashes = {name: hashlib.sha256(text).hexdigest() for name, text in self.sources("").items()}
         return hashlib.sha256(json.dumps([content, hashes], sort_keys=True).encode()).hexdigest()

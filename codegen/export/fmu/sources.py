@@ -1,4 +1,4 @@
-"""The C inside an FMU: what it needs of the build, the plant, the model around them, and the functions of the standard.
+"""The C inside an FMU: files of the build, the plant, the model around them, and the FMI functions.
 
 All of it lies in one folder, so that any compiler finds every header beside the file that includes it.
 """
@@ -21,7 +21,7 @@ _INCLUDE = re.compile(rb'^#include "([^"]+)"', re.MULTILINE)
 
 
 def build_sources(files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
-    """The controller's files of a build, by name: its source and numbers, and of each header on the way the source."""
+    """Return name -> content of the controller's sources in a build, and of every header and source they depend on."""
     named = {PurePosixPath(path).name: content for path, content in files.items()}
     found: dict[str, bytes] = {}
     waiting = [f"{prefix}_controller.h", f"{prefix}_calibration.c"]
@@ -37,7 +37,7 @@ def build_sources(files: Mapping[str, bytes], prefix: str) -> dict[str, bytes]:
 def model_sources(
     what: What, version: Version, config: Config, prefix: str, precision: Precision, variables: Sequence[Variable], token: str
 ) -> dict[str, bytes]:
-    """The wrapper: model, variables, instance and the functions of FMI; the plant too, where there is one."""
+    """Return the wrapper: model, variables, instance, FMI functions and, if used, the plant."""
     seen = {
         **context(what, config, prefix, precision, variables),
         "variables": rows(variables, version),

@@ -1,4 +1,4 @@
-"""The headers of the FMI standard and their licence, as the package `fmpy` brings them."""
+"""The headers of the FMI standard and their licence, from the package `fmpy`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _LICENCE = re.compile(r"^ *Copyright \(C\).*?POSSIBILITY OF SUCH DAMAGE\.$", re.
 
 
 def headers(version: Version) -> dict[str, bytes]:
-    """Name and content of the standard's C headers. Raises CodegenError: fmpy is missing, or has none."""
+    """Return name -> content of the standard's C headers. Raises CodegenError: fmpy or its headers are missing."""
     remedy = 'pip install "ars-codegen[tools]"'
-    # Found, not imported: only its files are wanted, and importing it takes long.
+    # Located, not imported: only its files are needed, and its import is slow.
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
         raise CodegenError("fmpy, which has the headers of the FMI standard, is missing", where="codegen fmu", remedy=remedy)
@@ -34,7 +34,7 @@ def headers(version: Version) -> dict[str, bytes]:
 
 
 def licence(files: dict[str, bytes]) -> bytes:
-    """The licence of the headers, as they state it themselves, for a file of its own."""
+    """Return the licence text that the headers contain."""
     names = ", ".join(sorted(files))
     for content in files.values():
         text = content.decode("utf-8", "replace").replace("\r\n", "\n")

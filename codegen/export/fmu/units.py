@@ -1,4 +1,4 @@
-"""Units of the variables: as exponents of SI base units, and as tools may show them."""
+"""Units of the variables: exponents of SI base units, and display units."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Unit:
     """A unit of FMI.
 
     Attributes:
-        exponents: of SI base units and rad.
-        shown: another unit and how many of it make one of this one; None: shown as it is.
+        exponents: exponents of SI base units and rad.
+        shown: display unit and its number per unit; None: no other display unit.
     """
 
     exponents: Mapping[str, int]
@@ -37,5 +37,5 @@ _ENDINGS = {"_m_s2": "m/s2", "_rad_s": "rad/s", "_m_s": "m/s", "_n_m": "N.m", "_
 
 
 def unit_of_name(name: str) -> str:
-    """The unit that a name of the interface ends in, such as "m/s" of speed_m_s; "" for none."""
+    """Return the unit in the suffix of a name, such as "m/s" for speed_m_s; "" if there is none."""
     return next((unit for ending, unit in _ENDINGS.items() if name.endswith(ending)), "")

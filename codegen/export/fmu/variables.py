@@ -1,6 +1,6 @@
-"""What a simulator sees of each kind of FMU: variables with their names, units, ranges and places in the C of the model.
+"""Variables of each kind of FMU: names, units, ranges and members in the C of the model.
 
-Names are those of the columns of a run, and of the fields of the C structs with the unit behind them.
+Names are those of the columns of a run, or of fields of the C structs with the unit as suffix.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Kind = Literal["real", "integer", "boolean", "status"]
 Role = Literal["time", "input", "output", "fixed", "tunable"]
 
 SPEED_MAX = 150.0
-"""m/s, of a car: as a map's speeds."""
+"""Largest speed in m/s, as for the speeds of a map."""
 WHEEL_ANGLE_MAX = 30.0
-"""rad at the steering wheel, more than any has."""
+"""Largest steering-wheel angle in rad, beyond any real one."""
 FRICTION_MAX = 2.0
 YAW_MOMENT_MAX = 1e6
-"""N m. What the plant takes is bounded, so that no input makes its motion infinite."""
+"""Largest yaw moment in N m. Inputs of the plant are bounded to keep its motion finite."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Variable:
     """One scalar variable.
 
     Attributes:
-        name: for the simulator.
-        member: where `model_t` holds it; "" for the time.
-        storage: the C type of that: double, float, int32_t, uint16_t or bool.
-        start: its start value; None where it is computed.
-        low, high: its range, both included; None: whatever its type holds.
-        depends: of an output, the inputs that it follows at once, without a step in between.
+        name: name for the simulator.
+        member: member of `model_t`; "" for the time.
+        storage: C type of the member: double, float, int32_t, uint16_t or bool.
+        start: start value; None if computed.
+        low, high: inclusive range; None: range of the type.
+        depends: inputs that an output depends on directly, within the same step.
     """
 
     name: str
@@ -88,7 +88,7 @@ def _output(name: str, member: str, description: str, bound: float | None = None
 
 
 def _commands(config: Config) -> tuple[Variable, ...]:
-    """What a controller answers; held between its samples."""
+    """Return the outputs of a controller; constant between its samples."""
     return (
         _output(
             "rear_angle_command_rad",
@@ -104,7 +104,7 @@ def _commands(config: Config) -> tuple[Variable, ...]:
 
 
 def _road(config: Config) -> tuple[Variable, ...]:
-    """What acts on the car beside the rear wheels."""
+    """Return the inputs of the car other than the rear angle."""
     friction = config.road.friction
     return (
         _input("speed_m_s", "speed", "forward speed of the car", (0.0, SPEED_MAX)),
@@ -123,7 +123,7 @@ _MEMBER = {"state": "plant.", "output": "output."}
 
 
 def _motion(config: Config) -> tuple[Variable, ...]:
-    """The car as it is now."""
+    """Return the outputs of the car."""
     car = (
         _output("front_angle_rad", "output.front_angle", f"angle of the {_FRONT}"),
         _output("yaw_rate_rad_s", "plant.yaw_rate", "positive to the left"),
@@ -139,7 +139,7 @@ def _motion(config: Config) -> tuple[Variable, ...]:
 
 
 def _inputs_at_once(config: Config) -> dict[str, tuple[str, ...]]:
-    """Of each output of the plant, by its member, the inputs that it depends on: from the structure of its equations."""
+    """Return member of each plant output -> inputs that it depends on, from the structure of the equations."""
     model = two_track(config)
     assert model.output is not None  # the plant has outputs by construction
     inputs = {each.member: each.name for each in (*_road(config), _REAR_COMMAND)}
@@ -156,7 +156,7 @@ _REAR_COMMAND = _input(
 
 
 def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
-    """Time, inputs, outputs and start values of one kind of FMU, without the parameters of the controller."""
+    """Return time, inputs, outputs and start values of one kind of FMU, without controller parameters."""
     if what == "plant":
         return (TIME, *_road(config), _REAR_COMMAND, *_motion(config))
     if what == "controller":
@@ -178,7 +178,7 @@ def variables_of(what: What, config: Config) -> tuple[Variable, ...]:
 
 
 def _measurement(config: Config) -> tuple[Variable, ...]:
-    """The controller's measurement. No bounds: the controller checks its inputs itself."""
+    """Return the controller's measurement, without bounds because the controller checks its inputs."""
     found: list[Variable] = []
     for signal in MEASURED:
         if not signal.is_real:
@@ -212,5 +212,5 @@ def _initial(config: Config) -> Variable:
 
 
 def of_role(variables: Sequence[Variable], role: Role) -> tuple[Variable, ...]:
-    """Those of one role."""
+    """Return the variables of one role."""
     return tuple(each for each in variables if each.role == role)
