@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
 
 
-@click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
+@click.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
@@ -116,7 +116,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
-@click.option("--prefix", default="ars", show_default=True, help="Start of all C names.")
+@click.option("--prefix", default="ars", show_default=True, help="Prefix of all C names.")
 @click.option("--precision", type=click.Choice(["single", "double"]), default="single", show_default=True)
 @click.option(
     "--max-error",
@@ -128,9 +128,11 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
 @click.option(
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
 )
-@click.option("--storage", type=click.Choice(["float", "int16"]), help="Of tables on chosen breakpoints; by default float.")
+@click.option(
+    "--storage", type=click.Choice(["float", "int16"]), help="Number format of tables on chosen breakpoints; by default float."
+)
 @click.option("--beyond-grip", is_flag=True, help="Accept a map that requires more lateral acceleration than road tyres reach.")
-@click.option("--check", is_flag=True, help="Write nothing; exit 1 where DIR is not up to date.")
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 if DIR is not up to date.")
 @json_option
 def build(
     map_path: Path,

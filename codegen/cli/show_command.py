@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
 
 
-@click.command(short_help="Tell what a map holds, and draw it.", epilog=example(EXAMPLE))
+@click.command(short_help="Print the contents of a map, or plot it.", epilog=example(EXAMPLE))
 @click.argument("map_path", metavar="MAP.npz", type=map_file)
 @click.option(
     "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."

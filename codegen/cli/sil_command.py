@@ -104,7 +104,7 @@ class Choices:
     metavar="DEG",
     help="Angle of the steering wheel, for a scenario that takes another one.",
 )
-@click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
+@click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law for comparison.")
 @click.option(
     "--plant",
     type=click.Choice(["two-track", "roll"]),

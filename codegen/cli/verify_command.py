@@ -14,7 +14,7 @@ from codegen.errors import CheckFailed
 
 @click.command(epilog=example("codegen verify generated/4ws2"))
 @click.argument("build", type=build_folder, metavar="DIR")
-@click.option("--quick", is_flag=True, help="Only what answers in half a minute.")
+@click.option("--quick", is_flag=True, help="Run only the checks that finish in half a minute.")
 @click.option(
     "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
 )
