@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user chose for a run on a bus."""
+    """Options of a run on a bus."""
 
     bus: str
     scenario: str
@@ -86,9 +86,9 @@ class Choices:
 @xcp_option
 @run_options
 def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
-    """Let a plant simulator and an ECU exchange CAN frames, every 10 ms by the clock or in lock-step.
+    """Exchange CAN frames between a plant simulator and an ECU, every 10 ms by the clock or in lock-step.
 
-    The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
+    The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
     from codegen.cli.bench_report import live_view, note_edited
     from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
@@ -113,7 +113,7 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @run_options
 def plant(config_path: Path | None, **given: Any) -> None:
-    """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
+    """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.cli.bench_report import live_view
     from codegen.map_file.choose import choose_config
     from hil_sim.session import passive, run_plant

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     help="The controller: the recommended one, or the paper's PI.",
 )
 def init(folder: Path, preset: str) -> None:
-    """Make DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
+    """Create DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
     from codegen.configuration import preset_text
     from codegen.files import make_folder, write_atomically
 
@@ -200,7 +200,7 @@ def build(
 
 
 def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: str | None) -> Request | None:
-    """What the breakpoints are to be chosen for; None where nothing is asked."""
+    """Return the target for choosing breakpoints; None without one."""
     if max_error is None and max_flash is None:
         if storage is not None:
             remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
@@ -223,7 +223,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
 @click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where maps, C, plots and runs go.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
-    """Reproduce the paper: solve its three maps, build the C, run C1 and C2, print its tables beside ours."""
+    """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
     from codegen.report.paper import reproduce
 
     with console.progress("reproducing the paper") as progress:

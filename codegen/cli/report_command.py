@@ -57,7 +57,7 @@ def report(
     """Make one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
 
     With --build the C is driven here, beside other controllers and the passive car, and its faults are tried, where --run does
-    not bring them. The file opens from disk and asks for no network.
+    not bring them. The file is self-contained and works offline.
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically

@@ -19,7 +19,7 @@ from codegen.errors import CheckFailed
     "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
 )
 def verify(build: Path, quick: bool, json_file: Path | None) -> None:
-    """Show why the C of a build can be trusted.
+    """Verify the C of a build.
 
     Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
     feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a
