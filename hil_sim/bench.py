@@ -42,7 +42,7 @@ class Ecu(Protocol):
         """Stop the ECU as a power failure does."""
 
     def start(self) -> None:
-        """Again; returns at once."""
+        """Start the ECU again; return at once."""
 
 
 @dataclass(frozen=True)

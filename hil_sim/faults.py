@@ -147,7 +147,7 @@ class Injector:
         return due
 
     def _changed(self, cycle: int, frame: Frame) -> list[Frame]:
-        """What becomes of one frame, now."""
+        """Return the frames that one frame becomes in this cycle."""
         result = [frame]
         active = [pair for pair in self._active(cycle, FRAME_KINDS) if self._concerns(pair[1], frame)]
         if not any(fault.kind in HELD_PLACES for _, fault in active) and frame.id in self._held:

@@ -28,7 +28,7 @@ SERVES = {
     "rich": "progress and the live view",
     "scipy": "frequency responses",
 }
-"""Check the required packages."""
+"""Purposes of the required packages."""
 
 MODULES = {"python-can": "can"}
 """Names of modules that are not the package's own."""

@@ -55,7 +55,7 @@ def compiler() -> Finding:
 
 
 def programs() -> list[Finding]:
-    """Optional programs; `codegen sil` needs none of them."""
+    """Check the optional programs; `codegen sil` needs none of them."""
     return [_look_for(program) for program in PROGRAMS]
 
 
