@@ -144,7 +144,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
 
 
 def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
-    """Count the instructions of the longest step found of a build. Raises CodegenError: see `codegen.verify.budgets.measure`."""
+    """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
     from codegen.verify.budgets.measure import measure_step
     from codegen.verify.check import Effort, Subject
 
