@@ -1,4 +1,4 @@
-"""What commands print: lines, progress and JSON. Below `cli`, above everything that computes."""
+"""Output of commands: lines, progress and JSON. Below `cli`, above everything that computes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """A line that the user should know beside the result, on standard error."""
+    """Print a note to the user on standard error."""
     print(f"note: {text}", file=sys.stderr)
 
 

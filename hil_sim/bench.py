@@ -39,15 +39,15 @@ class Ecu(Protocol):
     """An ECU that the bench can take away and bring back."""
 
     def kill(self) -> None:
-        """As a power failure."""
+        """Stop the ECU as a power failure does."""
 
     def start(self) -> None:
-        """Again; returns at once."""
+        """Start the ECU again; return at once."""
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """What can be seen of one cycle while the run goes on: `row` as in the recording, times in s."""
+    """State of one cycle during a run: `row` as in the recording, times in s."""
 
     number: int
     row: list[float]

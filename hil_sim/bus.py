@@ -33,7 +33,7 @@ class BusAddress:
 
     @classmethod
     def parse(cls, text: str) -> BusAddress:
-        """From the command line. Raises CodegenError."""
+        """Parse the bus from the command line. Raises CodegenError."""
         interface, separator, channel = text.partition(":")
         if not separator or not interface or not channel:
             raise CodegenError(

@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Clocks:
-    """How far the car's clock departs from the ECU's. Zeros: both run in step.
+    """Deviation of the car's clock from the ECU's. Zeros: both run in step.
 
     Attributes:
         drift_ppm: rate of the car's clock less that of the ECU's, in parts per million.

@@ -1,4 +1,4 @@
-"""The bits of `Diagnostics` in words: what the bench and its users are told."""
+"""Texts of the bits of `Diagnostics`."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ LARGEST_COUNTER = 14
 
 
 class E2eStatus(enum.IntEnum):
-    """What the check of a cycle found; values of E2E_P01CheckStatusType and of the C enum `<prefix>_e2e_status_t`."""
+    """Result of the check of a cycle; values of E2E_P01CheckStatusType and of the C enum `<prefix>_e2e_status_t`."""
 
     OK = 0
     NO_NEW_DATA = 1
@@ -89,7 +89,7 @@ class Receiver:
         return E2eStatus.NO_NEW_DATA
 
     def check(self, data_id: int, data: bytes) -> E2eStatus:
-        """A cycle with a frame of eight bytes.
+        """Check a cycle with a frame of eight bytes.
 
         A counter of 15 is answered like a wrong CRC: for the specification it is a wrong input (E2E_E_INPUTERR_WRONG), tested
         before the CRC, which the state machine takes for E2E_P_ERROR (SWS_E2E_00384), and WRONG_CRC is the one status that

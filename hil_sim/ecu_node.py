@@ -29,7 +29,7 @@ POLL = 0.05
 
 @dataclass
 class EcuCounters:
-    """What an ECU counted; late: runs of the timer that came a period or more after their deadline; discarded: frames that
+    """Counters of an ECU; late: runs of the timer that came a period or more after their deadline; discarded: frames that
     waited for too long."""
 
     cycles: int = 0
@@ -51,7 +51,7 @@ class EcuNode:
         self.counters = EcuCounters()
 
     def run(self, lock_step: bool, stopped: Callable[[], bool]) -> None:
-        """Serve until `stopped` says so."""
+        """Serve until `stopped` returns true."""
         if lock_step:
             self._run_in_lock_step(stopped)
         else:

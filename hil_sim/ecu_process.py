@@ -25,7 +25,7 @@ READY = "ready"
 START_TIMEOUT = 30.0
 """s until `ready`: Python has to start, and the C may have to be compiled."""
 STOP_TIMEOUT = 5.0
-"""s until a process that was asked to end is killed."""
+"""Time from SIGTERM to SIGKILL, in s."""
 
 
 class EcuProcess:
@@ -73,13 +73,13 @@ class EcuProcess:
         raise CodegenError(f"the ECU did not start: {what}")
 
     def kill(self) -> None:
-        """As a power failure."""
+        """Kill the process as a power failure does."""
         if self._process is not None:
             self._process.kill()
             self._reap()
 
     def stop(self) -> str:
-        """Ask it to end; what it said last (its counters)."""
+        """Stop the process and return its last output (its counters)."""
         if self._process is not None:
             self._process.terminate()
             try:

@@ -60,7 +60,7 @@ class FaultCase:
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """What came of a case. Times in s from its beginning, or from its end for `recovered_after`; None: not reached."""
+    """Result of a case. Times in s from its beginning, or from its end for `recovered_after`; None: not reached."""
 
     case: FaultCase
     seen: tuple[str, ...]
@@ -248,11 +248,11 @@ def _violations(outcome: FaultOutcome, config: Config) -> Iterable[str]:
 def run_all(
     config: Config, runner: Callable[[Scenario], BenchResult], progress: Callable[[int, int], None] | None = None
 ) -> list[FaultOutcome]:
-    """Every case of the catalogue, one after the other.
+    """Run every case of the catalogue in order.
 
     Args:
         runner: runs a scenario with its faults.
-        progress: is told of cases done, and of all.
+        progress: called with the counts of finished and of all cases.
     """
     cases = catalogue(config.can, config.controller.sampling_time_s)
     outcomes = []

@@ -126,14 +126,14 @@ class Injector:
         return result
 
     def outgoing(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
-        """What the car's node really puts on the bus."""
+        """Apply the faults to the frames that the car's node sends."""
         sent = self._through(cycle, frames, from_car=True)
         if self.bus_down(cycle):
             return []
         return self._among_strangers(sent) if self._active(cycle, ("foreign-traffic",)) else sent
 
     def incoming(self, cycle: int, frames: Sequence[Frame]) -> list[Frame]:
-        """What the car's node really gets of the ECU's frames."""
+        """Apply the faults to the ECU's frames that the car's node receives."""
         received = self._through(cycle, frames, from_car=False)
         return [] if self.bus_down(cycle) else received
 
@@ -147,7 +147,7 @@ class Injector:
         return due
 
     def _changed(self, cycle: int, frame: Frame) -> list[Frame]:
-        """What becomes of one frame, now."""
+        """Return the frames that one frame becomes in this cycle."""
         result = [frame]
         active = [pair for pair in self._active(cycle, FRAME_KINDS) if self._concerns(pair[1], frame)]
         if not any(fault.kind in HELD_PLACES for _, fault in active) and frame.id in self._held:

@@ -1,4 +1,4 @@
-"""What the driver and the road do, as columns over time.
+"""Inputs of driver and road, as columns over time.
 
 A manoeuvre is a function of the car, of what a user may change, and of time: `(config, settings, time (n,) in s)` to columns
 by the names of `codegen.sil.closed_loop.INPUT_COLUMNS`, each a number or (n,), in SI. What it does not name is the default:

@@ -1,4 +1,4 @@
-"""What is done to the car and to the bus: named scenarios, and the user's own from files.
+"""Named scenarios for car and bus, and the user's own from files.
 
 Each names its source. Inputs are arrays with a row for each plant step; columns and units:
 `codegen.sil.closed_loop.INPUT_COLUMNS`. What the driver does in each stands in `hil_sim.manoeuvres`.
@@ -32,7 +32,7 @@ MAX_STEPS = 10_000_000
 """Plant steps of one run: 2.8 hours at 1 ms, and half a gigabyte of inputs."""
 
 Kind = Literal["step", "ramp", "sine-with-dwell", "frequency", "speed-ramp", "straight", "corner", "path", "recording"]
-"""Which figures are told of a run; see `hil_sim.metrics`."""
+"""Figures reported for a run; see `hil_sim.metrics`."""
 
 DEPARTURE_TIME_S = 2.0
 """s of driving straight on before a path leaves the straight."""

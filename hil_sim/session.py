@@ -35,7 +35,7 @@ EcuKind = Literal["native", "cffi", "external"]
 
 @dataclass(frozen=True)
 class Setup:
-    """What to run, and on what.
+    """Settings of a run and its bench.
 
     Attributes:
         config: the car, its frames and its sensors.
@@ -74,7 +74,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class BuildFacts:
-    """What the bench must know of a build without compiling it."""
+    """Facts of a build that the bench needs without compiling it."""
 
     config: Config
     precision: Precision
@@ -83,7 +83,7 @@ class BuildFacts:
 
     @classmethod
     def read(cls, build: Path) -> BuildFacts:
-        """From its manifest. Raises BuildError."""
+        """Read the facts from the manifest. Raises BuildError."""
         manifest = read_build(build)
         prefix = manifest["options"]["prefix"]
         config = configuration.parse(manifest["configuration"], "manifest.json: configuration")

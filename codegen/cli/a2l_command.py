@@ -28,7 +28,7 @@ SUFFIX = ".a2l"
 def a2l(build_path: Path, elf_path: Path, instance: str | None, output: Path, as_json: bool) -> None:
     """Write the A2L of a build with the addresses that its objects have in a linked program.
 
-    Byte order and types come from the program too; it is held against the build: which one it is, and the size of each object.
+    Byte order and types come from the program too; the identity of the build and the size of each object must match it.
     """
     from codegen.cli.bench_report import note_edited
     from codegen.emit.outputs import check_output

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user chose for a run on a bus."""
+    """Options of a run on a bus."""
 
     bus: str
     scenario: str
@@ -86,9 +86,9 @@ class Choices:
 @xcp_option
 @run_options
 def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
-    """Let a plant simulator and an ECU exchange CAN frames, every 10 ms by the clock or in lock-step.
+    """Exchange CAN frames between a plant simulator and an ECU, every 10 ms by the clock or in lock-step.
 
-    The ECU is started and stopped here, unless it is external. The passive car is simulated beside.
+    The ECU is started and stopped here, unless it is external. The passive car is simulated for comparison.
     """
     from codegen.cli.bench_report import live_view, note_edited
     from hil_sim.session import BuildFacts, check_xcp, passive, run_hil
@@ -107,12 +107,13 @@ def hil(build_path: Path, kind: EcuKind, xcp: bool, **given: Any) -> None:
 
 
 @click.command(
-    short_help="Be the plant on a bus.", epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell")
+    short_help="Run the simulated car on a CAN bus.",
+    epilog=example("codegen plant --bus socketcan:vcan0 --scenario sine-with-dwell"),
 )
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the paper's preset.")
 @run_options
 def plant(config_path: Path | None, **given: Any) -> None:
-    """Be the car on a bus, for whatever ECU is there: send its frames, obey the commands."""
+    """Run the simulated car on a bus for any ECU: send its frames, obey the commands."""
     from codegen.cli.bench_report import live_view
     from codegen.map_file.choose import choose_config
     from hil_sim.session import passive, run_plant
@@ -129,7 +130,10 @@ def plant(config_path: Path | None, **given: Any) -> None:
     outputs.tell(f"plant on {setup.address}, {setup.clock}", setup.config, setup.scenario, runs, result, described)
 
 
-@click.command(short_help="Be the ECU on a bus.", epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"))
+@click.command(
+    short_help="Run the generated C as the ECU alone on a CAN bus.",
+    epilog=example("codegen ecu --build generated/4ws2 --bus socketcan:vcan0"),
+)
 @build_option
 @bus_option
 @click.option(
@@ -140,9 +144,9 @@ def plant(config_path: Path | None, **given: Any) -> None:
 )
 @clock_option
 @xcp_option
-@click.option("--parent", type=int, hidden=True, help="End where the parent is no longer this process.")
+@click.option("--parent", type=int, hidden=True, help="Exit when this process is no longer the parent.")
 def ecu(build_path: Path, bus: str, kind: str | None, lock_step: bool, xcp: bool, parent: int | None) -> None:
-    """Be the ECU on a bus until interrupted: print `ready`, answer the car's frames, leave a line of counters."""
+    """Run as the ECU on a bus until interrupted: print `ready`, answer the car's frames, leave a line of counters."""
     from hil_sim.bus import BusAddress
     from hil_sim.session import check_native, check_xcp
 
@@ -188,7 +192,7 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 
 
 @click.command(
-    short_help="Try every fault on the bus.",
+    short_help="Inject every bus fault and check the response.",
     epilog=example("codegen faults --build generated/4ws2 --bus socketcan:vcan0 --ecu native"),
 )
 @build_option
@@ -202,7 +206,7 @@ def _serve(build_path: Path, address: BusAddress, lock_step: bool, parent: int |
 @click.option("--ecu", "kind", type=click.Choice(["native", "cffi"]), help="On a bus: as in hil; cffi by default.")
 @json_option
 def faults(build_path: Path, bus: str | None, kind: EcuKind | None, as_json: bool) -> None:
-    """Try every fault on the bus in the same turn-in: what was injected and seen, when the fail-safe came, how far the
+    """Inject every fault on the bus in the same turn-in: what was injected and seen, when the fail-safe came, how far the
     rear wheels went, and when control was back. On a bus each run takes its time, and a late machine is a fault of its own."""
     from codegen.cli.bench_report import note_edited
     from codegen.report.fault_table import HEADER, fault_data, fault_rows

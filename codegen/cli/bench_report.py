@@ -1,4 +1,4 @@
-"""What the commands of the bench leave: lines or JSON, a plot, a recording."""
+"""Output of the bench commands: lines or JSON, a plot, a recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the user wants the results."""
+    """Output paths of the results."""
 
     plot: Path | None
     csv: Path | None
@@ -148,6 +148,6 @@ def live_view(setup: Setup, kind: str, *, quiet: bool) -> Iterator[Observer | No
 
 
 def note_edited(build: Path, edited: Sequence[str], *, quiet: bool) -> None:
-    """Tell of generated files that are no longer as they were generated."""
+    """Warn about generated files that were edited."""
     for path in () if quiet else edited:
         console.note(f"{build / path} was changed after the build; this run uses it as it is")

@@ -18,7 +18,7 @@ In the file that the shell reads at its start:
 
 
 @click.command(
-    short_help="Print what makes a shell complete this command.",
+    short_help="Print the shell completion script.",
     help=f"Print the script that makes a shell complete commands, options, files and names.\n\n{PLACES}",
     epilog=example("codegen completion bash"),
 )

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 COLOURS = {"good": "green", "missing": "yellow", "bad": "red"}
 
 
-@click.command(short_help="Tell what is installed and works here.", epilog=example("codegen doctor"))
+@click.command(short_help="Check the installation and list missing optional tools.", epilog=example("codegen doctor"))
 @json_option
 def doctor(as_json: bool) -> None:
-    """Tell what is installed, what each missing extra would add, and which buses work: each of them is tried.
+    """Report what is installed, what each missing extra would add, and which buses work: each of them is tried.
 
     Exits with 1 where something is missing that codegen sil needs.
     """

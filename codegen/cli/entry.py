@@ -70,7 +70,7 @@ def _run(arguments: Sequence[str]) -> None:
 
 
 def _answer(error: BaseException) -> tuple[str, int]:
-    """What is said of an error, "" for nothing, and the exit code."""
+    """Return the message of an error ("" for none) and the exit code."""
     if isinstance(error, SystemExit):
         return "", error.code if isinstance(error.code, int) else 0
     if isinstance(error, click.exceptions.Exit):

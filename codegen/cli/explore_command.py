@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Move settings on a page; see map, step response and margins.", epilog=example("codegen explore --map 4ws2.npz")
+    short_help="Change settings on a local web page; see map and margins.", epilog=example("codegen explore --map 4ws2.npz")
 )
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz", help="A map made by codegen solve.")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where the project goes.")
 @click.option("--run", "run_it", is_flag=True, help="Also build it, run it in QEMU and compare its frames with the SIL's.")
 @click.option(
-    "--toolchain", type=click.Choice(["gcc", "zig"]), help="Of --run; by default arm-none-eabi-gcc where it is, else zig."
+    "--toolchain",
+    type=click.Choice(["gcc", "zig"]),
+    help="Compiler for --run; by default arm-none-eabi-gcc if installed, else zig.",
 )
 @json_option
 def firmware(build_path: Path, output: Path, run_it: bool, toolchain: str | None, as_json: bool) -> None:

@@ -41,15 +41,15 @@ READ = "read are .mat, .csv, .tsv, .txt, .dat (a map) and .tir (a tyre)"
     help="The map (.npz), or for tyres the new ars.toml (.toml).",
 )
 @click.option("--vx", metavar="NAME", help="Variable or column of the speeds, where it has no common name.")
-@click.option("--delta-f", metavar="NAME", help="Of the front angles at the road wheel.")
-@click.option("--yaw-rate", metavar="NAME", help="Of the yaw rates.")
-@click.option("--beta", metavar="NAME", help="Of the sideslip angles; a map needs none.")
-@click.option("--delta-r", metavar="NAME", help="Of the rear angles; a map needs none.")
-@click.option("--feasible", metavar="NAME", help="Of 1 and 0; by default cells without a value are infeasible.")
-@click.option("--units", metavar="LIST", help="Such as vx=km/h,delta_f=deg,yaw_rate=deg/s, where the names do not say them.")
+@click.option("--delta-f", metavar="NAME", help="Variable or column of the front angles at the road wheel.")
+@click.option("--yaw-rate", metavar="NAME", help="Variable or column of the yaw rates.")
+@click.option("--beta", metavar="NAME", help="Variable or column of the sideslip angles; optional.")
+@click.option("--delta-r", metavar="NAME", help="Variable or column of the rear angles; optional.")
 @click.option(
-    "--rows", type=click.Choice(["vx", "delta_f"]), help="What runs down the rows of a table, where it cannot be told."
+    "--feasible", metavar="NAME", help="Variable or column of 1 and 0; by default cells without a value are infeasible."
 )
+@click.option("--units", metavar="LIST", help="Such as vx=km/h,delta_f=deg,yaw_rate=deg/s, where the names do not give them.")
+@click.option("--rows", type=click.Choice(["vx", "delta_f"]), help="Axis along the rows of a table, where it is ambiguous.")
 @click.option(
     "--config", "config_path", type=configuration_file, help="For tyres: the ars.toml of the car, which stays as it is."
 )

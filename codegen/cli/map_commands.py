@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from codegen.ecu_map.placement import Request
 
 
-@click.command(short_help="Make DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
+@click.command(short_help="Create DIR/ars.toml to edit.", epilog=example("codegen init my-car && cd my-car"))
 @click.argument("folder", metavar="DIR", type=folder_to_write)
 @click.option(
     "--preset",
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     help="The controller: the recommended one, or the paper's PI.",
 )
 def init(folder: Path, preset: str) -> None:
-    """Make DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
+    """Create DIR/ars.toml, the paper's vehicle with comments and units, to edit."""
     from codegen.configuration import preset_text
     from codegen.files import make_folder, write_atomically
 
@@ -116,7 +116,7 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option("--config", "config_path", type=configuration_file, help="ars.toml; by default the map's own configuration.")
 @click.option("-o", "--output", type=folder_to_write, metavar="DIR", help="By default generated/<name of the map>.")
-@click.option("--prefix", default="ars", show_default=True, help="Start of all C names.")
+@click.option("--prefix", default="ars", show_default=True, help="Prefix of all C names.")
 @click.option("--precision", type=click.Choice(["single", "double"]), default="single", show_default=True)
 @click.option(
     "--max-error",
@@ -128,9 +128,11 @@ def solve(config_path: Path | None, case: str, output: Path, method: str, fricti
 @click.option(
     "--max-flash", type=memory_size, metavar="SIZE", help="Choose them for tables of at most so many bytes, such as 4KiB."
 )
-@click.option("--storage", type=click.Choice(["float", "int16"]), help="Of tables on chosen breakpoints; by default float.")
+@click.option(
+    "--storage", type=click.Choice(["float", "int16"]), help="Number format of tables on chosen breakpoints; by default float."
+)
 @click.option("--beyond-grip", is_flag=True, help="Accept a map that requires more lateral acceleration than road tyres reach.")
-@click.option("--check", is_flag=True, help="Write nothing; exit 1 where DIR is not up to date.")
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 if DIR is not up to date.")
 @json_option
 def build(
     map_path: Path,
@@ -198,7 +200,7 @@ def build(
 
 
 def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: str | None) -> Request | None:
-    """What the breakpoints are to be chosen for; None where nothing is asked."""
+    """Return the target for choosing breakpoints; None without one."""
     if max_error is None and max_flash is None:
         if storage is not None:
             remedy = "add --max-error or --max-flash, such as --max-error 0.05deg/s"
@@ -221,7 +223,7 @@ def _request(max_error: Quantity | None, max_flash: Quantity | None, storage: st
 @click.option("-o", "--output", required=True, type=folder_to_write, metavar="DIR", help="Where maps, C, plots and runs go.")
 @json_option
 def paper(output: Path, as_json: bool) -> None:
-    """Reproduce the paper: solve its three maps, build the C, run C1 and C2, print its tables beside ours."""
+    """Reproduce the paper: solve its three maps, build the C, run C1 and C2, compare its tables with ours."""
     from codegen.report.paper import reproduce
 
     with console.progress("reproducing the paper") as progress:

@@ -16,14 +16,14 @@ EXAMPLE = (
 )
 
 
-@click.command(short_help="One HTML file for a map, a build and its runs.", epilog=example(EXAMPLE))
+@click.command(short_help="Write an HTML report of a map, a build and its runs.", epilog=example(EXAMPLE))
 @click.option("--map", "map_path", required=True, type=map_file, metavar="MAP.npz")
 @click.option(
     "--compare",
     multiple=True,
     type=map_file,
     metavar="MAP.npz",
-    help="A map to show beside; may be repeated. By default that of the same car without rear steering.",
+    help="A map to compare with; may be repeated. By default that of the same car without rear steering.",
 )
 @click.option("--build", "build_path", type=build_folder, metavar="DIR", help="A folder made by codegen build.")
 @click.option(
@@ -41,7 +41,7 @@ EXAMPLE = (
     metavar="NAME|FILE",
     help="What was driven in the recordings, or is to be driven.",
 )
-@click.option("--no-simulation", is_flag=True, help="Drive nothing: show only what is given.")
+@click.option("--no-simulation", is_flag=True, help="Simulate nothing; show only the given files.")
 @click.option("-o", "--output", required=True, type=report_to_write, metavar="HTML", help="The report to write.")
 @json_option
 def report(
@@ -57,7 +57,7 @@ def report(
     """Make one self-contained HTML file: maps, curves, runs, margins, faults, timing, verification, manifest.
 
     With --build the C is driven here, beside other controllers and the passive car, and its faults are tried, where --run does
-    not bring them. The file opens from disk and asks for no network.
+    not bring them. The file is self-contained and works offline.
     """
     from codegen.emit.outputs import check_output
     from codegen.files import write_atomically

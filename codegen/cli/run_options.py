@@ -38,7 +38,7 @@ bus_option = click.option(
     required=True,
     metavar="INTERFACE:CHANNEL",
     shell_complete=bus_names,
-    help="Any of python-can, e.g. socketcan:vcan0.",
+    help="Interface and channel of python-can, e.g. socketcan:vcan0.",
 )
 scenario_option = click.option(
     "--scenario",
@@ -69,7 +69,11 @@ def output_option(text: str, metavar: str = "FILE") -> Callable[[Command], Comma
 def sensor_options(command: Command) -> Command:
     """--sensors and --seed."""
     command = click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise, faults, jitter and cars."
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of noise, faults, jitter and random cars.",
     )(command)
     return click.option("--sensors", is_flag=True, help="Measure with the noise, delay and steps of [sensors].")(command)
 
@@ -105,7 +109,7 @@ def result_options(command: Command) -> Command:
     """--plot, --csv and --json."""
     command = json_option(command)
     command = click.option("--csv", type=csv_to_write, metavar="CSV", help="Write the run, units in the column names.")(command)
-    return click.option("--plot", type=picture_to_write, metavar="PNG", help="Draw the run beside the passive car.")(command)
+    return click.option("--plot", type=picture_to_write, metavar="PNG", help="Plot the run and the passive car.")(command)
 
 
 def run_options(command: Command) -> Command:

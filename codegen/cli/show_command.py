@@ -1,4 +1,4 @@
-"""The command that tells what a map holds, what it takes in flash, and what changes from it to another."""
+"""The command that prints a map, its flash size, and its changes from another map."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --against nonlinear.npz --plot difference.png"
 
 
-@click.command(short_help="Tell what a map holds, and draw it.", epilog=example(EXAMPLE))
+@click.command(short_help="Print the contents of a map, or plot it.", epilog=example(EXAMPLE))
 @click.argument("map_path", metavar="MAP.npz", type=map_file)
 @click.option(
     "--plot", "plot", type=picture_to_write, metavar="PNG", help="Also draw it: the map, both maps, or error against flash."
@@ -32,7 +32,7 @@ EXAMPLE = "codegen show 4ws2.npz --plot map.png\n  codegen show 4ws2.npz --again
 @click.option("--config", "config_path", type=configuration_file, help="With --flash: ars.toml of the kind of controller.")
 @json_option
 def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, config_path: Path | None, as_json: bool) -> None:
-    """Tell what a map holds: axes, units, ranges, feasibility, what binds where."""
+    """Print a map: axes, units, ranges, feasibility and binding constraints."""
     from codegen.emit.outputs import check_output
     from codegen.map_file import map as npz
     from codegen.plausibility.map import beyond_grip
@@ -78,7 +78,7 @@ def show(map_path: Path, plot: Path | None, against: Path | None, flash: bool, c
 
 
 def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: Path | None, as_json: bool) -> None:
-    """What changes from one map to another."""
+    """Print the changes from one map to another."""
     from codegen.map_file import map as npz
     from codegen.optimum.slip_use import slip_use
     from codegen.report.map_difference import CAR_HEADER, DIFFERENCE_HEADER, POINT_HEADER, caveats, map_difference, same_car
@@ -121,7 +121,7 @@ def _show_difference(map_path: Path, first: ReferenceMap, against: Path, plot: P
 def _show_flash(
     map_path: Path, reference_map: ReferenceMap, config_path: Path | None, plot: Path | None, as_json: bool
 ) -> None:
-    """What chosen breakpoints cost, for the kind of controller of the configuration."""
+    """Print the flash size of chosen breakpoints, for the kind of controller of the configuration."""
     from codegen.ecu_map.placement_sweep import flash_table
     from codegen.emit.laws import law_of
     from codegen.map_file.choose import choose_config

@@ -45,7 +45,7 @@ CARS = 8
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user chose for a scenario."""
+    """Options of a scenario."""
 
     build_path: Path
     map_path: Path | None
@@ -104,7 +104,7 @@ class Choices:
     metavar="DEG",
     help="Angle of the steering wheel, for a scenario that takes another one.",
 )
-@click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law beside it.")
+@click.option("--baselines", is_flag=True, help="Show the paper's PI, feedforward and the proportional law for comparison.")
 @click.option(
     "--plant",
     type=click.Choice(["two-track", "roll"]),
@@ -137,8 +137,8 @@ class Choices:
 def sil(context: click.Context, /, suite: str | None, cars: int | None, limits_path: Path | None, **given: Any) -> None:
     """Run the generated C in closed loop with a simulated car, software in the loop.
 
-    With --suite tracking, drive the controller and its baselines in every cell of the test set, hold the figures against what
-    is asked, and exit 1 where one is missed. --plot then draws an overview.
+    With --suite tracking, drive the controller and its baselines in every cell of the test set, compare the figures with
+    the requirements, and exit 1 if one is missed. --plot then draws an overview.
 
     With --suite cars, draw plausible cars from a seed, solve, tune and build a controller for each, drive all, and exit 1 where
     a car misses a limit. Seed 1, the default of this suite, is that of development; nothing is tuned on seed 4, the test.

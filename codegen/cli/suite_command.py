@@ -22,7 +22,7 @@ TOLD = 3
 
 @dataclass(frozen=True)
 class SuiteOutputs:
-    """Where the user wants the results: an overview, a folder for all pictures."""
+    """Output paths: an overview, a folder for all pictures."""
 
     plot: Path | None
     folder: Path | None
@@ -113,7 +113,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
     """Drive the suite "tracking", print, draw, and judge.
 
     Raises:
-        CheckFailed: something that is asked was missed; everything is printed and written before.
+        CheckFailed: a requirement is missed; everything is printed and written before.
         CodegenError: what cannot be solved, tuned, built, compiled or written.
     """
     from codegen.report.suite_tables import failures, sections
@@ -144,7 +144,7 @@ def run_suite_command(build_path: Path | None, outputs: SuiteOutputs, limits_pat
 
 
 def instructions_of_step(files: Mapping[str, bytes], manifest: Mapping[str, Any]) -> int:
-    """Of the longest step of a build that can be found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
+    """Count the instructions of the longest step found. Raises CodegenError: see `codegen.verify.budgets.measure`."""
     from codegen.verify.budgets.measure import measure_step
     from codegen.verify.check import Effort, Subject
 

@@ -57,7 +57,7 @@ def sweep(
     run_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Drive a Monte Carlo or factorial campaign in C, and tell how overshoot, sideslip and FMVSS 126 come out.
+    """Drive a Monte Carlo or factorial campaign in C, and report overshoot, sideslip and FMVSS 126 results.
 
     Every sample is driven by every controller in every scenario. DIR gets runs.parquet, a row for each run, a summary and
     pictures. After Ctrl-C or a kill the same command goes on; same spec and seed, same bytes, by whatever engine.

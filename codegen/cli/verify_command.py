@@ -14,12 +14,12 @@ from codegen.errors import CheckFailed
 
 @click.command(epilog=example("codegen verify generated/4ws2"))
 @click.argument("build", type=build_folder, metavar="DIR")
-@click.option("--quick", is_flag=True, help="Only what answers in half a minute.")
+@click.option("--quick", is_flag=True, help="Run only the checks that finish in half a minute.")
 @click.option(
     "--json", "json_file", type=FileType((".json",), to_write=True), metavar="FILE", help="Write the result as JSON too."
 )
 def verify(build: Path, quick: bool, json_file: Path | None) -> None:
-    """Show why the C of a build can be trusted.
+    """Verify the C of a build.
 
     Compiles it for ECU cores, analyses it, runs it on emulated processors, counts its instructions, proves its bounds, and
     feeds it faults and random bytes. Writes verify.json and verify.md, the safety manual, into the build. Exits with 1 if a

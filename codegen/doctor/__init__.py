@@ -1,4 +1,4 @@
-"""What `codegen doctor` finds out about a machine. Layer: beside `report`; imports `errors`, `sil` and `hil_sim`.
+"""Checks of `codegen doctor` on a machine. Layer: beside `report`; imports `errors`, `sil` and `hil_sim`.
 
-Each module asks after one thing and gives findings; none of them raises because something is missing or broken.
+Each module checks one subject and returns findings; none of them raises because something is missing or broken.
 """

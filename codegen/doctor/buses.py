@@ -1,4 +1,4 @@
-"""Which buses work here: SocketCAN and udp_multicast, each tried with a frame.
+"""Check the CAN buses: SocketCAN and udp_multicast, each tried with a frame.
 
 A frame is only sent where no car can hear it: on a virtual CAN interface, and to a multicast group of its own.
 """
@@ -27,7 +27,7 @@ SERVES = {
     MULTICAST: "--bus udp_multicast:239.74.163.2, which needs no CAN in the kernel",
 }
 GROUP = "239.74.163.97"
-"""Of the range for local use (RFC 2365), and not the one that the examples use."""
+"""Multicast group in the range for local use (RFC 2365); differs from that of the examples."""
 
 OTHERWISE = "take --bus udp_multicast:239.74.163.2, or make evidence PART=vcan for a guest with CAN"
 

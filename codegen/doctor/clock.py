@@ -1,4 +1,4 @@
-"""What the machine's clock and scheduler give a run in real time."""
+"""Timing of the machine's clock and scheduler."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PRIORITY = 1
 
 
 def punctuality() -> Finding:
-    """How late waits of a millisecond end, in the middle and at worst, when nothing else is asked of this process."""
+    """Measure the median and worst delay of waits of a millisecond in an idle process."""
     name, serves = "timer", "hil and plant by the clock"
     late = []
     for _ in range(WAITS):

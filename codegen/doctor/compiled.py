@@ -35,7 +35,7 @@ HOW = {
 
 
 def cache() -> Finding:
-    """Where compiled files are kept, and whether they can be."""
+    """Check the folder of compiled files and whether it is writable."""
     serves = "compiled C is kept, and a second run starts at once"
     try:
         folder = cache_folder()

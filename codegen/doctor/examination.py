@@ -1,4 +1,4 @@
-"""Everything that is asked, in the order it is told."""
+"""All checks, in the order of the output."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Examination:
 
     @property
     def stopping(self) -> tuple[Finding, ...]:
-        """What keeps `codegen sil` from working."""
+        """Findings that prevent `codegen sil` from working."""
         return tuple(finding for section in self.sections for finding in section.findings if finding.stops)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the findings for JSON."""
         sections = {
             section.key: [{**asdict(finding), "state": str(finding.state)} for finding in section.findings]
             for section in self.sections
@@ -48,10 +48,10 @@ class Examination:
 
 
 def examine(done: Callable[[int, int], None] | None = None) -> Examination:
-    """Ask after everything.
+    """Run all checks.
 
     Args:
-        done: told, after each section, how many of how many are done.
+        done: called after each section with the counts of finished and of all sections.
     """
     asked, read_from = requirements()
     to_ask: tuple[tuple[str, str, Callable[[], list[Finding]]], ...] = (

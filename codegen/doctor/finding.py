@@ -1,4 +1,4 @@
-"""What was found about one thing."""
+"""Result of one check."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 class State(enum.StrEnum):
-    """How it is."""
+    """State of the checked item."""
 
     GOOD = "good"
     MISSING = "missing"

@@ -28,7 +28,7 @@ SERVES = {
     "rich": "progress and the live view",
     "scipy": "frequency responses",
 }
-"""Of the packages that are always needed."""
+"""Purposes of the required packages."""
 
 MODULES = {"python-can": "can"}
 """Names of modules that are not the package's own."""
@@ -44,7 +44,7 @@ EXTRAS = {
     "docs": "the guide, built from docs/",
     "dev": "what works on codegen itself: tests, types, lint, packaging",
 }
-"""What each extra makes work."""
+"""Purpose of each extra."""
 
 
 def python() -> Finding:

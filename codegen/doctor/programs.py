@@ -1,4 +1,4 @@
-"""Programs beside Python: whether they are there, which version, and what they are for."""
+"""External programs: presence, version and purpose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from codegen.errors import BuildError, one_line
 from codegen.sil.toolchain import compiler_command, compiler_identity
 
 ANSWER_LIMIT = 20.0
-"""s, after which a program that does not tell its version is left alone."""
+"""Timeout of a query for a version, in s."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def compiler() -> Finding:
 
 
 def programs() -> list[Finding]:
-    """The others, none of which `codegen sil` needs."""
+    """Check the optional programs; `codegen sil` needs none of them."""
     return [_look_for(program) for program in PROGRAMS]
 
 
