@@ -6,6 +6,7 @@ Each check takes a build of any kind and raises AssertionError where it does not
 import math
 from dataclasses import replace
 
+from codegen.configuration import KM_H
 from codegen.sil.software import Controller, Measurement, Status
 from codegen.vehicle.single_track import SingleTrack
 from tests.builds import Built
@@ -214,10 +215,11 @@ def check_gap_of_the_speed_as_the_others_come_back(built: Built) -> None:
 
 
 def check_ranges_of_the_unit_itself(built: Built) -> None:
-    """Where the limiter's range ends too, the controller's parameters do not show whose it is."""
+    """Where the limiter's range ends too, or that of the map, the controller's parameters do not show whose it is."""
     is_valid = built.software.function("inputs_parameters_valid")
-    for name, most in (("speed_max", 200.0), ("front_angle_max", 1.5)):
-        for value, fits in ((most, True), (built.next(most, 1e3), False)):
+    least = float(built.real(50.0 * KM_H))
+    for name, end, beyond in (("speed_max", 200.0, 1e3), ("speed_max", least, 0.0), ("front_angle_max", 1.5, 1e3)):
+        for value, fits in ((end, True), (built.next(end, beyond), False)):
             parameters = built.software.parameters()
             setattr(parameters.inputs, name, value)
             assert is_valid(built.software.ffi.addressof(parameters, "inputs")) == fits, name

@@ -204,7 +204,9 @@ def _check_what_fits_together(built: Built) -> None:
     assert not is_valid(built, **{"inputs.rear_angle_max": built.next(angle, 0.0)})
     assert not is_valid(built, rear_angle_max=built.next(angle, 2.0)), "more than the actuator can"
     assert not is_valid(built, enable_speed=5.0, disable_speed=5.0)
-    for enable, disable in ((float(built.real(0.5 * KM_H)), lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
+    slowest = float(built.real(0.5 * KM_H))
+    assert not is_valid(built, enable_speed=built.next(slowest, 0.0), disable_speed=lowest)
+    for enable, disable in ((slowest, lowest), (10.0, lowest), (5.0, built.next(5.0, 0.0))):
         assert is_valid(built, enable_speed=enable, disable_speed=disable)
     period = config_of(built).controller.sampling_time_s
     ranges = {"inputs.missing_samples_max": (0, round(1.0 / period)), "inputs.recovery_samples": (1, 10_000)}
