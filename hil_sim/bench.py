@@ -16,18 +16,20 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.errors import CodegenError
 from codegen.sil.software import Software
-from hil_sim.bus import Bus
 from hil_sim.codec import RearSteerCommand
 from hil_sim.frames import Frame
-from hil_sim.logs import BusLog
 from hil_sim.plant_node import PlantNode
+
+if TYPE_CHECKING:
+    from hil_sim.bus import Bus
+    from hil_sim.logs import BusLog
 
 FloatArray = npt.NDArray[np.float64]
 

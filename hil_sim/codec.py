@@ -27,17 +27,28 @@ class _Codes:
     """Whole numbers in the bits of a frame."""
 
     def __init__(self, signal: Signal, byte_order: str) -> None:
-        # Bit b of byte B is bit 8 B + b of the frame read as one little-endian number.
-        self._bits = signal.bits(byte_order)
+        # Bit b of byte B is bit 8 B + b of the frame read as one little-endian number. Neighbouring bits move together.
+        self._runs: list[tuple[int, int, int]] = []  # first bit in the code, first bit in the frame, mask
+        for index, bit in enumerate(signal.bits(byte_order)):
+            if self._runs and bit - index == self._runs[-1][1] - self._runs[-1][0]:
+                first, place, mask = self._runs.pop()
+                self._runs.append((first, place, mask << 1 | 1))
+            else:
+                self._runs.append((index, bit, 1))
         self._sign = 1 << (signal.length - 1) if isinstance(signal, RealSignal) and signal.signed else 0
 
     def put(self, code: int) -> int:
         """What to add to the frame."""
-        return sum(1 << bit for index, bit in enumerate(self._bits) if code >> index & 1)
+        frame = 0
+        for index, bit, mask in self._runs:
+            frame |= (code >> index & mask) << bit
+        return frame
 
     def get(self, frame: int) -> int:
         """The code in a frame, with its sign."""
-        code = sum(1 << index for index, bit in enumerate(self._bits) if frame >> bit & 1)
+        code = 0
+        for index, bit, mask in self._runs:
+            code |= (frame >> bit & mask) << index
         return code - 2 * (code & self._sign)
 
 

@@ -11,10 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from codegen.cache import cache_folder
 from codegen.emit.folder import read_files
 from codegen.emit.manifest import read_build
 from codegen.errors import BuildError
-from codegen.sil.cache import cache_folder
 from codegen.sil.toolchain import compiler_command, compiler_identity, require_success, run
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-g", "-fno-pie", "-no-pie")

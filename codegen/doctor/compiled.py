@@ -8,9 +8,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from codegen.cache import cache_folder
 from codegen.doctor.finding import Finding, State
 from codegen.errors import BuildError, one_line
-from codegen.sil.cache import cache_folder
 
 HEADER = "int sum(int one, int other);\n"
 SOURCE = '#include "tiny.h"\n\nint sum(int one, int other)\n{\n    return one + other;\n}\n'

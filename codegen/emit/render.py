@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+import jinja2
+from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, StrictUndefined
+from jinja2.bccache import Bucket
 
+from codegen.cache import cache_folder
 from codegen.emit.filters import FILTERS
 from codegen.errors import BuildError
+
+OPTIONS: dict[str, Any] = {
+    "undefined": StrictUndefined,  # an undefined name is an error
+    "keep_trailing_newline": True,
+    "trim_blocks": False,
+    "lstrip_blocks": False,
+    "autoescape": False,
+}
 
 
 def templates_root() -> Path:
@@ -22,19 +35,34 @@ def templates_root() -> Path:
     raise BuildError("the templates are missing", where=package, remedy="install ars-codegen again")
 
 
+class _BytecodeCache(FileSystemBytecodeCache):
+    """Compiled templates in the cache folder. Jinja compares the hash of the source; the folder is that of the options."""
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Write one template; a full disk costs only the time of compiling it again."""
+        with contextlib.suppress(OSError):
+            super().dump_bytecode(bucket)
+
+
 @lru_cache(maxsize=1)
 def environment() -> Environment:
-    """The one environment: an undefined name is an error, and a template's last newline is kept."""
+    """The environment that all templates share."""
     made = Environment(
-        loader=FileSystemLoader(templates_root(), encoding="utf-8"),
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=False,
-        lstrip_blocks=False,
-        autoescape=False,
+        loader=FileSystemLoader(templates_root(), encoding="utf-8"), bytecode_cache=_bytecode_cache(), **OPTIONS
     )
     made.filters.update(FILTERS)
     return made
+
+
+def _bytecode_cache() -> _BytecodeCache | None:
+    """The cache of the templates; None where no folder can be written."""
+    key = hashlib.sha256(f"{jinja2.__version__} {OPTIONS}".encode()).hexdigest()[:16]
+    try:
+        folder = cache_folder() / f"templates-{key}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except (BuildError, OSError):
+        return None
+    return _BytecodeCache(str(folder))
 
 
 def render(template: str, context: Mapping[str, Any]) -> bytes:

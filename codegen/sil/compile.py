@@ -29,8 +29,8 @@ from typing import Any, Literal
 import cffi
 from cffi.recompiler import make_c_source
 
+from codegen.cache import cache_folder
 from codegen.errors import BuildError
-from codegen.sil.cache import cache_folder
 from codegen.sil.cdef import derive_cdef, parsed_ffi
 from codegen.sil.toolchain import compiler_command, compiler_identity, find_compiler, require_success, run
 

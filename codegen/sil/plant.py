@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from codegen.configuration import Config
 from codegen.configuration.signals import RECORDED
 from codegen.emit.dynamics_view import function_view
 from codegen.emit.render import render
-from codegen.sil.compile import compile_library
+from codegen.sil.compile import Library, compile_library
 from codegen.vehicle.dynamics import Model, two_track
 
 
@@ -56,7 +57,7 @@ class Plant:
     """
 
     def __init__(self, config: Config, model: Model | None = None) -> None:
-        library = compile_library("plant", plant_sources(config, model), ["plant.h"], include_folders=(".",))
+        library = _two_track_library(_Key(config.to_json(), config)) if model is None else _library(config, model)
         self._lib = library.lib
         self._step = config.plant.sampling_time_s
         self._state: Any = library.ffi.new("plant_state_t *")
@@ -97,6 +98,24 @@ class Plant:
         target.rear_angle_command = acting.rear_angle_command
         target.friction = acting.friction
         target.yaw_moment = acting.yaw_moment
+
+
+@dataclass(frozen=True)
+class _Key:
+    """A configuration that can be hashed, by its text."""
+
+    text: str
+    config: Config = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _two_track_library(key: _Key) -> Library:
+    """Keep what is loaded: many runs of one car would derive its equations anew."""
+    return _library(key.config, None)
+
+
+def _library(config: Config, model: Model | None) -> Library:
+    return compile_library("plant", plant_sources(config, model), ["plant.h"], include_folders=(".",))
 
 
 def plant_sources(config: Config, model: Model | None = None) -> dict[str, bytes]:

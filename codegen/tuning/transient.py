@@ -20,7 +20,7 @@ import numpy.typing as npt
 from codegen.configuration import KM_H, Config, Schedule
 from codegen.configuration.controller import RESPONSE_AHEAD_FACTORS, RESPONSE_AHEAD_MAX_S
 from codegen.design.loss_simulation import SPIN_REAR_SLIP, SPIN_SIDESLIP
-from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.map_file.map import ReferenceMap
 from codegen.optimum.problem import breakpoints
 from codegen.optimum.turns import turns_of
@@ -109,7 +109,7 @@ class Response:
 
 def compile_controller(reference_map: ReferenceMap, config: Config) -> BatchSoftware:
     """Build the map's controller for many cars at once. Raises BuildError, MapError, ConfigError."""
-    folder = build(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
+    folder = build_code(reference_map, config, BuildOptions("tune"), BuildInputs("tune.npz", "0" * 64, "map"))
     return compile_batch(folder.files, folder.manifest)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from codegen import configuration
 from codegen.configuration import Config, Kind
-from codegen.emit.build import BuildInputs, BuildOptions, build
+from codegen.emit.build import BuildInputs, BuildOptions, build_code
 from codegen.emit.folder import read_files, verify_hashes
 from codegen.emit.manifest import read_build
 from codegen.emit.text import Precision
@@ -108,7 +108,7 @@ def around(reference_map: ReferenceMap, config: Config, precision: Precision = "
     def render() -> Generated:
         digest = hashlib.sha256(npz.to_bytes(reference_map)).hexdigest()
         inputs = BuildInputs("suite.npz", digest, "map")
-        folder = build(reference_map, config, BuildOptions("suite", precision=precision), inputs)
+        folder = build_code(reference_map, config, BuildOptions("suite", precision=precision), inputs)
         return Generated(folder.files, folder.manifest)
 
     return Build(render)

@@ -15,8 +15,8 @@ from typing import Any
 import cffi
 import pytest
 
+from codegen import cache
 from codegen.errors import BuildError
-from codegen.sil import cache
 from codegen.sil.compile import DEFAULT_FLAGS, Library, cache_folder, compile_library, derive_cdef, find_compiler
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -52,11 +52,11 @@ class _Cells:
 
 
 def _cells(one: NamedMap, config: Config, build: Path | None) -> _Cells:
-    """Of a build with breakpoints of its own, else of the map's."""
-    table = {} if build is None else read_build(build)["map"]
-    if "placement" not in table:
+    """Return the cells of a build as its manifest lists them; without a build, extend the map."""
+    if build is None:
         total = extend(one.map, config)
         return _Cells(total.speed, total.front_angle, total.rule)
+    table = read_build(build)["map"]
     speed, front_angle = (np.array(table[key], dtype=np.float64) for key in ("speed_m_s", "front_angle_rad"))
     return _Cells(speed, front_angle, np.array([list(row) for row in table["rule_by_speed_and_front_angle"]]))
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,7 +29,7 @@ from hil_sim.metrics.step import STEADY_WINDOW
 from hil_sim.runs import run, run_through_can
 from hil_sim.scenarios import DEFAULT, Scenario, find
 from hil_sim.suite.candidate import of_folder
-from hil_sim.suite.subjects import Generated, Subject, around_folder
+from hil_sim.suite.subjects import Build, Subject, around_folder
 
 Steps = Callable[[int, int], None]
 
@@ -128,7 +130,7 @@ def gather(found: Read, steps: Steps) -> Material:
     elif material.configured and not is_untuned(config):
         material = replace(material, loops={config.controller.kind: config})
     if material.loops and not material.regions:
-        material = replace(material, regions=_regions(material.loops, {}))
+        material = replace(material, regions=_linear_regions(material.loops))
     steps(PARTS, PARTS)
     warnings = [f"{name}: {found.disagreement}." for name, found in material.regions.items() if found.disagreement]
     return replace(material, notes=(*material.notes, *warnings))
@@ -137,16 +139,10 @@ def gather(found: Read, steps: Steps) -> Material:
 PARTS = 6
 
 
-def _regions(loops: Mapping[str, Config], generated: Mapping[str, Generated]) -> dict[str, Region]:
-    """Where the loops are stable, of those that have feedback; driven where the C of a loop is at hand."""
-    regions = {}
-    for name, config in loops.items():
-        found = region(config)
-        if found is not None and name in generated:
-            found = confirm(found, generated[name].files, generated[name].manifest)
-        if found is not None:
-            regions[name] = found
-    return regions
+def _linear_regions(loops: Mapping[str, Config]) -> dict[str, Region]:
+    """Where the linearised loops are stable, of those that have feedback."""
+    found = {name: region(config) for name, config in loops.items()}
+    return {name: linear for name, linear in found.items() if linear is not None}
 
 
 def _config_of(build: Path) -> Config:
@@ -194,28 +190,35 @@ def _driven(found: Read, material: Material, steps: Steps) -> Material:
         return replace(material, loops=loops)
     beside, left_out = _beside(build, kind)
     loops |= {subject.name: subject.config for subject in beside}
+    generated = {kind: around_folder(build), **{subject.name: subject.around for subject in beside}}
+    regions = _linear_regions(loops)
     steps(3, PARTS)
-    software = load(build)
-    runs = dict(material.runs or {})
-    if not runs:
-        runs[kind] = run(software, scenario)
-        for subject in beside:
-            runs[subject.name] = run(subject.around(config), scenario)
-    steps(4, PARTS)
-    if not any(is_passive(name) for name in runs):
-        runs[PASSIVE] = run(software, scenario, controlled=False)
-    more = {
-        each.name: {kind: run(software, each), PASSIVE: run(software, each, controlled=False)} for each in (HANDLING, RESPONSE)
-    }
-    faults = material.faults
-    if faults is None:
-        faults = fault_data(run_all(config, lambda one: run_through_can(software, one)))
-    steps(5, PARTS)
-    notes = (*material.notes, *left_out)
-    generated = {subject.name: subject.around.generated for subject in beside}
-    regions = _regions(loops, {kind: around_folder(build).generated, **generated})
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the C of a region runs without the interpreter's lock
+        confirmed = {name: pool.submit(_confirm, linear, generated[name]) for name, linear in regions.items()}
+        software = load(build)
+        runs = dict(material.runs or {})
+        if not runs:
+            runs[kind] = run(software, scenario)
+            for subject in beside:
+                runs[subject.name] = run(subject.around(config), scenario)
+        steps(4, PARTS)
+        if not any(is_passive(name) for name in runs):
+            runs[PASSIVE] = run(software, scenario, controlled=False)
+        more = {
+            each.name: {kind: run(software, each), PASSIVE: run(software, each, controlled=False)}
+            for each in (HANDLING, RESPONSE)
+        }
+        faults = material.faults
+        if faults is None:
+            faults = fault_data(run_all(config, lambda one: run_through_can(software, one)))
+        steps(5, PARTS)
+        regions = {name: job.result() for name, job in confirmed.items()}
     here = replace(material, runs=runs, scenario=scenario, driven=more, faults=faults, look_up=software.map_yaw_rate)
-    return replace(here, loops=loops, regions=regions, notes=notes)
+    return replace(here, loops=loops, regions=regions, notes=(*material.notes, *left_out))
+
+
+def _confirm(linear: Region, build: Build) -> Region:
+    return confirm(linear, build.generated.files, build.generated.manifest)
 
 
 def _beside(build: Path, kind: str) -> tuple[list[Subject], list[str]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.sil.cache import cache_folder
+from codegen.cache import cache_folder
 from codegen.sil.software import Software, load
 from tests.evidence.vcan.interfaces import INTERFACE, is_up, set_interface
 from tests.evidence.vcan.vcan_run import UNAVAILABLE

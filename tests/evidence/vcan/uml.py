@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from codegen.sil.cache import cache_folder
+from codegen.cache import cache_folder
 from codegen.sil.toolchain import compiler_command
 from tests.evidence.vcan.guest_init import TEMPORARY, Job
 

@@ -28,8 +28,8 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
+from codegen.cache import cache_folder
 from codegen.errors import CodegenError
-from codegen.sil.cache import cache_folder
 from tests.evidence.vcan import uml
 from tests.evidence.vcan.interfaces import INTERFACE, add_vcan, has_socketcan, is_up, set_loopback_up
 from tests.evidence.vcan.uml import Unavailable

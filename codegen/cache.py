@@ -1,4 +1,4 @@
-"""Location of the cache of compiled files."""
+"""Location of the cache of compiled libraries and templates."""
 
 from __future__ import annotations
 
