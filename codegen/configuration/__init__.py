@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from codegen.configuration.budgets import Budgets
 from codegen.configuration.can import Can, RealSignal
 from codegen.configuration.car import Case, Grid, Limits, Plant, RearActuator, Road, Steering, Tyre, Tyres, Vehicle
 from codegen.configuration.controller import Controller, FailSafe, Inputs, Kind, Limiter, Schedule, Tracking, Tuning
+from codegen.configuration.faults import first_fault
 from codegen.configuration.section import KM_H, Section, check_name
 from codegen.configuration.sensors import Sensor, Sensors
 from codegen.errors import CodegenError, ConfigError, suggestion
@@ -58,11 +58,10 @@ __all__ = [
 Preset = Literal["paper", "recommended"]
 
 MAX_FILE_BYTES = 2**20
+"""Size limit of an ars.toml: hundreds of times what one with listed breakpoints needs."""
+
 MAX_LINE = 2**14
-"""Characters of a line of TOML."""
-
-"""Of an ars.toml: hundreds of times what one with listed breakpoints needs."""
-
+"""Limit of characters on a line of TOML."""
 
 RELAXATION_STEP_MAX = 2.5
 """Of the way that a wheel rolls in a step of the plant over its relaxation length: Runge-Kutta is stable up to 2.79."""
@@ -207,7 +206,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
     try:
         return Config.model_validate(dict(data))
     except ValidationError as error:
-        raise _first_fault(error, where) from None
+        raise first_fault(error, where, Config, ConfigError) from None
 
 
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
@@ -240,66 +239,3 @@ def preset_text(name: Preset = "paper") -> str:
 def preset(name: Preset = "paper") -> Config:
     """A preset configuration of the published vehicle: with the paper's controller, or with the recommended one."""
     return parse(tomllib.loads(preset_text(name)), f"preset {name}")
-
-
-def _section_at(location: tuple[int | str, ...]) -> type[BaseModel] | None:
-    """The model class whose field stands at `location`, to suggest a key from."""
-    current: type[BaseModel] | None = Config
-    for part in location[:-1]:
-        if current is None:
-            return None
-        if current is Config and part == "cases":
-            current = Case if len(location) > 2 else None
-            if location[:1] == ("cases",):
-                return Case
-        field = current.model_fields.get(str(part)) if current is not None else None
-        annotation = field.annotation if field is not None else None
-        current = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else None
-    return current
-
-
-def shown(value: object) -> str:
-    """A value of the user's for a message; Python does not print a number of thousands of digits."""
-    try:
-        return repr(value)
-    except ValueError:
-        return "a number of so many digits"
-
-
-def _first_fault(error: ValidationError, where: object) -> ConfigError:
-    # A misspelt key explains a value that seems missing, so it is told first.
-    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    fault = faults[0]
-    location = tuple(part for part in fault["loc"] if not _is_union_label(part))
-    key = ".".join(str(part) for part in location) or "the file as a whole"
-    if fault["type"] == "extra_forbidden":
-        section = _section_at(location)
-        known = section.model_fields if section is not None else {}
-        remedy = suggestion(str(location[-1]), known).lstrip("; ") or f"known here: {', '.join(known)}"
-        return ConfigError("unknown key", where=f"{where}: {key}", remedy=remedy)
-    if fault["type"] == "value_error":
-        message = str(fault["ctx"]["error"])
-    elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
-        message = f"a table is needed, not {shown(fault['input'])}; write [{key}] and its keys below"
-    elif fault["type"] == "missing":
-        message = "this key is missing; add it"
-    elif fault["type"] in ("too_short", "too_long"):
-        message = length_fault(fault)
-    else:
-        message = f"{fault['msg']} (not {shown(fault['input'])})"
-    what, _, remedy = message.partition("; ")
-    return ConfigError(what, where=f"{where}: {key}", remedy=remedy or "mend the value")
-
-
-def length_fault(fault: Mapping[str, Any]) -> str:
-    """What pydantic's too_short and too_long say, and the remedy."""
-    found, short = fault["ctx"]["actual_length"], fault["type"] == "too_short"
-    bound = fault["ctx"]["min_length" if short else "max_length"]
-    entries = "entry" if bound == 1 else "entries"
-    wanted = f"at least {bound} {entries} needed" if short else f"at most {bound} {entries} possible"
-    return f"{wanted}, not {found}; {'add what is missing' if short else 'take some out'}"
-
-
-def _is_union_label(part: int | str) -> bool:
-    # pydantic names the branch of a union ("float", "literal['off']", "function-after[...]") inside the path.
-    return isinstance(part, str) and bool(re.match(r"(function-|literal\[|list\[|float\Z|\[key\]\Z|constrained-)", part))
