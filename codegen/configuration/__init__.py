@@ -1,4 +1,4 @@
-"""`ars.toml` as a whole: reading it, rules between its tables, and one clear line for the first fault."""
+"""The whole of `ars.toml`: reading it, and the rules between its tables."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ MAX_LINE = 2**14
 """Limit of characters on a line of TOML."""
 
 RELAXATION_STEP_MAX = 2.5
-"""Of the way that a wheel rolls in a step of the plant over its relaxation length: Runge-Kutta is stable up to 2.79."""
+"""Largest distance that a wheel rolls in a step of the plant, over its relaxation length: Runge-Kutta is stable up to 2.79."""
 
 STEPS_MIN = 50
-"""Steps that a CAN signal must have over the range that it has to carry; fewer are a slip in its factor."""
+"""Least number of steps of a CAN signal over its required range; fewer mean a wrong factor."""
 
 
 def _whole_number(value: object) -> object:
@@ -101,7 +101,7 @@ class Config(Section):
     plant: Plant = Plant()
     sensors: Sensors = Sensors()
     can: Can = Can()
-    # Left out where nothing is set: a map or a build without budgets of its own does not change with them.
+    # Omitted where unset, so that maps and builds without budgets of their own do not change.
     budgets: Budgets = Field(default=Budgets(), exclude_if=lambda budgets: budgets == Budgets())
 
     @model_validator(mode="after")
@@ -152,7 +152,7 @@ class Config(Section):
         return self
 
     def _carried(self) -> Iterator[tuple[str, RealSignal, float, float]]:
-        """Place, signal, and the range (SI) that it must carry: what the controller accepts, or may command."""
+        """Yield key, signal, and the range (SI) that it must carry: the values that the controller accepts or commands."""
         can, inputs = self.can, self.controller.inputs
         yaw_rate = math.radians(inputs.yaw_rate_max_deg_s)
         both_signs = (
@@ -172,7 +172,7 @@ class Config(Section):
         yield "vehicle_conditions.friction", can.vehicle_conditions.real("friction"), 0.0, inputs.friction_max
 
     def case(self, name: str, where: object = "") -> Case:
-        """The case called `name`; ConfigError with the nearest name where there is none."""
+        """Return the case called `name`. Raises ConfigError, with the nearest name."""
         if name in self.cases:
             return self.cases[name]
         raise ConfigError(
@@ -182,14 +182,14 @@ class Config(Section):
         )
 
     def with_tyre_model(self, tyre_model: str | None) -> Config:
-        """The same with this tyre, "linear" or "magic-formula", in all cases; None leaves each case its own."""
+        """Return the configuration with this tyre model, "linear" or "magic-formula", in all cases; None changes nothing."""
         if tyre_model is None:
             return self
         cases = {name: case.model_copy(update={"tyre_model": tyre_model}) for name, case in self.cases.items()}
         return self.model_copy(update={"cases": cases})
 
     def to_json(self) -> str:
-        """Canonical text: the same configuration gives the same bytes."""
+        """Return canonical JSON: the same configuration gives the same bytes."""
         return json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -198,7 +198,7 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
     Args:
         data: the tables and keys.
-        where: what the error message names as the place, mostly a file name.
+        where: the place that an error message names, mostly a file.
 
     Raises:
         ConfigError: the first fault, with its key.
@@ -210,17 +210,17 @@ def parse(data: Mapping[str, Any], where: object) -> Config:
 
 
 def parse_toml(text: str, where: object, kind: type[CodegenError]) -> dict[str, Any]:
-    """The tables of a TOML text; an error of `kind` for the first line that is none."""
+    """Return the tables of a TOML text. Raises `kind` for the first line that is not TOML."""
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_LINE:  # the reader's time grows with the square of a key's parts
             raise kind(f"over {MAX_LINE >> 10} KiB on a line", where=f"{where}, line {number}", remedy="break it up")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise kind(f"TOML syntax: {error}", where=where, remedy="mend that line") from None
+        raise kind(f"TOML syntax: {error}", where=where, remedy="correct that line") from None
     except (ValueError, RecursionError) as error:
-        # A number of thousands of digits, brackets nested by the thousand: TOML, but beyond what the reader takes.
-        raise kind(f"cannot be read as TOML ({error})", where=where, remedy="mend the number or the nesting") from None
+        # A number of thousands of digits or brackets nested by the thousand are TOML, but the reader rejects them.
+        raise kind(f"cannot be read as TOML ({error})", where=where, remedy="correct the number or the nesting") from None
 
 
 def load(path: Path) -> Config:
@@ -230,12 +230,12 @@ def load(path: Path) -> Config:
 
 
 def preset_text(name: Preset = "paper") -> str:
-    """The commented text of a preset `ars.toml`."""
+    """Return the commented text of a preset `ars.toml`."""
     folder = resources.files("codegen.configuration").joinpath("presets")
     parts = (f"{name}-header", "car", f"{name}-cases", f"{name}-controller", "inputs", "bench", "budgets")
     return "".join(folder.joinpath(f"{part}.toml").read_text(encoding="utf-8") for part in parts)
 
 
 def preset(name: Preset = "paper") -> Config:
-    """A preset configuration of the published vehicle: with the paper's controller, or with the recommended one."""
+    """Return a preset of the published vehicle: with the paper's controller, or with the recommended one."""
     return parse(tomllib.loads(preset_text(name)), f"preset {name}")
