@@ -1,8 +1,8 @@
 """Stability margins of the yaw-rate loop for one car and for the family, and the speeds where they are smallest.
 
 The loop is L(z) = -(Kp + Ki T z/(z-1)) P(z), where P is the sampled car of `sampled`. The controller adds Ki T e to its
-integral before it uses it, and a rear angle in phase turns the car less. Margins are read from L(e^(j w T)) on a frequency grid, with
-crossings interpolated; stability of the closed loop is decided by its poles.
+integral before use, and a rear angle in phase turns the car less. Margins are read from L(e^(j w T)) on a frequency grid, with
+interpolated crossings; the poles decide whether the closed loop is stable.
 """
 
 from __future__ import annotations
